@@ -69,10 +69,6 @@ class InstalledDecoders:
     plugins: Sequence[DecoderPlugin]
     unusable: Sequence[str]
 
-    def of_family(self, family: Family) -> list[DecoderPlugin]:
-        """Return the plug-ins of one family."""
-        return [plugin for plugin in self.plugins if plugin.family == family]
-
 
 @cache
 def installed_decoders() -> InstalledDecoders:

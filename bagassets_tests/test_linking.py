@@ -189,8 +189,7 @@ class TestTables:
         for number in (2, 0, 1):
             (tmp_path / "sample.json").write_bytes(table_bytes("sample", [SAMPLE] * number))
             texts.append(rows_text(tmp_path / "sample.json"))
-        with (tmp_path / "joined.json").open("wb") as file:
-            assert write_joined(file, texts) == 3
+        assert write_joined(tmp_path / "joined.json", texts)[0] == 3
         assert (tmp_path / "joined.json").read_bytes() == table_bytes("sample", [SAMPLE] * 3)
 
 

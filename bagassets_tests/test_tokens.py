@@ -76,8 +76,8 @@ class TestTableFiles:
         for number in range(3):
             (folder / f"{number}.json").write_bytes(table_bytes("category", rows[number::3]))
         ordered = [row for number in range(3) for row in rows[number::3]]
-        with (folder / "category.json").open("wb") as file:
-            count = write_joined(file, (rows_text(folder / f"{number}.json") for number in range(3)))
+        texts = (rows_text(folder / f"{number}.json") for number in range(3))
+        count, _ = write_joined(folder / "category.json", texts)
         copied = [json.loads(line) for number in range(3) for line in copy_rows(folder / f"{number}.json")]
         assert copied == ordered
         assert count == len(rows)

@@ -125,7 +125,8 @@ def _code_version(recipe: Recipe, asset: AnyAsset) -> str:
     plugins = [
         [plugin.name, plugin.as_json()]
         for family in asset.families
-        for plugin in installed_decoders().of_family(family)
+        for plugin in installed_decoders().plugins
+        if plugin.family == family
     ]
     package = [asset.distribution] if asset.distribution else []
     digest = digest_json([rigs, list(asset.libraries), plugins, *package])

@@ -35,7 +35,6 @@ WINDOW_S = 120.0
 _CLOCK_S = 10.0
 # Caches of earlier versions in the state folder; now they are one file.
 _OLD_CACHES = ("plan.sqlite", "nothing-to-do.snapshot", "last-build.json")
-_OLD_PUBLISHED = "published"
 
 
 @dataclass(frozen=True)
@@ -121,9 +120,7 @@ def _crashed(builds: BuildLog) -> _Crash | None:
 def _remove_old_caches(state: Path) -> None:
     with suppress(OSError):
         for name in _OLD_CACHES:
-            for path in [
-                *state.glob(f"{name}*"),
-                *state.glob(f".{name}*"),
-            ]:  # with their journals and temporary files
+            # With their journals and temporary files.
+            for path in [*state.glob(f"{name}*"), *state.glob(f".{name}*")]:
                 path.unlink()
-    shutil.rmtree(state / _OLD_PUBLISHED, ignore_errors=True)
+    shutil.rmtree(state / "published", ignore_errors=True)

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import TypeVar
 from uuid import uuid4
@@ -133,7 +133,10 @@ def assemble(
         permit()
         linker = Linker(output, compares=suspects is None and isinstance(kind.places, LooseFiles))
         _put_files(kind, linker, members, known, suspects, store, output, new if changed else None)
-        _put_beside(output, joined.beside)
+        for name, content in joined.beside.items():
+            path = output / name
+            if not path.is_file() or path.read_bytes() != content:
+                write_atomically(path, content)
         old = swap_in(new, current) if changed else new
         removed = _retire(kind, output, current, [*leftovers, *([old] if old is not None else [])], members)
     files = dict(linker.counts) | ({"removed": removed} if isinstance(kind.places, LooseFiles) else {})
@@ -181,12 +184,11 @@ def _needs(
     known: dict[str, Sequence[str]] = {}
     if before is not None and before.kind == kind.name:
         known = {bag.artifact: bag.needs for bag in before.bags.values() if bag.needs is not None}
-    needs = {}
-    for member in members:
-        part = member.part.artifact
-        linked = known.get(part) or [part, *sorted({link.artifact for link in kind.links(member)} - {part})]
-        needs[part] = linked
-    return needs
+    parts = {member.part.artifact: member for member in members}
+    return {
+        part: known.get(part) or [part, *sorted({link.artifact for link in kind.links(member)} - {part})]
+        for part, member in parts.items()
+    }
 
 
 def _lock(
@@ -246,22 +248,22 @@ def _put_files(
     """
     for folder in kind.folders:
         (output / folder).mkdir(exist_ok=True)
-    sources = _Sources(store)
+    source = _sources(store)
     match kind.places:
         case UnitFolders() as units:
             for member in members:
-                _put_unit(kind, units, linker, member, suspects, sources, output)
+                _put_unit(kind, units, linker, member, suspects, source, output)
         case LooseFiles() as loose:
             there = {} if known is None else {key: bag.artifact for key, bag in known.bags.items()}
             suspicious = {loose.recording_of(name) for name in suspects or ()}
             for member in members:
                 is_there = there.get(member.part.key) == member.part.artifact
                 if not is_there or member.part.key in suspicious:
-                    _put_loose(kind, linker, member, suspects or frozenset(), sources, is_there=is_there)
+                    _put_loose(kind, linker, member, suspects or frozenset(), source, is_there=is_there)
         case None if new is not None:
             for member in members:
                 for link in kind.links(member):
-                    linker.put(sources.path(link), f"{new.name}/{link.name}")
+                    linker.put(source(link), f"{new.name}/{link.name}")
         case None:
             pass
 
@@ -271,16 +273,16 @@ def _put_loose(
     linker: Linker,
     member: Member,
     suspects: AbstractSet[str],
-    sources: "_Sources",
+    source: Callable[[Link], str],
     *,
     is_there: bool,
 ) -> None:
     """Link the files of a recording that is not there yet, and replace suspects in any case."""
     for link in kind.links(member):
         if link.name in suspects:
-            linker.replace(sources.path(link), link.name)
+            linker.replace(source(link), link.name)
         elif not is_there:
-            linker.put(sources.path(link), link.name)
+            linker.put(source(link), link.name)
 
 
 def _put_unit(
@@ -289,7 +291,7 @@ def _put_unit(
     linker: Linker,
     member: Member,
     suspects: AbstractSet[str] | None,
-    sources: "_Sources",
+    source: Callable[[Link], str],
     output: Path,
 ) -> None:
     """Make the folder of a recording appear whole; in an existing one, replace the suspects or, if unknown, all files."""
@@ -302,34 +304,17 @@ def _put_unit(
         (output / temporary).mkdir(parents=True)
     for link in kind.links(member):
         if not is_there:
-            linker.put(sources.path(link), temporary + link.name.removeprefix(unit))
+            linker.put(source(link), temporary + link.name.removeprefix(unit))
         elif suspects is None or link.name in suspects:
-            linker.replace(sources.path(link), link.name)
+            linker.replace(source(link), link.name)
     if not is_there:
         (output / temporary).rename(output / unit)
 
 
-class _Sources:
-    """Paths of files of artifacts; each artifact is looked up once."""
-
-    def __init__(self, store: Store) -> None:
-        self._store = store
-        self._folders: dict[str, str] = {}
-
-    def path(self, link: Link) -> str:
-        """Return the path of a link's file in the store."""
-        folder = self._folders.get(link.artifact)
-        if folder is None:
-            folder = self._folders[link.artifact] = str(self._store.artifact(link.artifact).files)
-        return f"{folder}/{link.file}"
-
-
-def _put_beside(output: Path, files: Mapping[str, bytes]) -> None:
-    """Write the files that do not depend on recordings, unless they are there."""
-    for name, content in files.items():
-        path = output / name
-        if not path.is_file() or path.read_bytes() != content:
-            write_atomically(path, content)
+def _sources(store: Store) -> Callable[[Link], str]:
+    """Return a function that returns the path of a link's file in the store; each artifact is looked up once."""
+    folder = cache(lambda artifact: str(store.artifact(artifact).files))
+    return lambda link: f"{folder(link.artifact)}/{link.file}"
 
 
 def _names(kind: Format[S], entry: Entry, folder: str) -> Iterator[str]:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache, wraps
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 from bagassets.assets.annotations import ANNOTATIONS
 from bagassets.assets.asset import AnyAsset, AnyUse, Asset, Facts, as_json
@@ -285,20 +285,12 @@ def _guarded_format(kind: AnyFormat) -> AnyFormat:
         places = LooseFiles(
             guard.each(places.named_in, "places.named_in"), guard(places.recording_of, "places.recording_of")
         )
-    return replace(
-        kind,
-        join=guard(kind.join, "join"),
-        links=guard.each(kind.links, "links"),
-        counts=guard(kind.counts, "counts"),
-        duration_s=guard(kind.duration_s, "duration_s"),
-        folder=guard(kind.folder, "folder"),
-        row=guard(kind.row, "row"),
-        fills_split=None if kind.fills_split is None else guard(kind.fills_split, "fills_split"),
-        samples=None if kind.samples is None else guard(kind.samples, "samples"),
-        select=None if kind.select is None else guard(kind.select, "select"),
-        check=None if kind.check is None else guard(kind.check, "check"),
-        places=places,
-    )
+    safe: dict[str, Any] = {}
+    for field in (*_CALLABLE, *_CALLABLE_OR_NONE):
+        function = getattr(kind, field)
+        safe[field] = None if function is None else guard(function, field)
+    safe["links"] = guard.each(kind.links, "links")
+    return replace(kind, places=places, **safe)
 
 
 def _guarded(asset: AnyAsset, extension: Extension) -> AnyAsset:

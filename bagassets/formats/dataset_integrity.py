@@ -118,8 +118,9 @@ def _links(check: "_Check", lock: DatasetLock, output: Path, kind: AnyFormat) ->
             part = check.artifact(bag.artifact)
             entry = Entry(Part(bag.key, bag.content, bag.artifact), part, bag.split, number, bag.row)
             unit = output / kind.places.unit(entry) if isinstance(kind.places, UnitFolders) else None
+            below = lock.path.parent if kind.places is None else output
             for link in kind.links(entry):
-                path = kind.link_path(output, lock.path.parent, link)
+                path = below / link.name
                 yield _Linked(path, link.artifact, link.file, unit or path)
 
 
@@ -157,11 +158,9 @@ class _Check:
     def entries(self, artifact: str) -> Mapping[str, FileEntry] | None:
         """Return the files of an artifact by name; None if the store does not have it (any more)."""
         if artifact not in self._entries:
-            try:
+            self._entries[artifact] = None
+            with suppress(StoreError, KeyError, TypeError):
                 entries = self._store.artifact(artifact).entries()
-            except (StoreError, KeyError, TypeError):
-                self._entries[artifact] = None
-            else:
                 self._entries[artifact] = {entry.path: entry for entry in entries}
         return self._entries[artifact]
 

@@ -255,16 +255,6 @@ class Format(Generic[S]):
         """Section of the recipe with its settings."""
         return f"formats.{self.name}" if self.distribution else self.name
 
-    def link_path(self, output: Path, folder: Path, link: Link) -> Path:
-        """Return the path of a link.
-
-        Args:
-            output: folder of the dataset.
-            folder: the swapped folder below it.
-            link: one of `links`.
-        """
-        return (folder if self.places is None else output) / link.name
-
 
 AnyFormat = Format[Any]
 """A format with any model of settings."""

@@ -2,19 +2,20 @@
 
 import json
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain
 from pathlib import Path
-from typing import Protocol, Self
 
 from blake3 import blake3
 
+from bagassets.store.canonical import digest_bytes
+
 __all__ = [
-    "HashedFile",
     "column_texts",
     "copy_rows",
     "json_bytes",
     "row_blocks",
+    "rows_bytes",
     "rows_text",
     "write_hashed",
     "write_joined",
@@ -23,44 +24,20 @@ __all__ = [
 _BLOCK_BYTES = 1 << 20
 
 
-class _Writable(Protocol):
-    def write(self, data: bytes, /) -> object: ...
-
-
-class HashedFile:
-    """A file that is hashed while it is written."""
-
-    def __init__(self, path: Path) -> None:
-        self._file = path.open("wb", buffering=1 << 20)
-        self._hasher = blake3()
-
-    def write(self, data: bytes) -> None:
-        """Write bytes."""
-        self._file.write(data)
-        self._hasher.update(data)
-
-    @property
-    def digest(self) -> str:
-        """Digest of what was written."""
-        return self._hasher.hexdigest()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self._file.close()
-
-
 def write_hashed(path: Path, data: bytes) -> str:
     """Write a file and return its digest."""
-    with HashedFile(path) as file:
-        file.write(data)
-    return file.digest
+    path.write_bytes(data)
+    return digest_bytes(data)
 
 
 def json_bytes(value: object) -> bytes:
     """Return a JSON file for people to read."""
     return (json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
+
+
+def rows_bytes(rows: Sequence[bytes]) -> bytes:
+    """Return a JSON list with one row per line."""
+    return b"[\n" + b",\n".join(rows) + b"\n]\n" if rows else b"[]\n"
 
 
 def rows_text(path: Path | str) -> bytes:
@@ -90,13 +67,18 @@ def column_texts(rows: Iterable[bytes], column: str) -> list[str]:
     return re.findall(f'"{column}":"([^"]*)"', b"\n".join(rows).decode())
 
 
-def write_joined(file: _Writable, lists: Iterable[bytes]) -> int:
-    """Join several lists, given as `rows_text`, into one; return the number of rows."""
-    number = 0
-    for text in lists:
-        if text:
-            file.write(b",\n" if number else b"[\n")
-            file.write(text)
+def write_joined(path: Path, lists: Iterable[bytes]) -> tuple[int, str]:
+    """Join several lists, given as `rows_text`, into one file; return the number of rows, and its digest."""
+    number, hasher = 0, blake3()
+    with path.open("wb", buffering=1 << 20) as file:
+
+        def write(data: bytes) -> None:
+            file.write(data)
+            hasher.update(data)
+
+        for text in filter(None, lists):
+            write(b",\n" if number else b"[\n")
+            write(text)
             number += text.count(b"\n") + 1
-    file.write(b"\n]\n" if number else b"[]\n")
-    return number
+        write(b"\n]\n" if number else b"[]\n")
+    return number, hasher.hexdigest()

@@ -99,7 +99,10 @@ class Linker:
         if os.path.lexists(target):
             return "kept"
         with replacing(Path(target)) as temporary:
-            return "cloned" if _clone(source, temporary) else _copy(source, temporary)
+            if _clone(source, temporary):
+                return "cloned"
+            shutil.copyfile(source, temporary)
+            return "copied"
 
 
 def _same_content(source: str, target: str) -> bool:
@@ -118,8 +121,3 @@ def _clone(source: str, target: Path) -> bool:
         except OSError:
             return False
     return True
-
-
-def _copy(source: str, target: Path) -> str:
-    shutil.copyfile(source, target)
-    return "copied"

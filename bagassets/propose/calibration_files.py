@@ -3,7 +3,9 @@
 import os
 import re
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 from bagassets.errors import CalibrationError
@@ -59,9 +61,7 @@ def find_calibrations(root: Path, project: Path | None, *, nested: bool = True) 
         nested: look into folders below, too, down to a few levels.
     """
     found = []
-    for number, path in enumerate(_candidates(root, nested=nested)):
-        if number == _MOST_FILES:
-            break
+    for path in islice(_candidates(root, nested=nested), _MOST_FILES):
         try:
             if path.stat().st_size > MOST_BYTES:
                 continue
@@ -71,9 +71,8 @@ def find_calibrations(root: Path, project: Path | None, *, nested: bool = True) 
             content = read_calibration_file(data, str(path))
         except (OSError, CalibrationError):
             continue  # some other YAML, such as the metadata of a ROS 2 bag
-        inside = project is not None and path.is_relative_to(project)
-        written = os.path.relpath(path, project) if inside and project is not None else str(path)
-        found.append(FoundCalibration(written, path, content))
+        written = path if project is None or not path.is_relative_to(project) else path.relative_to(project)
+        found.append(FoundCalibration(str(written), path, content))
     return found
 
 
@@ -96,53 +95,38 @@ def calibration_of(topic: str, found: Sequence[FoundCalibration]) -> ProposedCal
         topic: its images.
         found: the files.
     """
-    for matches in (_by_topic(topic, found), _by_name(topic, found)):
-        if len(matches) == 1:
-            return matches[0]
+    for rule in (_by_topic, _by_name):
+        matches: list[ProposedCalibration] = []
+        for one in found:
+            with suppress(CalibrationError):
+                matches += rule(topic, one)
         if matches:
-            return None
+            return matches[0] if len(matches) == 1 else None
     return None
 
 
-def _by_topic(topic: str, found: Sequence[FoundCalibration]) -> list[ProposedCalibration]:
-    """Return the calibrations whose file names the topic of their camera."""
-    proposed = []
-    for one in found:
-        names = one.content.cameras
-        try:
-            if any(one.content.topic(name) for name in names):
-                camera = one.content.of_topic(topic)
-                if camera is not None and _is_usable(one.content, camera):
-                    proposed.append(
-                        ProposedCalibration(
-                            one.written, f"its {camera} has this topic", _reference(one.content, camera)
-                        )
-                    )
-        except CalibrationError:
-            continue
-    return proposed
+def _by_topic(topic: str, one: FoundCalibration) -> Iterator[ProposedCalibration]:
+    """Yield the calibration in a file that names the topic of its camera."""
+    if any(one.content.topic(name) for name in one.content.cameras):
+        camera = one.content.of_topic(topic)
+        if camera is not None and _is_usable(one.content, camera):
+            reference = _reference(one.content, camera)
+            yield ProposedCalibration(one.written, f"its {camera} has this topic", reference)
 
 
-def _by_name(topic: str, found: Sequence[FoundCalibration]) -> list[ProposedCalibration]:
-    """Return the calibrations of one camera whose name, or that of their file or its folder, is that of the topic."""
-    own = _words(sensor_of(topic))
-    proposed = []
-    for one in found:
-        try:
-            names = one.content.cameras
-            if len(names) != 1 or one.content.topic(names[0]) or not own:
-                continue
-            for name, what in (
-                (names[0], f"it is of a camera {names[0]}"),
-                (one.path.stem, "of its name"),
-                (one.path.parent.name, "of the name of its folder"),
-            ):
-                if _words(name) == own and _is_usable(one.content, names[0]):
-                    proposed.append(ProposedCalibration(one.written, what))
-                    break
-        except CalibrationError:
-            continue
-    return proposed
+def _by_name(topic: str, one: FoundCalibration) -> Iterator[ProposedCalibration]:
+    """Yield the calibration of one camera whose name, or that of its file or the folder, is that of the topic."""
+    own, names = _words(sensor_of(topic)), one.content.cameras
+    if len(names) != 1 or one.content.topic(names[0]) or not own:
+        return
+    for name, what in (
+        (names[0], f"it is of a camera {names[0]}"),
+        (one.path.stem, "of its name"),
+        (one.path.parent.name, "of the name of its folder"),
+    ):
+        if _words(name) == own and _is_usable(one.content, names[0]):
+            yield ProposedCalibration(one.written, what)
+            return
 
 
 def _words(name: str) -> list[str]:

@@ -1,6 +1,5 @@
 """YAML with comments: fields one per line, each with the reason it has its value, and questions where it has none."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 from bagassets.escaping import visible
@@ -90,11 +89,6 @@ class Sheet:
                 line = f"{pad}  "
             line += word + " "
         self._lines.append(line.rstrip())
-
-    def notes(self, depth: int, texts: Iterable[str]) -> None:
-        """Add several comments."""
-        for text in texts:
-            self.note(depth, text)
 
     def off(self, depth: int, text: str) -> None:
         """Add a line that is commented out: removing `# ` makes it count."""

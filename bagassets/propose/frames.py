@@ -1,6 +1,6 @@
 """The ego frame of a rig, and which frames are those of camera lenses, guessed from names, TF, odometry and gravity."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from math import cos, hypot, radians, sin
 
@@ -9,31 +9,18 @@ from bagassets.errors import CalibrationError
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.tf_tree import Edge as TfEdge
 from bagassets.geometry.tf_tree import TfTree
-from bagassets.propose.naming import tokens
+from bagassets.propose.naming import tokens, word_list
 from bagassets.propose.sensors import Sensor
 from bagassets.propose.summary import Edge, RecordingSummary, TopicSummary
 
 __all__ = ["EgoFrame", "connected", "global_frame_of", "is_optical", "mounting", "propose_ego_frame"]
 
 _GLOBAL_FRAMES = ("map", "world", "odom", "earth", "local", "global", "enu", "utm")
-_EGO_FRAMES = (
-    "base_link",
-    "base_footprint",
-    "ego_vehicle",
-    "ego",
-    "vehicle",
-    "vehicle_link",
-    "base",
-    "base_frame",
-    "base_stabilized",
-    "chassis",
-    "chassis_link",
-    "body",
-    "body_link",
-    "car",
+_EGO_FRAMES = word_list(
+    "base_link base_footprint ego_vehicle ego vehicle vehicle_link base base_frame base_stabilized chassis "
+    "chassis_link body body_link car"
 )
 _USUAL = _EGO_FRAMES[0]
-_OPTICAL_WORDS = frozenset({"optical"})
 # How much of the measured acceleration must point along one axis to call that axis vertical: tilts up to 45 degrees.
 _VERTICAL = 0.7
 _OPTICAL = SE3.create((0.5, -0.5, 0.5, -0.5), (0.0, 0.0, 0.0))
@@ -108,10 +95,7 @@ def propose_ego_frame(
 
 def global_frame_of(summary: RecordingSummary, ego_frame: str) -> str:
     """Return the frame in which TF tracks the ego frame; "" if there is none."""
-    parents = {child: parent for parent, child in sorted(summary.edges)}
-    chain = [ego_frame]
-    while chain[-1] in parents and parents[chain[-1]] not in chain:
-        chain.append(parents[chain[-1]])
+    chain = _line_up(summary.edges, ego_frame)
     links = set(zip(chain[1:], chain, strict=False))
     ancestors = {_last_part(frame): frame for frame in reversed(chain[1:])}
     # A frame called world is often the floor of a laboratory: only believe what moves, or what a mobile robot has.
@@ -122,7 +106,7 @@ def global_frame_of(summary: RecordingSummary, ego_frame: str) -> str:
 
 def is_optical(summary: RecordingSummary, frame: str) -> bool | None:
     """Tell whether a frame has its z axis ahead and its y axis down; None if neither its name nor gravity tells."""
-    if not _OPTICAL_WORDS.isdisjoint(tokens(frame)):
+    if "optical" in tokens(frame):
         return True
     imus = [
         topic
@@ -184,16 +168,22 @@ def _transform(summary: RecordingSummary, dst: str, src: str) -> SE3 | None:
         return None
 
 
-def _common_root(edges: Iterable[Edge], sensors: list[str]) -> str:
-    """Return the topmost frame above all sensors, below any global frame; "" if they share none."""
+def _line_up(edges: Collection[Edge], frame: str) -> list[str]:
+    """Return a frame, its parent, and so on up to the root, or around a loop once."""
     parents = {child: parent for parent, child in sorted(edges)}
-    lines = []
-    for sensor in sensors:
-        line = [sensor]
-        while line[-1] in parents and parents[line[-1]] not in line:
-            line.append(parents[line[-1]])
-        lines.append([frame for frame in line if _last_part(frame) not in _GLOBAL_FRAMES])
-    if not lines or len(parents) == 0:
+    line = [frame]
+    while line[-1] in parents and parents[line[-1]] not in line:
+        line.append(parents[line[-1]])
+    return line
+
+
+def _common_root(edges: Collection[Edge], sensors: list[str]) -> str:
+    """Return the topmost frame above all sensors, below any global frame; "" if they share none."""
+    if not sensors or not edges:
         return ""
+    lines = [
+        [frame for frame in _line_up(edges, sensor) if _last_part(frame) not in _GLOBAL_FRAMES]
+        for sensor in sensors
+    ]
     shared = [frame for frame in lines[0] if all(frame in line for line in lines)]
     return shared[-1] if shared else ""

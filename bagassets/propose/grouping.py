@@ -4,6 +4,7 @@ import os.path
 import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
+from itertools import accumulate
 
 from bagassets.propose.frames import propose_ego_frame
 from bagassets.propose.poses import SourceKey, odometry_of, pose_candidates
@@ -138,17 +139,13 @@ def match_globs(recordings: Collection[str], others: Collection[str]) -> list[st
     for name in sorted(recordings):
         if any(matches(glob, name) for glob in globs):
             continue
-        folder = next((f for f in _folders(name) if not any(o.startswith(f"{f}/") for o in others)), None)
+        folders = accumulate(name.split("/")[:-1], "{}/{}".format)
+        folder = next((f for f in folders if not any(o.startswith(f"{f}/") for o in others)), None)
         if folder is None:
             rest.append(name)
         else:
             globs.append(f"{literal_glob(folder)}/**")
     return sorted(globs + _compact(rest, others))
-
-
-def _folders(name: str) -> list[str]:
-    parts = name.split("/")[:-1]
-    return ["/".join(parts[: n + 1]) for n in range(len(parts))]
 
 
 def _compact(names: list[str], others: Collection[str]) -> list[str]:

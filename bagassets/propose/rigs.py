@@ -8,7 +8,7 @@ from typing import Literal
 from bagassets.decode.registry import types_of
 from bagassets.propose.frames import EgoFrame, propose_ego_frame
 from bagassets.propose.grouping import Group
-from bagassets.propose.naming import channel_name, tokens, word_set
+from bagassets.propose.naming import channel_name, free_name, tokens, word_set
 from bagassets.propose.poses import PoseProposal, odometry_of, propose_pose
 from bagassets.propose.sensors import LeftOut, Sensor, find_sensors
 from bagassets.propose.summary import RecordingSummary
@@ -140,6 +140,4 @@ def _rig_name(match: list[str], taken: Collection[str], robot: str) -> str:
         stem = (robot or match[0].removesuffix("/**")).rsplit("/", 1)[-1]
         stem = re.sub(r"\.(bag|mcap|db3)$", "", stem)
         name = re.sub(r"[^A-Za-z0-9_.-]+", "-", stem).strip("-._") or "rig"
-    if name not in taken:
-        return name
-    return next(f"{name}-{n}" for n in range(2, len(taken) + 3) if f"{name}-{n}" not in taken)
+    return free_name(name, taken, "-")

@@ -59,18 +59,17 @@ def uses_of(
     for name in transform_topics(summary):
         used.setdefault(name, []).append("transforms")
     uses = [TopicUse(summary.topics[name], "used", ", ".join(what)) for name, what in used.items()]
-    known = set(used)
-    for left in left_out:
-        known.add(left.topic.name)
-        status: Status = "not decodable" if left.is_undecodable else "left out"
-        uses.append(TopicUse(left.topic, status, left.reason))
     uses += [
-        TopicUse(topic, "left out", "boxes, too; the recipe has it as a comment")
-        for name, topic in summary.topics.items()
-        if name in annotations and name not in known
+        TopicUse(left.topic, "not decodable" if left.is_undecodable else "left out", left.reason)
+        for left in left_out
     ]
-    known.update(annotations)
-    uses += [TopicUse(topic, "not needed") for name, topic in summary.topics.items() if name not in known]
+    known = {use.topic.name for use in uses}
+    boxes = "boxes, too; the recipe has it as a comment"
+    uses += [
+        TopicUse(topic, "left out", boxes) if name in annotations else TopicUse(topic, "not needed")
+        for name, topic in summary.topics.items()
+        if name not in known
+    ]
     return sorted(uses, key=lambda use: _ORDER.index(use.status))
 
 

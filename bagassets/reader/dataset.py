@@ -3,7 +3,8 @@
 Nothing is decoded before it is asked for. Names that are not there raise KeyError with those that are.
 """
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from abc import abstractmethod
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TypeVar, overload
@@ -19,13 +20,15 @@ from bagassets.quantities import count_text
 from bagassets.reader.boxes import Boxes, View
 from bagassets.reader.nuscenes import NuScenesSource
 from bagassets.reader.reading_files import Points, read_image, read_points
-from bagassets.reader.source import Reading, SceneRow, Source
+from bagassets.reader.source import Reading, SceneRow
 from bagassets.reader.table_folder import LOCK, TableFolder
 from bagassets.reader.vision import VisionSource
 
 __all__ = ["Dataset", "Sample", "Scene", "Sweep", "open_dataset"]
 
 T = TypeVar("T")
+Source = NuScenesSource | VisionSource
+"""The content of a dataset of one format, offered alike; tables are read when they are first needed."""
 
 _ANNOTATIONS = "annotations"  # folder of a vision dataset that is swapped
 _MOST_NAMES = 12
@@ -49,7 +52,33 @@ def open_dataset(path: str | Path, version: str | None = None) -> "Dataset":
     return Dataset(_source(folder))
 
 
-class Dataset(Sequence["Sample"]):
+class _Samples(Sequence["Sample"]):
+    """Samples of a dataset, as a sequence."""
+
+    _source: Source
+
+    @property
+    @abstractmethod
+    def _numbers(self) -> range:
+        """Their numbers in the dataset."""
+
+    def __len__(self) -> int:
+        return len(self._numbers)
+
+    @overload
+    def __getitem__(self, index: int) -> "Sample": ...
+    @overload
+    def __getitem__(self, index: slice) -> "list[Sample]": ...
+    def __getitem__(self, index: int | slice) -> "Sample | list[Sample]":
+        if isinstance(index, slice):
+            return [Sample(self._source, number) for number in self._numbers[index]]
+        return Sample(self._source, self._numbers[index])
+
+    def __iter__(self) -> "Iterator[Sample]":
+        return (Sample(self._source, number) for number in self._numbers)
+
+
+class Dataset(_Samples):
     """A dataset as a sequence of its samples, scene by scene.
 
     It can be sent to other processes, as a PyTorch `DataLoader` does with several workers: they open the same
@@ -63,24 +92,8 @@ class Dataset(Sequence["Sample"]):
         self._source = source
         self.path = source.folder.path
 
-    def __len__(self) -> int:
-        return len(self._source.samples)
-
-    @overload
-    def __getitem__(self, index: int) -> "Sample": ...
-    @overload
-    def __getitem__(self, index: slice) -> "list[Sample]": ...
-    def __getitem__(self, index: int | slice) -> "Sample | list[Sample]":
-        numbers = range(len(self))
-        if isinstance(index, slice):
-            return [Sample(self._source, number) for number in numbers[index]]
-        return Sample(self._source, numbers[index])
-
-    def __iter__(self) -> "Iterator[Sample]":
-        return (Sample(self._source, number) for number in range(len(self)))
-
     def __reduce__(self) -> tuple[object, ...]:
-        return _dataset, _ticket(self._source)
+        return _reopened, (Dataset, *_ticket(self._source))
 
     def __repr__(self) -> str:
         numbers = f"{count_text(len(self.scenes), 'scene')}, {count_text(len(self), 'sample')}"
@@ -116,20 +129,24 @@ class Dataset(Sequence["Sample"]):
         Raises:
             KeyError: there is none.
         """
-        if token not in self._numbers:
+        if token not in self._by_token:
             raise KeyError(f"no sample {token} in {self.path}")
-        return Sample(self._source, self._numbers[token])
+        return self[self._by_token[token]]
+
+    @cached_property
+    def _numbers(self) -> range:
+        return range(len(self._source.samples))
 
     @cached_property
     def _scenes_by_name(self) -> "Mapping[str, Scene]":
         return {scene.name: scene for scene in self.scenes}
 
     @cached_property
-    def _numbers(self) -> Mapping[str, int]:
+    def _by_token(self) -> Mapping[str, int]:
         return {token: number for number, (token, _) in enumerate(self._source.samples)}
 
 
-class Scene(Sequence["Sample"]):
+class Scene(_Samples):
     """A scene as a sequence of its samples.
 
     Attributes:
@@ -140,30 +157,18 @@ class Scene(Sequence["Sample"]):
     def __init__(self, source: Source, row: SceneRow) -> None:
         self._source = source
         self._row = row
-        self._samples = row.samples
         self.name = row.name
         self.description = row.description
 
-    def __len__(self) -> int:
-        return len(self._samples)
-
-    @overload
-    def __getitem__(self, index: int) -> "Sample": ...
-    @overload
-    def __getitem__(self, index: slice) -> "list[Sample]": ...
-    def __getitem__(self, index: int | slice) -> "Sample | list[Sample]":
-        if isinstance(index, slice):
-            return [Sample(self._source, number) for number in self._samples[index]]
-        return Sample(self._source, self._samples[index])
-
-    def __iter__(self) -> "Iterator[Sample]":
-        return (Sample(self._source, number) for number in self._samples)
-
     def __reduce__(self) -> tuple[object, ...]:
-        return _scene, (*_ticket(self._source), self._row)
+        return _reopened, (Scene, *_ticket(self._source), self._row)
 
     def __repr__(self) -> str:
         return f"<Scene {self.name}: {count_text(len(self), 'sample')}>"
+
+    @property
+    def _numbers(self) -> range:
+        return self._row.samples
 
 
 class Sample:
@@ -183,7 +188,7 @@ class Sample:
         self.token, self.stamp_ns = self._source.samples[index]
 
     def __reduce__(self) -> tuple[object, ...]:
-        return _sample, (*_ticket(self._source), self.index)
+        return _reopened, (Sample, *_ticket(self._source), self.index)
 
     def __repr__(self) -> str:
         return f"<Sample {self.index} at {self.stamp_ns / 1e9:.3f} s: {', '.join(self.channels) or 'no readings'}>"
@@ -277,7 +282,7 @@ class Sweep:
         self.reading = reading
 
     def __reduce__(self) -> tuple[object, ...]:
-        return _sweep, (*_ticket(self._source), self._index, self.channel, self._place)
+        return _reopened, (_sweep, *_ticket(self._source), self._index, self.channel, self._place)
 
     def __repr__(self) -> str:
         return f"<Sweep of {self.channel} at {self.stamp_ns / 1e9:.3f} s>"
@@ -380,35 +385,23 @@ def _ticket(source: Source) -> tuple[Path, str]:
     return source.folder.path, source.folder.identity
 
 
-def _reopened(path: Path, identity: str) -> Source:
-    """Return a dataset that another process opened, or this one.
+def _reopened(make: Callable[..., object], path: Path, identity: str, *args: object) -> object:
+    """Return what `make` makes of a dataset that another process opened, or this one.
 
     Raises:
         DatasetError: it was built again since.
     """
-    known = _open.get((path, identity))
-    if known is not None:
-        return known
-    folder = TableFolder(path)
-    if folder.identity != identity:
-        raise DatasetError(f"{path}: this dataset was built again since it was opened; open it again.")
-    return _source(folder)
+    source = _open.get((path, identity))
+    if source is None:
+        folder = TableFolder(path)
+        if folder.identity != identity:
+            raise DatasetError(f"{path}: this dataset was built again since it was opened; open it again.")
+        source = _source(folder)
+    return make(source, *args)
 
 
-def _dataset(path: Path, identity: str) -> Dataset:
-    return Dataset(_reopened(path, identity))
-
-
-def _scene(path: Path, identity: str, row: SceneRow) -> Scene:
-    return Scene(_reopened(path, identity), row)
-
-
-def _sample(path: Path, identity: str, index: int) -> Sample:
-    return Sample(_reopened(path, identity), index)
-
-
-def _sweep(path: Path, identity: str, index: int, channel: str, place: int) -> Sweep:
-    return _sample(path, identity, index).sweeps(channel, place + 1)[place]
+def _sweep(source: Source, index: int, channel: str, place: int) -> Sweep:
+    return Sample(source, index).sweeps(channel, place + 1)[place]
 
 
 def _folder_of(path: Path, version: str | None) -> TableFolder:

@@ -39,6 +39,7 @@ class NuScenesSource:
     def __init__(self, folder: TableFolder) -> None:
         self.folder = folder
         self.root = folder.path.parent
+        self._kept: dict[str, Mapping[str, JsonObject]] = {}
         self._histories: dict[str, _History] = {}
         missing = [name for name in TABLES if f"{name}.json" not in folder.names and name not in _OPTIONAL]
         if missing:
@@ -57,7 +58,7 @@ class NuScenesSource:
     @cached_property
     def modalities(self) -> Mapping[str, str]:
         """Channel -> modality."""
-        return {row["channel"]: row["modality"] for row in self._sensors.values()}
+        return {row["channel"]: row["modality"] for row in self._by_token("sensor").values()}
 
     @cached_property
     def splits(self) -> Mapping[str, Sequence[str]]:
@@ -67,8 +68,7 @@ class NuScenesSource:
 
     def readings(self, index: int) -> Mapping[str, Reading]:
         """Return channel -> keyframe of a sample."""
-        rows = self._data.get(self.samples[index][0], ())
-        readings = [self._reading(row) for row in rows]
+        readings = map(self._reading, self._data.get(self.samples[index][0], ()))
         return {reading.channel: reading for reading in readings}
 
     def before(self, index: int, channel: str, number: int) -> Sequence[Reading]:
@@ -102,30 +102,25 @@ class NuScenesSource:
         )
 
     def _mounting(self, row: JsonObject) -> JsonObject:
-        return self._lookup(self._calibrated, "calibrated_sensor", row["calibrated_sensor_token"])
+        return self._row("calibrated_sensor", row["calibrated_sensor_token"])
 
     def _sensor(self, mounted: JsonObject) -> JsonObject:
-        return self._lookup(self._sensors, "sensor", mounted["sensor_token"])
+        return self._row("sensor", mounted["sensor_token"])
 
     def _pose(self, token: str, poses: Mapping[str, JsonObject] | None) -> SE3:
         row = self._lookup(self._poses if poses is None else poses, "ego_pose", token)
         return SE3.create(row["rotation"], row["translation"])
 
     def _box(self, row: JsonObject) -> Box:
-        instance = self._lookup(self._instances, "instance", row["instance_token"])
+        instance = self._row("instance", row["instance_token"])
         visibility = row["visibility_token"]
         width, length, height = row["size"]
         return Box(
             token=row["token"],
             instance=row["instance_token"],
-            category=self._lookup(self._categories, "category", instance["category_token"])["name"],
-            attributes=tuple(
-                self._lookup(self._attributes, "attribute", token)["name"]
-                for token in row["attribute_tokens"]
-            ),
-            visibility=self._lookup(self._visibilities, "visibility", visibility)["level"]
-            if visibility
-            else "",
+            category=self._row("category", instance["category_token"])["name"],
+            attributes=tuple(self._row("attribute", token)["name"] for token in row["attribute_tokens"]),
+            visibility=self._row("visibility", visibility)["level"] if visibility else "",
             pose=SE3.create(row["rotation"], row["translation"]),
             size_m=(width, length, height),
             num_lidar_pts=row["num_lidar_pts"],
@@ -143,28 +138,20 @@ class NuScenesSource:
         scenes = []
         for row in self.folder.rows("scene.json"):
             own = sorted(by_scene[row["token"]])
-            scenes.append(
-                SceneRow(row["name"], row["description"], range(len(samples), len(samples) + len(own)))
-            )
+            numbers = range(len(samples), len(samples) + len(own))
+            scenes.append(SceneRow(row["name"], row["description"], numbers))
             samples += [(token, stamp_ns) for stamp_ns, token in own]
         return samples, scenes
 
     @cached_property
     def _data(self) -> Mapping[str, Sequence[JsonObject]]:
         """Sample -> rows of its keyframes."""
-        found: dict[str, list[JsonObject]] = defaultdict(list)
-        for row in self.folder.rows("sample_data.json"):
-            if row["is_key_frame"]:
-                found[row["sample_token"]].append(row)
-        return dict(found)
+        return _by_sample(row for row in self.folder.rows("sample_data.json") if row["is_key_frame"])
 
     @cached_property
     def _annotations(self) -> Mapping[str, Sequence[JsonObject]]:
         """Sample -> rows of its annotations."""
-        found: dict[str, list[JsonObject]] = defaultdict(list)
-        for row in self.folder.rows("sample_annotation.json"):
-            found[row["sample_token"]].append(row)
-        return dict(found)
+        return _by_sample(self.folder.rows("sample_annotation.json"))
 
     @cached_property
     def _poses(self) -> Mapping[str, JsonObject]:
@@ -178,9 +165,8 @@ class NuScenesSource:
     def _history(self, channel: str) -> _History:
         """Return all readings of a channel; others are not kept, since a lidar alone has ten times its keyframes."""
         if channel not in self._histories:
-            mounted = {
-                token for token, row in self._calibrated.items() if self._sensor(row)["channel"] == channel
-            }
+            every = self._by_token("calibrated_sensor")
+            mounted = {token for token, row in every.items() if self._sensor(row)["channel"] == channel}
             rows = {
                 row["token"]: row
                 for row in self.folder.rows("sample_data.json")
@@ -189,32 +175,17 @@ class NuScenesSource:
             self._histories[channel] = _History(rows, self._poses_of(rows.values()))
         return self._histories[channel]
 
-    @cached_property
-    def _calibrated(self) -> Mapping[str, JsonObject]:
-        return self._by_token("calibrated_sensor")
-
-    @cached_property
-    def _sensors(self) -> Mapping[str, JsonObject]:
-        return self._by_token("sensor")
-
-    @cached_property
-    def _instances(self) -> Mapping[str, JsonObject]:
-        return self._by_token("instance")
-
-    @cached_property
-    def _categories(self) -> Mapping[str, JsonObject]:
-        return self._by_token("category")
-
-    @cached_property
-    def _attributes(self) -> Mapping[str, JsonObject]:
-        return self._by_token("attribute")
-
-    @cached_property
-    def _visibilities(self) -> Mapping[str, JsonObject]:
-        return self._by_token("visibility")
-
     def _by_token(self, table: str) -> Mapping[str, JsonObject]:
-        return {row["token"]: row for row in self.folder.rows(f"{table}.json")}
+        """Return token -> row of a table, which is kept."""
+        if table not in self._kept:
+            self._kept[table] = {row["token"]: row for row in self.folder.rows(f"{table}.json")}
+        return self._kept[table]
+
+    def _row(self, table: str, token: str) -> JsonObject:
+        try:
+            return self._kept[table][token]  # this is asked for every box, several times
+        except KeyError:
+            return self._lookup(self._by_token(table), table, token)
 
     def _lookup(self, rows: Mapping[str, JsonObject], table: str, token: str) -> JsonObject:
         try:
@@ -223,3 +194,10 @@ class NuScenesSource:
             raise DatasetError(
                 f"{self.folder.path / table}.json: there is no row {token}, which another table names; {self.folder.remedy()}"
             ) from None
+
+
+def _by_sample(rows: Iterable[JsonObject]) -> Mapping[str, Sequence[JsonObject]]:
+    found: dict[str, list[JsonObject]] = {}
+    for row in rows:
+        found.setdefault(row["sample_token"], []).append(row)
+    return found

@@ -1,15 +1,12 @@
-"""What a reader of a dataset format offers to `bagassets.reader.dataset`."""
+"""What the readers of all formats return: readings and scenes."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
 
 from bagassets.geometry.se3 import SE3
-from bagassets.reader.boxes import Box
-from bagassets.reader.table_folder import TableFolder
 
-__all__ = ["Reading", "SceneRow", "Source"]
+__all__ = ["Reading", "SceneRow"]
 
 
 @dataclass(frozen=True)
@@ -44,40 +41,3 @@ class SceneRow:
     name: str
     description: str
     samples: range
-
-
-class Source(Protocol):
-    """The content of a dataset; tables are read when they are first needed.
-
-    Attributes:
-        folder: its swapped folder.
-        root: folder that its files are below.
-    """
-
-    folder: TableFolder
-    root: Path
-
-    @property
-    def scenes(self) -> Sequence[SceneRow]:
-        """All scenes, in the order of the dataset."""
-
-    @property
-    def samples(self) -> Sequence[tuple[str, int]]:
-        """Token and time (ns) of all samples, scene by scene."""
-
-    @property
-    def modalities(self) -> Mapping[str, str]:
-        """Channel -> modality, of all channels of the dataset."""
-
-    @property
-    def splits(self) -> Mapping[str, Sequence[str]]:
-        """Split -> names of its scenes."""
-
-    def readings(self, index: int) -> Mapping[str, Reading]:
-        """Return channel -> reading of a sample."""
-
-    def before(self, index: int, channel: str, number: int) -> Sequence[Reading]:
-        """Return at most `number` readings of a channel before that of a sample, newest first."""
-
-    def boxes(self, index: int) -> Sequence[Box]:
-        """Return the boxes of a sample in the global frame."""

@@ -9,6 +9,7 @@ import json
 import os
 import weakref
 from collections.abc import Collection
+from contextlib import suppress
 from hashlib import blake2b
 from pathlib import Path
 
@@ -53,7 +54,7 @@ class TableFolder:
             DatasetError: it is missing, or no JSON.
         """
         if name not in self._files:
-            raise DatasetError(f"{self.path / name}: this file of the dataset is missing; {self.remedy()}")
+            raise self.missing(self.path / name)
         try:
             return json.loads(_content(self._files[name]))
         except (OSError, ValueError) as err:
@@ -123,23 +124,20 @@ def _open_once(path: Path) -> dict[str, int] | None:
     """Open the files of a folder; return None if it was swapped meanwhile."""
     folder = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
     files: dict[str, int] = {}
+    is_whole = False
     try:
-        with os.scandir(folder) as entries:
-            names = [entry.name for entry in entries if entry.name.endswith(".json")]
-        for name in names:
-            files[name] = os.open(name, os.O_RDONLY, dir_fd=folder)
-        # Removal begins after the swap: if the folder is still in its place, nothing of it was removed.
-        if os.path.samestat(os.stat(path), os.fstat(folder)):
-            return files
-    except FileNotFoundError:
-        pass
-    except BaseException:
-        _close(list(files.values()))
-        raise
+        with suppress(FileNotFoundError):
+            with os.scandir(folder) as entries:
+                names = [entry.name for entry in entries if entry.name.endswith(".json")]
+            for name in names:
+                files[name] = os.open(name, os.O_RDONLY, dir_fd=folder)
+            # Removal begins after the swap: if the folder is still in its place, nothing of it was removed.
+            is_whole = os.path.samestat(os.stat(path), os.fstat(folder))
     finally:
         os.close(folder)
-    _close(list(files.values()))
-    return None
+        if not is_whole:
+            _close(list(files.values()))
+    return files if is_whole else None
 
 
 def _content(file: int) -> bytes:

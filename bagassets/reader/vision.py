@@ -32,11 +32,7 @@ class VisionSource:
     @cached_property
     def samples(self) -> Sequence[tuple[str, int]]:
         """Name of the image below the dataset, and its time (ns), of all samples, sequence by sequence."""
-        return [
-            (f"{row['folder']}/{frame['file']}", frame["stamp_ns"])
-            for row in self._sequences
-            for frame in row["frames"]
-        ]
+        return [(f"{row['folder']}/{frame['file']}", frame["stamp_ns"]) for row, frame in self._frames]
 
     @cached_property
     def scenes(self) -> Sequence[SceneRow]:

@@ -1,6 +1,6 @@
 """Problems of a well-formed recipe: checks across fields, and against the disk."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path, PurePosixPath
 
 from bagassets.json_types import Json, JsonObject
@@ -199,11 +199,16 @@ def _nuscenes(recipe: Recipe) -> Iterator[Problem]:
         ("categories", recipe.nuscenes.categories),
         ("attributes", recipe.nuscenes.attributes),
     ):
-        seen: set[str] = set()
-        for number, entry in enumerate(entries):
-            if entry.name in seen:
-                yield ("nuscenes", field, number, "name"), f"{entry.name} is listed twice"
-            seen.add(entry.name)
+        yield from _repeated((("nuscenes", field, n, "name"), entry.name) for n, entry in enumerate(entries))
+
+
+def _repeated(names: Iterable[tuple[tuple[str | int, ...], str]]) -> Iterator[Problem]:
+    """Check that no name, given with its place, is listed twice."""
+    seen: set[str] = set()
+    for at, name in names:
+        if name in seen:
+            yield at, f"{name} is listed twice"
+        seen.add(name)
 
 
 def _rig(rig: Rig) -> Iterator[Problem]:
@@ -217,15 +222,9 @@ def _rig(rig: Rig) -> Iterator[Problem]:
                 continue
         for field, sentence in problems:
             yield ("channels", name, *field), sentence
-    sources = [
-        *((("annotations", n, "topic"), source.topic) for n, source in enumerate(rig.annotations)),
-        *((("annotation_files", n, "path"), source.path) for n, source in enumerate(rig.annotation_files)),
-    ]
-    seen: set[str] = set()
-    for at, source in sources:
-        if source in seen:
-            yield at, f"{source} is listed twice"
-        seen.add(source)
+    topics = ((("annotations", n, "topic"), source.topic) for n, source in enumerate(rig.annotations))
+    files = ((("annotation_files", n, "path"), source.path) for n, source in enumerate(rig.annotation_files))
+    yield from _repeated([*topics, *files])
     pose = rig.ego_pose
     if isinstance(pose, TfSource):
         if pose.global_frame == rig.ego_frame:

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
-from bagassets.recipe.model_base import FrameName, Model, TopicName
+from bagassets.recipe.model_base import FrameName, Model, TopicName, not_empty
 
 __all__ = [
     "AnnotationFiles",
@@ -31,14 +31,12 @@ _PLACEHOLDERS = ("stem", "name", "key")
 
 
 def _template(text: str) -> str:
-    if not text.strip():
-        msg = "must not be empty"
-        raise ValueError(msg)
     for name in re.findall(r"\{(.*?)\}", text):
         if name not in _PLACEHOLDERS:
-            msg = f"`{{{name}}}` is not a placeholder; the placeholders are {', '.join(f'`{{{p}}}`' for p in _PLACEHOLDERS)}"
-            raise ValueError(msg)
-    return text
+            raise ValueError(
+                f"`{{{name}}}` is not a placeholder; the placeholders are {', '.join(f'`{{{p}}}`' for p in _PLACEHOLDERS)}"
+            )
+    return not_empty(text)
 
 
 Template = Annotated[str, AfterValidator(_template)]

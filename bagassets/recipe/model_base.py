@@ -19,6 +19,7 @@ __all__ = [
     "TopicName",
     "Transform",
     "Vector3",
+    "not_empty",
 ]
 
 Clock = Literal["header", "log"]
@@ -36,35 +37,33 @@ class FieldValueError(ValueError):
 
 def _slug(name: str) -> str:
     if not re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.-]*", name):
-        msg = "must consist of letters, digits, '-', '_' and '.', and not start with '-' or '.'"
-        raise ValueError(msg)
+        raise ValueError("must consist of letters, digits, '-', '_' and '.', and not start with '-' or '.'")
     return name
 
 
 def _channel_name(name: str) -> str:
     if not re.fullmatch(r"[A-Z][A-Z0-9_]*", name):
-        msg = "a channel's name has capitals, digits and '_' only, as in CAM_FRONT"
-        raise ValueError(msg)
+        raise ValueError("a channel's name has capitals, digits and '_' only, as in CAM_FRONT")
     return name
 
 
 def _frame_name(name: str) -> str:
     """Return a frame without leading slash; recordings write it with or without."""
-    return _not_empty(name.lstrip("/"))
+    return not_empty(name.lstrip("/"))
 
 
-def _not_empty(text: str) -> str:
+def not_empty(text: str) -> str:
+    """Return a text; refuse it if there is none."""
     if not text.strip():
-        msg = "must not be empty"
-        raise ValueError(msg)
+        raise ValueError("must not be empty")
     return text
 
 
 Slug = Annotated[str, AfterValidator(_slug)]
 ChannelName = Annotated[str, AfterValidator(_channel_name)]
-CameraName = Annotated[str, AfterValidator(_not_empty)]
+CameraName = Annotated[str, AfterValidator(not_empty)]
 FrameName = Annotated[str, AfterValidator(_frame_name)]
-TopicName = Annotated[str, AfterValidator(_not_empty)]
+TopicName = Annotated[str, AfterValidator(not_empty)]
 
 
 class Model(BaseModel):

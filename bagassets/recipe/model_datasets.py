@@ -31,8 +31,9 @@ def _moment(text: str) -> str:
     try:
         moment_ns(text)
     except ValueError:
-        msg = "must be a date or a date with time, as in 2025-06-15 or 2025-06-15T14:30:00+02:00"
-        raise ValueError(msg) from None
+        raise ValueError(
+            "must be a date or a date with time, as in 2025-06-15 or 2025-06-15T14:30:00+02:00"
+        ) from None
     return text
 
 
@@ -89,8 +90,7 @@ class NamedDataset(Model):
 def _pair(text: str) -> str:
     sensor, colon, reference = (part.strip().lstrip("/") for part in text.partition(":"))
     if not (sensor and colon and reference) or ":" in reference:
-        msg = "name two frames, as in CAM_FRONT:global"
-        raise ValueError(msg)
+        raise ValueError("name two frames, as in CAM_FRONT:global")
     return f"{sensor}:{reference}"
 
 

@@ -22,8 +22,7 @@ __all__ = [
 def _sender(text: str) -> str:
     match = re.fullmatch(r"(\d{1,3})\.(\d{1,3})\.(\d{1,3})\.(\d{1,3})(?::(\d{1,5}))?", text)
     if match is None or any(int(n) > 255 for n in match.groups()[:4]) or int(match[5] or 0) > 65535:
-        msg = "must be an IPv4 address, with or without port, as in 10.1.1.20 or 10.1.1.20:3000"
-        raise ValueError(msg)
+        raise ValueError("must be an IPv4 address, with or without port, as in 10.1.1.20 or 10.1.1.20:3000")
     return text
 
 

@@ -3,14 +3,14 @@
 import json
 from collections.abc import Iterator
 from pathlib import PurePath
-from typing import Literal, get_args, get_origin
+from typing import get_args, get_origin
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from bagassets.recipe.model import Recipe
-from bagassets.recipe.schema import describe, limits, models_in, plain, tag_field, variants
+from bagassets.recipe.schema import describe, is_tag, limits, models_in, plain, tag_field, variants
 
 __all__ = ["render_reference"]
 
@@ -61,7 +61,8 @@ def render_reference() -> str:
     """Return the reference of every field of the recipe as Markdown."""
     parts = [_INTRODUCTION.format(example=EXAMPLE)]
     for model, paths in _sections():
-        parts.append(f"\n## {_title(model, paths)}\n\n{_prose(model)}\n\n{_table(model)}")
+        prose = " ".join((model.__doc__ or "").split())
+        parts.append(f"\n## {_title(model, paths)}\n\n{prose}\n\n{_table(model)}")
     return "".join(parts)
 
 
@@ -99,13 +100,9 @@ def _title(model: type[BaseModel], paths: list[str]) -> str:
     tags += [
         f"`{name}: {get_args(field.annotation)[0]}`"
         for name, field in model.model_fields.items()
-        if get_origin(field.annotation) is Literal and len(get_args(field.annotation)) == 1
+        if is_tag(field)
     ]
     return ", ".join(f"`{path}`" for path in paths) + (f" with {tags[0]}" if tags else "")
-
-
-def _prose(model: type[BaseModel]) -> str:
-    return " ".join((model.__doc__ or "").split())
 
 
 def _table(model: type[BaseModel]) -> str:
@@ -129,16 +126,13 @@ def _value(field: FieldInfo) -> str:
 
 def _options(annotation: object) -> str:
     """Return the alternatives of a tagged union, as in `modality: camera` or …; "" for other types."""
-    tags = variants(annotation)
-    if not tag_field(annotation):
-        return ""
-    return (
-        "a mapping with " + " or ".join(f"`{tag_field(annotation)}: {tag}`" for tag in tags) if tags else ""
-    )
+    field = tag_field(annotation)
+    options = [f"`{field}: {tag}`" for tag in variants(annotation)] if field else []
+    return f"a mapping with {' or '.join(options)}" if options else ""
 
 
 def _default(field: FieldInfo) -> str:
-    if get_origin(field.annotation) is Literal and len(get_args(field.annotation)) == 1:
+    if is_tag(field):
         return "required"  # the tag of a union: it has a default in Python only
     value = field.get_default(call_default_factory=True, validated_data={})
     if value is PydanticUndefined:

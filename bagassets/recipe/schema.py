@@ -10,7 +10,7 @@ from pydantic.fields import FieldInfo
 
 from bagassets.recipe.model_base import ChannelName, Quaternion, Slug, Transform, Vector3
 
-__all__ = ["describe", "enter", "limits", "models_in", "plain", "tag_field", "variants"]
+__all__ = ["describe", "enter", "is_tag", "limits", "models_in", "plain", "tag_field", "variants"]
 
 
 def plain(annotation: object) -> object:
@@ -49,7 +49,7 @@ def tag_field(annotation: object) -> str:
     if len(models) < len(get_args(annotation)):
         return ""
     for name in models[0].model_fields:
-        if all(_is_tag(model.model_fields.get(name)) for model in models):
+        if all(is_tag(model.model_fields.get(name)) for model in models):
             return str(name)
     return ""
 
@@ -73,13 +73,11 @@ def enter(annotation: object, part: str | int) -> object:
 
 def describe(annotation: object) -> str:
     """Describe a value of this type: `a number`, `a list of texts`."""
-    for known, words in _NAMED:
-        if annotation is known:
-            return words
+    for one in (annotation, plain(annotation)):
+        for known, words in _NAMED:
+            if one == known:
+                return words
     annotation = plain(annotation)
-    for known, words in _NAMED:
-        if annotation is known or annotation == known:
-            return words
     if get_origin(annotation) is Literal:
         return " or ".join(f"`{value}`" for value in get_args(annotation))
     if _is_model(annotation):
@@ -151,7 +149,8 @@ def _is_model(annotation: object) -> TypeGuard[type[BaseModel]]:
     return isinstance(annotation, type) and issubclass(annotation, BaseModel)
 
 
-def _is_tag(field: FieldInfo | None) -> bool:
+def is_tag(field: FieldInfo | None) -> bool:
+    """Tell whether a field can have one value only, and so tells models of a union apart."""
     return (
         field is not None and get_origin(field.annotation) is Literal and len(get_args(field.annotation)) == 1
     )

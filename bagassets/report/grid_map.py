@@ -5,7 +5,7 @@ from math import cos, floor, log10, radians
 
 from bagassets.escaping import html
 
-__all__ = ["COLOURS", "NamedRoute", "colour_of_split", "grid_map"]
+__all__ = ["COLOURS", "NamedRoute", "colour_of_split", "grid_map", "thinned"]
 
 METRES_PER_DEGREE = 111_320.0  # of latitude, and of longitude at the equator; good enough for a picture
 COLOURS = ("#2f7ed8", "#d9822b", "#2ca05a", "#b04ac0", "#c0392b", "#16868e")
@@ -40,7 +40,7 @@ def grid_map(
     step = 1 + total // most_points
     middle = _middle([points for _, _, points in shown])
     lines = [
-        (key, colour, [_metres(point, middle, on_earth=on_earth) for point in _thinned(points, step)])
+        (key, colour, [_metres(point, middle, on_earth=on_earth) for point in thinned(points, step)])
         for key, colour, points in shown
     ]
     frame = _Frame([point for _, _, points in lines for point in points], width)
@@ -69,7 +69,8 @@ def _middle(routes: Sequence[Points]) -> tuple[float, float]:
     return sum(a for a, _ in first) / len(first), sum(b for _, b in first) / len(first)
 
 
-def _thinned(points: Points, step: int) -> Points:
+def thinned(points: Points, step: int) -> Points:
+    """Return every n-th point, and the last one in any case."""
     thin = list(points[::step])
     return thin if thin[-1] == points[-1] else [*thin, points[-1]]
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from bagassets.escaping import html
 from bagassets.json_types import JsonObject
-from bagassets.report.grid_map import NamedRoute, grid_map
+from bagassets.report.grid_map import NamedRoute, grid_map, thinned
 from bagassets.report.map_shell import FALLBACK_MARK, WAYS_MARK
 from bagassets.report.style import MAP_CSS
 
@@ -75,33 +75,31 @@ def trajectory_map_page(routes: Sequence[MapRoute], shell: str) -> str:
     ]
     # In a script element, its end tag and the start of a comment have a meaning.
     data = json.dumps(splits, separators=(",", ":"), ensure_ascii=False).replace("<", "\\u003c")
-    return shell.replace(FALLBACK_MARK, _fallback(routes), 1).replace(WAYS_MARK, data, 1)
+    fallback = _FALLBACK.format(css=MAP_CSS, svg=_grids(routes)) + _elsewhere(routes)
+    return shell.replace(FALLBACK_MARK, fallback, 1).replace(WAYS_MARK, data, 1)
 
 
 def _json(route: MapRoute, most: int) -> JsonObject:
-    points = [[round(lat, _DIGITS), round(lon, _DIGITS)] for lat, lon in _thinned(route.points, most)]
+    thin = thinned(route.points, 1 + (len(route.points) - 1) // most)
+    points = [[round(lat, _DIGITS), round(lon, _DIGITS)] for lat, lon in thin]
     return {"key": route.key, "note": route.note, "points": points}
-
-
-def _thinned(points: Sequence[tuple[float, float]], most: int) -> list[tuple[float, float]]:
-    step = 1 + (len(points) - 1) // most
-    thin = list(points[::step])
-    return thin if thin[-1] == points[-1] else [*thin, points[-1]]
 
 
 def _grids(routes: Sequence[MapRoute]) -> str:
     on_earth: list[NamedRoute] = [(route.key, route.colour, route.points) for route in routes]
-    elsewhere: list[NamedRoute] = [
-        (route.key, route.colour, route.local) for route in routes if not route.points
-    ]
-    local = grid_map(elsewhere, on_earth=False)
+    local = grid_map(_lost(routes), on_earth=False)
     heading = "<p>Recordings without a position on Earth, each in its own local frame:</p>"
     return grid_map(on_earth, on_earth=True) + (heading + local if local else "")
 
 
+def _lost(routes: Sequence[MapRoute]) -> list[NamedRoute]:
+    """Return the recordings whose place on Earth is unknown, with their local routes."""
+    return [(route.key, route.colour, route.local) for route in routes if not route.points]
+
+
 def _elsewhere(routes: Sequence[MapRoute]) -> str:
     """Return a box in the corner of the map with the recordings that are not on it."""
-    lost: list[NamedRoute] = [(route.key, route.colour, route.local) for route in routes if not route.points]
+    lost = _lost(routes)
     if not lost:
         return ""
     style = "position:fixed;left:130px;bottom:12px;z-index:1000;background:#fff;padding:.3rem .7rem;font:14px sans-serif"
@@ -109,10 +107,6 @@ def _elsewhere(routes: Sequence[MapRoute]) -> str:
     names = ", ".join(html(key) for key, _, _ in lost)
     box = f"{summary}{grid_map(lost, on_earth=False, width=400)}<p>{names}</p>"
     return f'<details class="elsewhere" style="{style}">{box}</details>'
-
-
-def _fallback(routes: Sequence[MapRoute]) -> str:
-    return _FALLBACK.format(css=MAP_CSS, svg=_grids(routes)) + _elsewhere(routes)
 
 
 def _grid_page(routes: Sequence[MapRoute]) -> str:

@@ -23,7 +23,6 @@ class Reading:
         channel: canonical name.
         modality: camera, lidar or radar.
         stamp_ns: its stamp.
-        is_keyframe: whether it is a keyframe of its sample.
         path: path of its file.
         size_px: width and height of an image.
         intrinsic: K of an image, 3 rows of 3; empty if there is none.
@@ -34,7 +33,6 @@ class Reading:
     channel: str
     modality: str
     stamp_ns: int
-    is_keyframe: bool
     path: Path
     size_px: tuple[int, int]
     intrinsic: Sequence[Sequence[float]]
@@ -131,7 +129,6 @@ def _readings(dataroot: Path, version: str, samples: Mapping[str, int]) -> list[
                 channel=sensor["channel"],
                 modality=sensor["modality"],
                 stamp_ns=1000 * row["timestamp"],
-                is_keyframe=row["is_key_frame"],
                 path=dataroot / row["filename"],
                 size_px=(row["width"], row["height"]),
                 intrinsic=mounted["camera_intrinsic"],

@@ -240,8 +240,8 @@ def _measure(
         global_SE3_sensor = channel.global_SE3_sensor(reading)
         if channel.modality == "camera":
             if channel.intrinsic:
-                width, height = channel.sizes_px[reading]
-                views.append(CameraView(global_SE3_sensor, channel.intrinsic_matrix(), width, height))
+                k = np.array(channel.intrinsic, dtype=np.float64)
+                views.append(CameraView(global_SE3_sensor, k, *channel.sizes_px[reading]))
         elif channel.modality == "lidar":
             xyz = read_lidar_file(channel.path(reading))[:, :3]
             moves = speeds * _period_s(channel.stamps_ns, reading)

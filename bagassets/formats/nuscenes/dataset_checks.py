@@ -2,14 +2,18 @@
 
 from collections.abc import Callable, Mapping
 from collections.abc import Set as AbstractSet
+from itertools import chain, starmap
 
 from bagassets.formats.format import DatasetCheck
 from bagassets.formats.nuscenes.dataset_rows import DatasetRows, read_dataset, repeated_tokens
 from bagassets.formats.nuscenes.devkit_rules import devkit_ready
 from bagassets.formats.nuscenes.table_integrity import (
+    NOT_ON_DISK,
     broken_references,
     check_dataset_files,
     duplicate_tokens,
+    repeated_tokens_sentence,
+    sentence,
 )
 from bagassets.garbage import uncollected
 from bagassets.quality.finding import Finding
@@ -30,13 +34,8 @@ def dataset_tokens_unique(rows: DatasetRows) -> Finding:
     """
     if rows.is_whole:
         return Finding(duplicate_tokens(rows.tables), _facts(rows))
-    problems = [
-        f"{table}: 1 token appears more than once: {tokens[0]}."
-        if len(tokens) == 1
-        else f"{table}: {len(tokens)} tokens appear more than once, the first is {tokens[0]}."
-        for table, tokens in repeated_tokens(rows.folder)
-    ]
-    return Finding(problems, _facts(rows))
+    repeated = starmap(repeated_tokens_sentence, repeated_tokens(rows.folder))
+    return Finding([*chain.from_iterable(repeated)], _facts(rows))
 
 
 def dataset_files_match(rows: DatasetRows) -> Finding:
@@ -48,20 +47,10 @@ def dataset_files_match(rows: DatasetRows) -> Finding:
         return Finding(
             check_dataset_files(rows.dataroot, rows.version, rows.tables, rows.sizes), _facts(rows)
         )
-    missing, empty = [], []
-    for row in rows.tables["sample_data"]:
-        name = str(row["filename"])
-        size = rows.sizes.get(name)
-        if size is None:
-            missing.append(name)
-        elif size == 0 and not name.endswith(".pcd.bin"):
-            empty.append(name)
-    problems = []
-    for names, what in ((missing, "not on disk"), (empty, "empty")):
-        if len(names) == 1:
-            problems.append(f"1 file of the tables is {what}: {names[0]}.")
-        elif names:
-            problems.append(f"{len(names)} files of the tables are {what}, the first is {names[0]}.")
+    names = [str(row["filename"]) for row in rows.tables["sample_data"]]
+    missing = [name for name in names if name not in rows.sizes]
+    empty = [name for name in names if rows.sizes.get(name) == 0 and not name.endswith(".pcd.bin")]
+    problems = sentence(NOT_ON_DISK, missing) + sentence("{} files|file of the tables are|is empty", empty)
     return Finding(problems, _facts(rows))
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from stat import S_ISREG
 
@@ -16,6 +16,7 @@ import numpy as np
 from bagassets.formats.dataset_lock import read_lock
 from bagassets.formats.json_files import column_texts, copy_rows, row_blocks
 from bagassets.formats.nuscenes.schema import RECORDING_TABLES, SHARED_TABLES, TABLES, Row
+from bagassets.formats.nuscenes.subset import rows_of_scenes
 from bagassets.formats.nuscenes.table_file import errors_explained, read_table
 from bagassets.json_types import JsonObject
 
@@ -118,17 +119,8 @@ def read_dataset(dataroot: Path, version: str, most_bytes: int = MOST_BYTES) -> 
     step = max(1, -(-size // most_bytes))
     chosen = {str(row["token"]) for row in logs[::step]}
     rows = {name: read_table(folder, name) for name in SHARED_TABLES}
-    rows |= {"log": logs, "scene": [row for row in scenes if row["log_token"] in chosen]}
-    rows["sample"] = _chosen(folder, "sample", "scene_token", _tokens(rows["scene"], "token"))
-    samples = _tokens(rows["sample"], "token")
-    for table in ("sample_data", "sample_annotation"):
-        rows[table] = _chosen(folder, table, "sample_token", samples)
-    for table, owner in (
-        ("ego_pose", "sample_data"),
-        ("calibrated_sensor", "sample_data"),
-        ("instance", "sample_annotation"),
-    ):
-        rows[table] = _chosen(folder, table, "token", _tokens(rows[owner], f"{table}_token"))
+    kept = [row for row in scenes if row["log_token"] in chosen]
+    rows |= {"log": logs, **rows_of_scenes(kept, partial(_chosen, folder))}
     return DatasetRows(
         dataroot, version, {name: rows[name] for name in TABLES}, names, len(chosen), len(logs), rigs
     )
@@ -160,10 +152,6 @@ def repeated_tokens(folder: Path) -> Iterator[tuple[str, list[str]]]:
                 seen.add(token)
         if repeated:
             yield table, list(repeated)
-
-
-def _tokens(rows: Sequence[Row], column: str) -> set[str]:
-    return {str(row[column]) for row in rows}
 
 
 def _chosen(folder: Path, table: str, column: str, wanted: AbstractSet[str]) -> list[JsonObject]:

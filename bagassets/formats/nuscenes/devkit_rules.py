@@ -151,10 +151,8 @@ def _readings(tables: Tables) -> Iterator[str]:
 
 
 def _ends_well(row: Row) -> bool:
-    name = str(row["filename"])
-    if row["fileformat"] == "pcd":
-        return name.endswith((".pcd", ".pcd.bin"))
-    return name.endswith(f".{row['fileformat']}")
+    ends = (".pcd", ".pcd.bin") if row["fileformat"] == "pcd" else f".{row['fileformat']}"
+    return str(row["filename"]).endswith(ends)
 
 
 def _point_files(rows: DatasetRows) -> Iterator[str]:
@@ -218,12 +216,12 @@ def _geometry(tables: Tables) -> Iterator[str]:
             f"{name}.rotation is not a unit quaternion w, x, y, z",
             [str(row["token"]) for row in tables[name] if not _is_unit(row["rotation"])],
         )
-    modality = {row["token"]: row["modality"] for row in tables["sensor"]}
+    cameras = {row["token"] for row in tables["sensor"] if row["modality"] == "camera"}
     wrong = [
         str(row["token"])
         for row in tables["calibrated_sensor"]
-        if _shape(row["camera_intrinsic"])
-        not in (["3x3", ""] if modality.get(row["sensor_token"]) == "camera" else [""])
+        if (k := row["camera_intrinsic"])
+        and not (row["sensor_token"] in cameras and len(k) == len(k[0]) == 3)
     ]
     yield from _first("calibrated_sensor.camera_intrinsic is not 3x3 for cameras and empty for others", wrong)
     far = [
@@ -232,12 +230,6 @@ def _geometry(tables: Tables) -> Iterator[str]:
         if max(abs(value) for value in row["translation"][:2]) > _FAR_M
     ]
     yield from _first("ego_pose is too far from the origin for the devkit's float32", far)
-
-
-def _shape(matrix: Sequence[Sequence[float]]) -> str:
-    if not matrix:
-        return ""
-    return f"{len(matrix)}x{len(matrix[0])}"
 
 
 def _is_unit(rotation: Sequence[float]) -> bool:

@@ -5,11 +5,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from bagassets.formats.format import Joined, Member
-from bagassets.formats.json_files import HashedFile, json_bytes, rows_text, write_hashed, write_joined
+from bagassets.formats.json_files import json_bytes, rows_text, write_hashed, write_joined
 from bagassets.formats.nuscenes import shared_rows
 from bagassets.formats.nuscenes.schema import RECORDING_TABLES, SPLITS, TABLES, devkit_split_name
 from bagassets.formats.nuscenes.table_file import table_bytes
-from bagassets.json_types import JsonMapping, JsonObject
+from bagassets.formats.nuscenes.tokens import attribute_token, category_token
+from bagassets.json_types import JsonObject
 from bagassets.recipe.model import NuScenes
 from bagassets.splits import SplitShare
 
@@ -38,9 +39,7 @@ def join(members: Sequence[Member], settings: NuScenes, shares: Sequence[SplitSh
         texts: Iterable[bytes] = (rows_text(f"{folder}/{table}.json") for folder in folders)
         if table in kept:
             texts = kept[table] = list(texts)
-        with HashedFile(out / f"{table}.json") as file:
-            rows[table] = write_joined(file, texts)
-        digests[f"{table}.json"] = file.digest
+        rows[table], digests[f"{table}.json"] = write_joined(out / f"{table}.json", texts)
     logs = [row["token"] for text in kept["log"] for row in _parsed(text)]
     for table, shared in _shared(members, logs, settings).items():
         rows[table] = len(shared)
@@ -70,15 +69,13 @@ def _shared(
     members: Sequence[Member], logs: Sequence[str], settings: NuScenes
 ) -> Mapping[str, list[JsonObject]]:
     facts = [member.facts for member in members]
+    categories = {name for fact in facts for name in fact["categories"]}
+    attributes = {name for fact in facts for name in fact["attributes"]}
     sensors = {pair for fact in facts for pair in fact["channels"].items()}
     return {
-        "category": shared_rows.category_rows(settings.categories, _recorded(facts, "categories")),
-        "attribute": shared_rows.attribute_rows(settings.attributes, _recorded(facts, "attributes")),
+        "category": shared_rows.named_rows(category_token, settings.categories, categories),
+        "attribute": shared_rows.named_rows(attribute_token, settings.attributes, attributes),
         "visibility": shared_rows.visibility_rows(),
         "sensor": shared_rows.sensor_rows(sensors),
         "map": shared_rows.map_rows(logs),
     }
-
-
-def _recorded(facts: Iterable[JsonMapping], what: str) -> set[str]:
-    return {name for fact in facts for name in fact[what]}

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from bagassets.formats.nuscenes.table_file import quaternion, rounded
-from bagassets.geometry.se3 import SE3, Floats
+from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.json_types import JsonObject
 from bagassets.store.artifact import Artifact
@@ -62,10 +62,6 @@ class ChannelReadings:
     def path(self, reading: int) -> Path:
         """Return the path of one reading's file."""
         return self.artifact.path(self.files[reading])
-
-    def intrinsic_matrix(self) -> Floats:
-        """Return K as (3, 3) array."""
-        return np.array(self.intrinsic, dtype=np.float64)
 
 
 def load_readings(

@@ -179,7 +179,10 @@ def _between(edges_ns: Sequence[int], span: SceneSpan) -> SceneSpan:
 def _plan_scene(
     span: SceneSpan, stamps_ns: Mapping[str, Stamps], params: SceneParams, plan: RecordingPlan
 ) -> ScenePlan | None:
-    inside = {channel: _window(stamps, span) for channel, stamps in sorted(stamps_ns.items())}
+    inside = {}
+    for channel, stamps in sorted(stamps_ns.items()):
+        first, last = np.searchsorted(stamps, [span.window_start_ns, span.window_end_ns], side="left")
+        inside[channel] = np.arange(first, last, dtype=np.intp)
     readings = {channel: stamps_ns[channel][window] for channel, window in inside.items()}
     keyframes = _keyframes(span, readings, stamps_ns, params, plan)
     if not len(keyframes):
@@ -232,8 +235,3 @@ def _keyframes(
     plan.dropped_keyframes += int(np.count_nonzero(dropped))
     plan.lacking_samples += int(np.count_nonzero(lacks_any & ~dropped))
     return reference[placed[placed >= 0]]
-
-
-def _window(stamps_ns: Stamps, span: SceneSpan) -> NDArray[np.intp]:
-    first, last = np.searchsorted(stamps_ns, [span.window_start_ns, span.window_end_ns], side="left")
-    return np.arange(first, last, dtype=np.intp)

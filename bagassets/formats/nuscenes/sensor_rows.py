@@ -51,10 +51,6 @@ class SensorRows:
     keyframes: dict[str, int] = field(default_factory=dict)
     sweeps: dict[str, int] = field(default_factory=dict)
 
-    def has_rows(self, channel: str) -> bool:
-        """Tell whether any reading of a channel is in a scene."""
-        return self.keyframes.get(channel, 0) + self.sweeps.get(channel, 0) > 0
-
 
 def microseconds(stamp_ns: int) -> int:
     """Return a stamp in nuScenes units: whole microseconds since the epoch, rounded down."""
@@ -77,7 +73,7 @@ def sensor_rows(
         rows.keyframes[name] = rows.sweeps[name] = 0
         for scene in scenes:
             _add_readings(rows, identity, tokens, readings, scene)
-        if rows.has_rows(name):
+        if rows.keyframes[name] or rows.sweeps[name]:
             rows.tables["calibrated_sensor"].append(_calibrated_sensor(tokens, readings))
     return rows
 

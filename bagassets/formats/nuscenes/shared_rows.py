@@ -2,14 +2,13 @@
 
 import struct
 import zlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Set as AbstractSet
 
 from bagassets.formats.nuscenes.tokens import (
     VISIBILITY_LEVELS,
-    attribute_token,
-    category_token,
-    map_token,
     sensor_token,
+    token,
     visibility_token,
 )
 from bagassets.json_types import JsonObject
@@ -17,10 +16,9 @@ from bagassets.recipe.model import NamedText
 
 __all__ = [
     "MAP_FILE",
-    "attribute_rows",
     "blank_png",
-    "category_rows",
     "map_rows",
+    "named_rows",
     "sensor_rows",
     "visibility_rows",
 ]
@@ -28,14 +26,13 @@ __all__ = [
 MAP_FILE = "maps/blank.png"
 
 
-def category_rows(named: Sequence[NamedText], recorded: Iterable[str]) -> list[JsonObject]:
-    """Return the categories of the recipe, in its order, then others recorded in recordings, by name."""
-    return [{"token": category_token(name), **row} for name, row in _named(named, recorded)]
-
-
-def attribute_rows(named: Sequence[NamedText], recorded: Iterable[str]) -> list[JsonObject]:
-    """Return the attributes of the recipe, in its order, then others recorded in recordings, by name."""
-    return [{"token": attribute_token(name), **row} for name, row in _named(named, recorded)]
+def named_rows(
+    token_of: Callable[[str], str], named: Sequence[NamedText], recorded: AbstractSet[str]
+) -> list[JsonObject]:
+    """Return the categories or attributes of the recipe, in its order, then others recorded in recordings, by name."""
+    texts = {entry.name: entry.description for entry in named}
+    names = [*texts, *sorted(recorded - texts.keys())]
+    return [{"token": token_of(name), "name": name, "description": texts.get(name, "")} for name in names]
 
 
 def visibility_rows() -> list[JsonObject]:
@@ -62,7 +59,7 @@ def map_rows(log_tokens: Iterable[str]) -> list[JsonObject]:
     """Return the one map; it holds for all logs, as the devkit asks for."""
     return [
         {
-            "token": map_token(MAP_FILE),
+            "token": token("map", MAP_FILE),
             "log_tokens": sorted(log_tokens),
             "category": "semantic_prior",
             "filename": MAP_FILE,
@@ -93,9 +90,3 @@ def blank_png(width: int, height: int) -> bytes:
 
 def _png_chunk(kind: bytes, data: bytes) -> bytes:
     return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-
-
-def _named(named: Sequence[NamedText], recorded: Iterable[str]) -> list[tuple[str, JsonObject]]:
-    texts = {entry.name: entry.description for entry in named}
-    names = [*texts, *sorted(set(recorded) - texts.keys())]
-    return [(name, {"name": name, "description": texts.get(name, "")}) for name in names]

@@ -1,13 +1,16 @@
 """Tables of some scenes of a recording: a subset of its rows, with the same tokens."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Set as AbstractSet
+from typing import TypeVar
 
 from bagassets.formats.nuscenes.tokens import attribute_token, category_token
 from bagassets.json_types import JsonMapping, JsonObject
 
-__all__ = ["subset_facts", "subset_tables"]
+__all__ = ["rows_of_scenes", "subset_facts", "subset_tables"]
 
 Rows = Sequence[JsonMapping]
+_R = TypeVar("_R", bound=JsonMapping)
 
 
 def subset_tables(tables: Mapping[str, Rows], scenes: Collection[str]) -> dict[str, list[JsonMapping]]:
@@ -19,21 +22,33 @@ def subset_tables(tables: Mapping[str, Rows], scenes: Collection[str]) -> dict[s
         tables: all tables of one recording.
         scenes: tokens of the scenes to keep.
     """
-    chosen = frozenset(scenes)
-    kept: dict[str, list[JsonMapping]] = {}
-    kept["scene"] = [row for row in tables["scene"] if row["token"] in chosen]
-    kept["sample"] = [row for row in tables["sample"] if row["scene_token"] in chosen]
+
+    def read(table: str, column: str, wanted: AbstractSet[str]) -> list[JsonMapping]:
+        return [row for row in tables[table] if row[column] in wanted]
+
+    kept = rows_of_scenes(read("scene", "token", frozenset(scenes)), read)
+    return kept | {"log": read("log", "token", {row["log_token"] for row in kept["scene"]})}
+
+
+def rows_of_scenes(
+    scenes: list[_R], read: Callable[[str, str, AbstractSet[str]], list[_R]]
+) -> dict[str, list[_R]]:
+    """Return the rows of all tables of recordings but `log` that belong to some scenes.
+
+    Args:
+        scenes: rows of the scenes.
+        read: table, column and values -> rows with one of these values in that column.
+    """
+    kept = {"scene": scenes, "sample": read("sample", "scene_token", {row["token"] for row in scenes})}
     samples = {row["token"] for row in kept["sample"]}
-    for name in ("sample_data", "sample_annotation"):
-        kept[name] = [row for row in tables[name] if row["sample_token"] in samples]
-    used = {
-        "log": {row["log_token"] for row in kept["scene"]},
-        "ego_pose": {row["ego_pose_token"] for row in kept["sample_data"]},
-        "calibrated_sensor": {row["calibrated_sensor_token"] for row in kept["sample_data"]},
-        "instance": {row["instance_token"] for row in kept["sample_annotation"]},
-    }
-    for name, tokens in used.items():
-        kept[name] = [row for row in tables[name] if row["token"] in tokens]
+    for table in ("sample_data", "sample_annotation"):
+        kept[table] = read(table, "sample_token", samples)
+    for table, owner in (
+        ("ego_pose", "sample_data"),
+        ("calibrated_sensor", "sample_data"),
+        ("instance", "sample_annotation"),
+    ):
+        kept[table] = read(table, "token", {row[f"{table}_token"] for row in kept[owner]})
     return kept
 
 
@@ -51,10 +66,7 @@ def subset_facts(
     categories = {row["category_token"] for row in tables["instance"]}
     attributes = {token for row in tables["sample_annotation"] for token in row["attribute_tokens"]}
     return {
-        "rig": facts["rig"],
-        "key": facts["key"],
-        "reference": facts["reference"],
-        "channels": facts["channels"],
+        **{name: facts[name] for name in ("rig", "key", "reference", "channels")},
         "categories": [name for name in facts["categories"] if category_token(name) in categories],
         "attributes": [name for name in facts["attributes"] if attribute_token(name) in attributes],
         "counts": {

@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from bagassets.errors import DatasetError
+from bagassets.formats.json_files import rows_bytes
 from bagassets.formats.nuscenes.schema import TABLES, Row
 from bagassets.json_types import JsonObject
 
@@ -46,8 +47,7 @@ def table_bytes(name: str, rows: Sequence[Row]) -> bytes:
         KeyError: a row lacks a column of the schema.
     """
     columns = TABLES[name].columns
-    lines = [_line({column: row[column] for column in columns}) for row in rows]
-    return _joined(lines)
+    return rows_bytes([_line({column: row[column] for column in columns}) for row in rows])
 
 
 def read_table(folder: Path, name: str) -> list[JsonObject]:
@@ -81,7 +81,3 @@ def errors_explained(path: Path) -> Iterator[None]:
 
 def _line(row: Row) -> bytes:
     return json.dumps(row, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode()
-
-
-def _joined(lines: Sequence[bytes]) -> bytes:
-    return b"[\n" + b",\n".join(lines) + b"\n]\n" if lines else b"[]\n"

@@ -3,6 +3,7 @@
 A sentence counts the offending rows or files and names the first.
 """
 
+import re
 from collections import Counter
 from collections.abc import Container, Iterable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
@@ -18,9 +19,12 @@ __all__ = [
     "check_dataset_files",
     "check_files",
     "duplicate_tokens",
+    "repeated_tokens_sentence",
+    "sentence",
 ]
 
 Tables = Mapping[str, Sequence[Row]]
+NOT_ON_DISK = "{} files|file of the tables are|is not on disk"
 
 
 class _Group(NamedTuple):
@@ -70,17 +74,9 @@ def check_files(
     # An empty lidar file is a revolution without points.
     empty = [name for name in named & present if sizes[name] == 0 and not name.endswith(".pcd.bin")]
     return [
-        *_sentence(
-            "{} files of the tables are not on disk, the first is {}",
-            sorted(named - present),
-            one="{} file of the tables is not on disk: {}",
-        ),
-        *_sentence(
-            "{} files on disk belong to no table, the first is {}",
-            sorted(present - named - elsewhere),
-            one="{} file on disk belongs to no table: {}",
-        ),
-        *_sentence("{} files are empty, the first is {}", sorted(empty), one="{} file is empty: {}"),
+        *sentence(NOT_ON_DISK, sorted(named - present)),
+        *sentence("{} files|file on disk belong|belongs to no table", sorted(present - named - elsewhere)),
+        *sentence("{} files|file are|is empty", sorted(empty)),
     ]
 
 
@@ -108,33 +104,37 @@ def check_dataset_files(dataroot: Path, version: str, tables: Tables, sizes: Map
     return check_files(sizes, tables, elsewhere)
 
 
-def _sentence(text: str, offenders: Sequence[str], *, one: str | None = None) -> list[str]:
-    """Return the sentence with the number of offenders and the first one; `one` is the text for a single offender."""
-    text = one if one is not None and len(offenders) == 1 else text
-    return [text.format(len(offenders), offenders[0]) + "."] if offenders else []
+def sentence(text: str, offenders: Sequence[str]) -> list[str]:
+    """Return the sentence with the number of offenders and the first one; none without any.
+
+    Args:
+        text: with `{}` for the number; of two words as in `are|is`, the second is for a single offender.
+        offenders: their names.
+    """
+    if not offenders:
+        return []
+    is_single = len(offenders) == 1
+    words = re.sub(r"(\w+)\|(\w+)", r"\2" if is_single else r"\1", text).format(len(offenders))
+    return [f"{words}{':' if is_single else ', the first is'} {offenders[0]}."]
+
+
+def repeated_tokens_sentence(table: str, tokens: Sequence[str]) -> list[str]:
+    """Return the sentence about the tokens that appear twice in a table; none without any."""
+    return sentence(f"{table}: {{}} tokens|token appear|appears more than once", tokens)
 
 
 def duplicate_tokens(tables: Tables) -> list[str]:
     """Check that no token appears twice in a table, and no file in `sample_data`."""
-    return list(_duplicates(tables))
-
-
-def _duplicates(tables: Tables) -> Iterable[str]:
+    problems = []
     for name, rows in tables.items():
-        counts = Counter(row["token"] for row in rows)
-        twice = [token for token, number in counts.items() if number > 1]
-        yield from _sentence(
-            f"{name}: {{}} tokens appear more than once, the first is {{}}",
-            twice,
-            one=f"{name}: {{}} token appears more than once: {{}}",
-        )
-    files = Counter(row["filename"] for row in tables.get("sample_data", ()))
-    twice = [name for name, number in files.items() if number > 1]
-    yield from _sentence(
-        "sample_data: {} files are named by more than one row, the first is {}",
-        twice,
-        one="sample_data: {} file is named by more than one row: {}",
-    )
+        problems += repeated_tokens_sentence(name, _repeated(rows, "token"))
+    files = _repeated(tables.get("sample_data", ()), "filename")
+    return problems + sentence("sample_data: {} files|file are|is named by more than one row", files)
+
+
+def _repeated(rows: Sequence[Row], column: str) -> list[str]:
+    counts = Counter(row[column] for row in rows)
+    return [value for value, number in counts.items() if number > 1]
 
 
 def _references(tables: Tables, index: Mapping[str, Mapping[str, Row]]) -> Iterable[str]:
@@ -151,11 +151,7 @@ def _references(tables: Tables, index: Mapping[str, Mapping[str, Row]]) -> Itera
                 for token in (row[column] if isinstance(row[column], list) else [row[column]])
                 if token not in known
             ]
-            yield from _sentence(
-                f"{name}: {{}} values of {column} are in no row of {target}, the first is {{}}",
-                loose,
-                one=f"{name}: {{}} value of {column} is in no row of {target}: {{}}",
-            )
+            yield from sentence(f"{name}: {{}} values|value of {column} are|is in no row of {target}", loose)
 
 
 def _all_known(rows: Sequence[Row], column: str, known: Container[str]) -> bool:
@@ -187,9 +183,8 @@ def _chains(index: Mapping[str, Mapping[str, Row]]) -> Iterable[str]:
             )
             if not (mutual and forward):
                 broken.append(row["token"])
-        yield from _sentence(
-            f"{name}: {{}} links of prev and next are broken, the first is at row {{}}", broken
-        )
+        if broken:
+            yield f"{name}: {len(broken)} links of prev and next are broken, the first is at row {broken[0]}."
 
 
 def _time(row: Row, index: Mapping[str, Mapping[str, Row]]) -> int:
@@ -215,37 +210,22 @@ def _ends(group: _Group, tables: Tables, index: Mapping[str, Mapping[str, Row]])
             or {first[group.column], last[group.column]} != {row["token"]}
         ):
             wrong.append(row["token"])
-    yield from _sentence(
-        f"{group.owner}: {{}} rows disagree with their rows of {group.member}, the first is {{}}",
-        wrong,
-        one=f"{group.owner}: {{}} row disagrees with its rows of {group.member}: {{}}",
-    )
+    text = f"{group.owner}: {{}} rows|row disagree|disagrees with their|its rows of {group.member}"
+    yield from sentence(text, wrong)
 
 
 def _keyframes(tables: Tables) -> Iterable[str]:
     data = tables.get("sample_data", ())
     not_boolean = [row["token"] for row in data if not isinstance(row["is_key_frame"], bool)]
-    yield from _sentence(
-        "sample_data: is_key_frame is not a JSON boolean in {} rows, the first is {}",
-        not_boolean,
-        one="sample_data: is_key_frame is not a JSON boolean in {} row: {}",
-    )
+    yield from sentence("sample_data: is_key_frame is not a JSON boolean in {} rows|row", not_boolean)
     pairs: Counter[tuple[str, str]] = Counter(
         (row["sample_token"], row["calibrated_sensor_token"]) for row in data if row["is_key_frame"] is True
     )
     several = [sample for (sample, _), number in pairs.items() if number > 1]
-    yield from _sentence(
-        "sample: {} have two keyframe readings of one channel, the first is {}",
-        several,
-        one="sample: {} has two keyframe readings of one channel: {}",
-    )
+    yield from sentence("sample: {} have|has two keyframe readings of one channel", several)
     with_readings = {sample for sample, _ in pairs}
     bare = [row["token"] for row in tables.get("sample", ()) if row["token"] not in with_readings]
-    yield from _sentence(
-        "sample: {} have no keyframe reading at all, the first is {}",
-        bare,
-        one="sample: {} has no keyframe reading at all: {}",
-    )
+    yield from sentence("sample: {} have|has no keyframe reading at all", bare)
 
 
 def _maps(tables: Tables) -> Iterable[str]:
@@ -253,4 +233,4 @@ def _maps(tables: Tables) -> Iterable[str]:
         return
     mapped = {token for row in tables["map"] for token in row["log_tokens"]}
     without = [row["token"] for row in tables.get("log", ()) if row["token"] not in mapped]
-    yield from _sentence("log: {} are on no map, the first is {}", without, one="log: {} is on no map: {}")
+    yield from sentence("log: {} are|is on no map", without)

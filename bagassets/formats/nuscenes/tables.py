@@ -251,11 +251,8 @@ def make(use: Use[TablesUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
 def _check_poses(reference: ChannelReadings, trajectory: Trajectory, key: str) -> None:
     if len(reference) or not reference.without_pose:
         return
-    poses = (
-        [_clock(stamp) for stamp in trajectory.stamps_ns[[0, -1]].tolist()]
-        if len(trajectory.stamps_ns)
-        else []
-    )
+    stamps = trajectory.stamps_ns
+    poses = map(_clock, (*stamps[:1].tolist(), *stamps[-1:].tolist()))
     raise PoseError(
         f"{key}: none of the {reference.without_pose} readings of {reference.channel} has an ego pose at its time; "
         f"poses run {' to '.join(poses) or 'nowhere'}. Check that header stamps of sensors and poses share a clock "

@@ -13,7 +13,6 @@ __all__ = [
     "RecordingTokens",
     "attribute_token",
     "category_token",
-    "map_token",
     "sensor_token",
     "token",
     "visibility_token",
@@ -69,8 +68,3 @@ def visibility_token(level: str) -> str:
     nuScenes itself uses these, and training code converts them to integers.
     """
     return str(VISIBILITY_LEVELS.index(level) + 1)
-
-
-def map_token(name: str) -> str:
-    """Return the token of a map."""
-    return token("map", name)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from bagassets.formats.format import Joined, Member
-from bagassets.formats.json_files import HashedFile, json_bytes, rows_text, write_hashed, write_joined
+from bagassets.formats.json_files import json_bytes, rows_text, write_hashed, write_joined
 from bagassets.json_types import JsonObject
 from bagassets.recipe.model_datasets import Vision
 from bagassets.splits import SplitShare
@@ -15,6 +15,8 @@ RECORDINGS = "recordings"
 # File of a `vision_sequences` artifact with the rows of all its sequences.
 SEQUENCES = "sequences.json"
 ONE_FILE = "all"
+# What a manifest says of a recording, besides its names.
+_TOLD = ("sequences", "images", "duration_s", "daylight", "start")
 
 
 def join(members: Sequence[Member], settings: Vision, shares: Sequence[SplitShare], out: Path) -> Joined:
@@ -30,9 +32,8 @@ def join(members: Sequence[Member], settings: Vision, shares: Sequence[SplitShar
     merged = {ONE_FILE: members} if settings.files == "one" else groups
     digests = {}
     for name, group in merged.items():
-        with HashedFile(out / f"{name}.json") as file:
-            write_joined(file, (rows_text(member.artifact.path(SEQUENCES)) for member in group))
-        digests[f"{name}.json"] = file.digest
+        texts = (rows_text(member.artifact.path(SEQUENCES)) for member in group)
+        _, digests[f"{name}.json"] = write_joined(out / f"{name}.json", texts)
     for share in shares:
         manifest = json_bytes(_manifest(share, groups[share.name]))
         digests[f"{share.name}.manifest.json"] = write_hashed(out / f"{share.name}.manifest.json", manifest)
@@ -47,18 +48,13 @@ def _manifest(share: SplitShare, members: Sequence[Member]) -> JsonObject:
     return {
         "split": share.name,
         **share.as_json(),
-        "sequences": sum(member.facts["sequences"] for member in members),
-        "images": sum(member.facts["images"] for member in members),
+        **{what: sum(member.facts[what] for member in members) for what in ("sequences", "images")},
         "bags": [
             {
                 "recording": member.part.key,
                 "rig": member.facts["rig"],
                 "folder": f"{RECORDINGS}/{member.facts['folder']}",
-                "sequences": member.facts["sequences"],
-                "images": member.facts["images"],
-                "duration_s": member.facts["duration_s"],
-                "daylight": member.facts["daylight"],
-                "start": member.facts["start"],
+                **{what: member.facts[what] for what in _TOLD},
             }
             for member in members
         ],

@@ -17,6 +17,7 @@ from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.transform_logs import read_transforms
 from bagassets.errors import CalibrationError, DatasetError
 from bagassets.formats.format import FACTS
+from bagassets.formats.json_files import rows_bytes
 from bagassets.formats.vision.join import SEQUENCES
 from bagassets.formats.vision.metadata import recording_metadata, transforms_json
 from bagassets.formats.vision.relative import relative_poses
@@ -181,13 +182,9 @@ def make(use: Use[VisionUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
     # The folder's name depends on its content, so that readers never see it change.
     content = [[entry.digest for entry in written], rows, files, as_json(params), poses_json]
     folder = f"{params.key}-{digest_json(content)[:12]}"
-    lines = [
-        json.dumps(
-            {**row, "folder": f"recordings/{folder}/{row['folder']}"}, sort_keys=True, ensure_ascii=False
-        )
-        for row in rows
-    ]
-    out.write(SEQUENCES, (("[\n" + ",\n".join(lines) + "\n]\n") if lines else "[]\n").encode())
+    placed = [{**row, "folder": f"recordings/{folder}/{row['folder']}"} for row in rows]
+    lines = [json.dumps(row, sort_keys=True, ensure_ascii=False).encode() for row in placed]
+    out.write(SEQUENCES, rows_bytes(lines))
     out.write_json(FILES, files, indent=None)
     facts = {
         "key": params.key,

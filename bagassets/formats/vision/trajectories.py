@@ -153,15 +153,13 @@ def trajectory_table(poses: TimedPoses, origin: JsonMapping | None) -> pa.Table:
     numbers |= dict(zip(("qw", "qx", "qy", "qz"), poses.rotations.T, strict=True))
     numbers |= dict(zip(("roll", "pitch", "yaw"), angles.T, strict=True))
     on_earth = geodetic_columns(poses.positions_m, origin) if poses.in_global and origin else None
-    zones = None
     if on_earth is not None:
         numbers |= on_earth[0]
-        zones = on_earth[1]
     for name, values in numbers.items():
         rounded = [round(float(value), _DIGITS[name]) + 0.0 for value in values]
         columns[name] = pa.array([None if isnan(value) else value for value in rounded], pa.float64())
-    if zones is not None:
-        columns["utm_zone"] = pa.array(zones, pa.string())
+    if on_earth is not None:
+        columns["utm_zone"] = pa.array(on_earth[1], pa.string())
     return pa.table(columns)
 
 
