@@ -38,29 +38,18 @@ _NO_DATA = word_set(
     "array command config configuration description diagnostics info marker markers metadata parameters state stats "
     "status"
 )
-_SIDES = {
-    "front": "FRONT",
-    "forward": "FRONT",
-    "fwd": "FRONT",
-    "center": "FRONT",
-    "centre": "FRONT",
-    "middle": "FRONT",
-    "back": "BACK",
-    "rear": "BACK",
-    "behind": "BACK",
-    "left": "LEFT",
-    "right": "RIGHT",
-    "fl": "FRONT_LEFT",
-    "fr": "FRONT_RIGHT",
-    "fc": "FRONT",
-    "rl": "BACK_LEFT",
-    "bl": "BACK_LEFT",
-    "rr": "BACK_RIGHT",
-    "br": "BACK_RIGHT",
-    "rc": "BACK",
-    "top": "TOP",
-    "roof": "TOP",
+_WORDS_OF = {
+    "FRONT": "front forward fwd center centre middle fc",
+    "BACK": "back rear behind rc",
+    "LEFT": "left",
+    "RIGHT": "right",
+    "FRONT_LEFT": "fl",
+    "FRONT_RIGHT": "fr",
+    "BACK_LEFT": "rl bl",
+    "BACK_RIGHT": "rr br",
+    "TOP": "top roof",
 }
+_SIDES = {word: side for side, words in _WORDS_OF.items() for word in words.split()}
 _WORDS = re.compile("|".join(sorted((word for word in _SIDES if len(word) > 2), key=len, reverse=True)))
 _ORDER = ("FRONT", "BACK", "LEFT", "RIGHT", "TOP")
 
@@ -69,87 +58,15 @@ _STREAM = re.compile(
     r"^(image(_\w+)?|compressed(_?depth)?|theora|ffmpeg|h26[45]|points?(_?\w+)?|point_?cloud2?|clouds?|"
     r"packets?|velodyne_(points|packets)|scan|laser_?scan|raw|rgb|data|targets?|tracks?|detections?)$"
 )
-_VAGUE = frozenset(
-    [
-        "camera",
-        "cameras",
-        "cam",
-        "cams",
-        "color",
-        "colour",
-        "rgb",
-        "image",
-        "images",
-        "img",
-        "raw",
-        "rect",
-        "compressed",
-        "mono",
-        "lidar",
-        "lidars",
-        "laser",
-        "radar",
-        "radars",
-        "velodyne",
-        "points",
-        "point",
-        "cloud",
-        "pointcloud",
-        "scan",
-        "packets",
-        "sensor",
-        "sensors",
-        "sensing",
-        "driver",
-        "node",
-        "topic",
-        "ros",
-        "optical",
-        "frame",
-        "link",
-        "data",
-        "stream",
-        "msg",
-    ]
+_VAGUE = word_set(
+    "camera cameras cam cams color colour rgb image images img raw rect compressed mono lidar lidars laser "
+    "radar radars velodyne points point cloud pointcloud scan packets sensor sensors sensing driver node "
+    "topic ros optical frame link data stream msg"
 )
-_DERIVED = frozenset(
-    [
-        "annotated",
-        "classified",
-        "cluster",
-        "clusters",
-        "costmap",
-        "crop",
-        "cropped",
-        "debug",
-        "disparity",
-        "downsampled",
-        "filtered",
-        "ground",
-        "heatmap",
-        "label",
-        "labels",
-        "map",
-        "mask",
-        "masks",
-        "matches",
-        "nonground",
-        "obstacle",
-        "obstacles",
-        "occupancy",
-        "overlay",
-        "rendered",
-        "result",
-        "results",
-        "segmentation",
-        "semantic",
-        "submap",
-        "thumbnail",
-        "tracked",
-        "viz",
-        "visualization",
-        "voxel",
-    ]
+_DERIVED = word_set(
+    "annotated classified cluster clusters costmap crop cropped debug disparity downsampled filtered ground "
+    "heatmap label labels map mask masks matches nonground obstacle obstacles occupancy overlay rendered "
+    "result results segmentation semantic submap thumbnail tracked viz visualization voxel"
 )
 
 
