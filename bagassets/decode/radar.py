@@ -67,9 +67,6 @@ def decode_radar(message: Message, msgtype: str, azimuth_positive: Side | None =
     side = azimuth_positive or (ANGLES_RIGHT if right else ANGLES_LEFT)
     if elements is None:
         elements = [message]
-    if not elements:
-        nothing = np.zeros(0)
-        return radar_reading(stamp, frame_id, {"x": nothing, "y": nothing}, side)
     return radar_reading(stamp, frame_id, _columns(elements), side)
 
 
@@ -126,7 +123,8 @@ def _members(message: Message) -> tuple[str, ...]:
 def _columns(elements: list[Message]) -> dict[str, NDArray[np.float64]]:
     """Return dotted member name in lower case -> (N,) values, of all members that are numbers."""
     rows = [_flat(element) for element in elements]
-    return {name: np.array([row[name] for row in rows], dtype=np.float64) for name in rows[0]}
+    names = rows[0] if rows else ("x", "y")
+    return {name: np.array([row[name] for row in rows], dtype=np.float64) for name in names}
 
 
 def _flat(element: Message, prefix: str = "") -> dict[str, float]:

@@ -36,6 +36,10 @@ def _position(axis: str, *names: str) -> tuple[str, ...]:
     return (*(prefix + axis for prefix in (*_POSES, *_BOXES)), *names)
 
 
+def _velocity(axis: str, *names: str) -> tuple[str, ...]:
+    return (*(prefix + axis for prefix in ("v", "v_", "vel_", "velocity_", *_TWISTS)), *names)
+
+
 _X = _position("x", "pos_x", "position_x", "x_distance", "dist_long", "long_dist", "longitude_dist")
 _Y = _position("y", "pos_y", "position_y", "y_distance", "dist_lat", "lat_dist", "lateral_dist")
 _Z = _position("z", "pos_z", "position_z")
@@ -58,26 +62,8 @@ _RADIAL = (
     "can_tx_detect_range_rate",
 )
 _RADIAL_COMP = ("v_r_comp", "vr_comp", "doppler_comp", "radial_velocity_comp", "v_r_compensated", "vrad_comp")
-_VX = (
-    "vx",
-    "v_x",
-    "vel_x",
-    "velocity_x",
-    *(prefix + "x" for prefix in _TWISTS),
-    "vrel_long",
-    "x_velocity",
-    "longitude_vel",
-)
-_VY = (
-    "vy",
-    "v_y",
-    "vel_y",
-    "velocity_y",
-    *(prefix + "y" for prefix in _TWISTS),
-    "vrel_lat",
-    "y_velocity",
-    "lateral_vel",
-)
+_VX = _velocity("x", "vrel_long", "x_velocity", "longitude_vel")
+_VY = _velocity("y", "vrel_lat", "y_velocity", "lateral_vel")
 _RCS = ("rcs", "radar_cross_section", "amplitude", "power", "intensity", "snr", "can_tx_detect_amplitude")
 
 TRACK_NUMBERS = ("id", "track_id", "object_id", "target_id", "detection_id", "cluster_id", "objid", "uuid")

@@ -54,14 +54,8 @@ _MODELS: dict[str, tuple[object, int]] = {
     "VLS128": (_Model.VLS128, 0xA1),
     "ALPHAPRIME": (_Model.VLS128, 0xA1),
 }
-# Product id -> model, if there is one only.
-_SELF_EXPLANATORY = {
-    0x21: _Model.HDL32E,
-    0x22: _Model.VLP16,
-    0x24: _Model.PuckHiRes,
-    0x28: _Model.VLP32C,
-    0xA1: _Model.VLS128,
-}
+# Product id -> model, if there is one only; VLP-32A and VLP-32B share theirs.
+_SELF_EXPLANATORY = {product: model for model, product in _MODELS.values() if product != 0x23}
 MODEL_NAMES = "HDL-32E, VLP-16, Puck Hi-Res, VLP-32A, VLP-32B, VLP-32C, VLS-128"
 
 

@@ -116,12 +116,7 @@ class _Fit:
     @property
     def best(self) -> int:
         """The step with the least misfit; of several the one next to none."""
-        means = [self.mean(step) for step in range(-MOST_STEPS, MOST_STEPS + 1)]
-        least = min(means)
-        return min(
-            (step for step in range(-MOST_STEPS, MOST_STEPS + 1) if means[step + MOST_STEPS] == least),
-            key=abs,
-        )
+        return min(range(-MOST_STEPS, MOST_STEPS + 1), key=lambda step: (self.mean(step), abs(step)))
 
     @property
     def best_ns(self) -> float:
