@@ -5,9 +5,9 @@ Files of one sensor: `<stamp_ns>.pcd.bin` or `<stamp_ns>.pcd`, `index.parquet`, 
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import partial
-from typing import Literal
+from typing import Any, Literal, TypeVar
 
 from bagassets.assets.asset import Asset, Facts, Inputs, Use, omitted, uses_of
 from bagassets.assets.calibration import CALIBRATION
@@ -43,6 +43,7 @@ from bagassets.store.artifact import ArtifactWriter
 __all__ = ["SWEEPS", "SweepExtractor"]
 
 SweepUse = CloudUse | PacketUse | RadarUse
+S = TypeVar("S", LidarSettings, "LidarChannelSettings", RadarSettings)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,41 +84,18 @@ class SweepsParams:
         """Return the parameters of a rig."""
         lidars, radars = {}, {}
         for name, channel in sorted(rig.channels.items()):
+            given = {**dict(recipe.limits), **dict(channel), "clock": recipe.clock_of(rig, channel)}
             if isinstance(channel, LidarChannel):
-                lidars[name] = _settings_of_lidar(recipe, rig, channel)
+                given["common"] = _settings(LidarSettings, given)
+                lidars[name] = _settings(LidarChannelSettings, given)
             elif isinstance(channel, RadarChannel):
-                radars[name] = RadarSettings(
-                    topic=channel.topic,
-                    clock=recipe.clock_of(rig, channel),
-                    lost_messages=recipe.limits.lost_messages,
-                    cloud_points=recipe.limits.cloud_points,
-                    azimuth_positive=channel.azimuth_positive,
-                    velocities=channel.velocities,
-                )
+                radars[name] = _settings(RadarSettings, given)
         return cls(lidars, radars)
 
 
-def _settings_of_lidar(recipe: Recipe, rig: Rig, channel: LidarChannel) -> LidarChannelSettings:
-    common = LidarSettings(
-        topic=channel.topic,
-        clock=recipe.clock_of(rig, channel),
-        lost_messages=recipe.limits.lost_messages,
-        cloud_points=recipe.limits.cloud_points,
-        stamp=channel.stamp,
-        stamp_offset_s=channel.stamp_offset_s,
-        deskew=channel.deskew,
-        min_range_m=channel.min_range_m,
-        max_range_m=channel.max_range_m,
-        intensity_scale=channel.intensity_scale,
-    )
-    return LidarChannelSettings(
-        common=common,
-        header_stamp_is=channel.header_stamp_is,
-        model=channel.model,
-        cut_angle_deg=channel.cut_angle_deg,
-        zero_points=channel.zero_points,
-        point_times=channel.point_times,
-    )
+def _settings(kind: type[S], given: Mapping[str, Any]) -> S:
+    """Return settings from fields of the recipe, which have the same names."""
+    return kind(**{own.name: given[own.name] for own in fields(kind)})
 
 
 def use(params: SweepsParams, facts: Facts) -> dict[str, Use[SweepUse] | Exception]:
