@@ -190,8 +190,8 @@ class LidarWriter:
         distance = np.sqrt(x * x + y * y + z * z)
         near = distance < least_m
         far = distance > (np.inf if most_m is None else most_m)
-        self.files.points.drop("nearer than min_range_m", int(near.sum()))
-        self.files.points.drop("farther than max_range_m", int(far.sum()))
+        self.files.points.lose("nearer than min_range_m", int(near.sum()))
+        self.files.points.lose("farther than max_range_m", int(far.sum()))
         keep = ~(near | far)
         return points[keep], None if times_ns is None else times_ns[keep]
 
@@ -240,7 +240,7 @@ class CloudSweeps:
         """
         self._write_held()
         points = self._writer.files.points
-        share = points.dropped.get(_UNTIMED, 0) / max(1, points.read)
+        share = points.lost.get(_UNTIMED, 0) / max(1, points.read)
         if share > MOST_APART and self._use.point_times is None:
             self._ask(f"{share:.0%} of them lie apart from the others of their clouds")
 
@@ -271,8 +271,8 @@ class CloudSweeps:
                 return
         counts = self._writer.files.points
         counts.read += len(reading.points) + reading.dropped + reading.untimed
-        counts.drop("no measurement", reading.dropped)
-        counts.drop(_UNTIMED, reading.untimed)
+        counts.lose("no measurement", reading.dropped)
+        counts.lose(_UNTIMED, reading.untimed)
         # With log times, all times of the message shift by as much as its stamp.
         shift = log_time_ns - reading.stamp_ns if self._by_log_time else 0
         start, end = revolution_span_ns(reading, self._use.period_ns, self._use.header_stamp_is)
@@ -282,7 +282,7 @@ class CloudSweeps:
 
     def _reading(self, message: Message) -> CloudReading:
         reading: CloudReading
-        if self._use.msgtype == POINTCLOUD2:
+        if self._use.msgtype == POINTCLOUD2 and not self._by_plugin:
             reading = read_pointcloud2(message)
         else:
             reading = self._decode(message, self._use.header_stamp_is, self._use.settings.stamp)

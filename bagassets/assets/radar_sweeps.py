@@ -123,7 +123,7 @@ class RadarSweeps:
         reading = self._reading(message, raw)
         self._files.counts.read += 1
         self._files.points.read += len(reading.targets["x"]) + reading.dropped
-        self._files.points.drop("no measurement", reading.dropped)
+        self._files.points.lose("no measurement", reading.dropped)
         stamp = raw.log_time_ns if self._by_log_time else reading.stamp_ns
         sweep = _Sweep(stamp, raw.log_time_ns, reading.radial)
         if not self._by_plugin and is_single_track(message):

@@ -1,7 +1,7 @@
 """The files of a lidar or radar channel, and the counts of its messages and points."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 import pyarrow as pa
@@ -62,27 +62,17 @@ class SensorUse:
     decoder: Mapping[str, str] | None = omitted()
 
 
-@dataclass
-class PointCounts:
-    """Counts of points: read = written + sum of dropped."""
+class PointCounts(Counts):
+    """Counts of points, of which none are merged: read = written + sum of lost, which are called dropped."""
 
-    read: int = 0
-    written: int = 0
-    dropped: dict[str, int] = field(default_factory=dict)
-
-    def drop(self, reason: str, number: int) -> None:
-        """Count dropped points by their reason."""
+    def lose(self, reason: str, number: int = 1) -> None:
+        """Count dropped points by their reason, if there are any."""
         if number:
-            self.dropped[reason] = self.dropped.get(reason, 0) + number
-
-    @property
-    def balanced(self) -> bool:
-        """True if every point that was read is accounted for."""
-        return self.read == self.written + sum(self.dropped.values())
+            super().lose(reason, number)
 
     def as_json(self) -> JsonObject:
         """Return the counts as JSON."""
-        return {"read": self.read, "written": self.written, "dropped": dict(self.dropped)}
+        return {"read": self.read, "written": self.written, "dropped": dict(self.lost)}
 
 
 class SweepFiles:
@@ -147,7 +137,7 @@ class SweepFiles:
     def lose(self, reason: str, parts: int = 1, points: int = 0) -> None:
         """Count a reading and its remaining points as lost."""
         self.counts.lose(reason, parts)
-        self.points.drop(reason, points)
+        self.points.lose(reason, points)
 
     def finish(self, description: JsonObject) -> None:
         """Write `index.parquet`, sorted by stamp, and `channel.json`."""

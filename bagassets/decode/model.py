@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from bagassets.decode.point_times import RecordedTimes
 from bagassets.geometry.se3 import SE3
 
-__all__ = ["BoxReading", "CloudReading", "ImageReading", "PoseReading", "RadarReading", "TransformReading"]
+__all__ = ["BoxReading", "CloudReading", "ImageReading", "PoseReading", "RadarReading"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,17 +77,7 @@ class RadarReading:
 
 @dataclass(frozen=True, slots=True)
 class PoseReading:
-    """`parent_SE3_child` at a time."""
-
-    stamp_ns: int
-    parent: str
-    child: str
-    parent_SE3_child: SE3
-
-
-@dataclass(frozen=True, slots=True)
-class TransformReading:
-    """One edge of a TF tree at a time."""
+    """`parent_SE3_child` at a time: a pose, or one edge of a TF tree."""
 
     stamp_ns: int
     parent: str

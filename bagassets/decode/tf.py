@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from bagassets.decode.fields import rigid_transform, stamp_and_frame
-from bagassets.decode.model import TransformReading
+from bagassets.decode.model import PoseReading
 from bagassets.errors import DecodeError
 from bagassets.geometry.tf_tree import normalise_frame
 from bagassets.recordings.model import Message
@@ -20,7 +20,7 @@ def transforms(message: Message) -> Sequence[Message]:
     return stamped
 
 
-def decode_transform(stamped: Message) -> TransformReading:
+def decode_transform(stamped: Message) -> PoseReading:
     """Return one edge.
 
     Raises:
@@ -34,6 +34,4 @@ def decode_transform(stamped: Message) -> TransformReading:
     if parent == child:
         raise DecodeError("its frame is its own parent")
     transform = stamped.transform
-    return TransformReading(
-        stamp_ns, parent, child, rigid_transform(transform.translation, transform.rotation)
-    )
+    return PoseReading(stamp_ns, parent, child, rigid_transform(transform.translation, transform.rotation))

@@ -18,10 +18,10 @@ Problem = tuple[tuple[str | int, ...], str]
 """A location in the recipe (field names, keys, indices), and what is wrong there, without full stop."""
 
 _BOUNDS = {
-    "greater_than": ("must be greater than {gt:g}", "gt"),
-    "greater_than_equal": ("must not be smaller than {ge:g}", "ge"),
-    "less_than": ("must be smaller than {lt:g}", "lt"),
-    "less_than_equal": ("must not be greater than {le:g}", "le"),
+    "greater_than": "must be greater than {gt:g}",
+    "greater_than_equal": "must not be smaller than {ge:g}",
+    "less_than": "must be smaller than {lt:g}",
+    "less_than_equal": "must not be greater than {le:g}",
 }
 
 
@@ -43,7 +43,7 @@ def explain(error: Mapping[str, Any], data: Json) -> Problem:
             "name a `urdf` of the rig"
         )
     if kind == "extra_forbidden":
-        return at, _unknown_field(str(at[-1]), _siblings(location), _value(data, at[:-1]))
+        return at, _unknown_field(str(at[-1]), _model(location), _value(data, at[:-1]))
     if kind == "missing":
         return at, _required(location, at)
     if kind in {"union_tag_not_found", "union_tag_invalid"}:
@@ -54,7 +54,7 @@ def explain(error: Mapping[str, Any], data: Json) -> Problem:
             return (*at, *cause.at), str(cause)
         return at, f"{cause}; found {_show(value)}" if not isinstance(value, dict) else str(cause)
     if kind in _BOUNDS:
-        return at, f"{_BOUNDS[kind][0].format(**context)}; found {_show(value)}"
+        return at, f"{_BOUNDS[kind].format(**context)}; found {_show(value)}"
     if kind in {"too_short", "too_long"} and value in ([], {}):
         return at, "must have at least one entry"
     if kind == "finite_number":
@@ -156,11 +156,6 @@ def _model(location: tuple[str | int, ...]) -> type[BaseModel] | None:
     return owner if isinstance(owner, type) and issubclass(owner, BaseModel) else None
 
 
-def _siblings(location: tuple[str | int, ...]) -> list[str]:
-    model = _model(location)
-    return [] if model is None else list(model.model_fields)
-
-
 def _purpose(location: tuple[str | int, ...]) -> str:
     model = _model(location)
     field = None if model is None else model.model_fields.get(str(location[-1]))
@@ -173,7 +168,8 @@ def _required(location: tuple[str | int, ...], at: tuple[str | int, ...]) -> str
     return "this field is required" + (f": {purpose}" if purpose else "") if at else "the recipe is empty"
 
 
-def _unknown_field(name: str, known: list[str], present: Json) -> str:
+def _unknown_field(name: str, model: type[BaseModel] | None, present: Json) -> str:
+    known = [] if model is None else list(model.model_fields)
     free = [field for field in known if not isinstance(present, dict) or field not in present]
     near = closest(name, free)
     if near:

@@ -32,6 +32,7 @@ __all__ = [
     "camera_image",
     "drive_events",
     "event",
+    "merged",
     "mosaic",
     "motion_events",
 ]
@@ -78,6 +79,11 @@ def event(log_time_ns: int, topic: str, msgtype: str, make: Make) -> Event:
     )
 
 
+def merged(*streams: Iterator[Event]) -> Iterator[Event]:
+    """Yield the events of several streams in the order of their log times."""
+    return heapq.merge(*streams, key=lambda one: one.log_time_ns)
+
+
 def drive_events(truth: Truth, duration_s: float) -> Iterator[Event]:
     """Yield all messages of a drive with every sensor, in the order of their log times."""
     end_ns = truth.start_ns + round(duration_s * 1e9)
@@ -90,7 +96,7 @@ def drive_events(truth: Truth, duration_s: float) -> Iterator[Event]:
     streams += [
         _camera(truth, camera, number, end_ns) for number, camera in enumerate(truth.cameras.values())
     ]
-    return heapq.merge(*streams, key=lambda one: one.log_time_ns)
+    return merged(*streams)
 
 
 def motion_events(truth: Truth, end_ns: int) -> Iterator[Event]:
@@ -103,7 +109,7 @@ def motion_events(truth: Truth, end_ns: int) -> Iterator[Event]:
         _gnss(truth, end_ns),
         _imu(truth, end_ns),
     ]
-    return heapq.merge(*streams, key=lambda one: one.log_time_ns)
+    return merged(*streams)
 
 
 def _stamps(truth: Truth, end_ns: int, period_ns: int, offset_ns: int = 0) -> range:

@@ -1,5 +1,6 @@
 """The checks of a recording's rows of the nuScenes tables."""
 
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -51,14 +52,14 @@ def _trajectory(evidence: Evidence) -> Trajectory:
     return load_trajectory(evidence.artifact("ego_poses"))
 
 
-def _sweeps_of_lidars(evidence: Evidence) -> dict[str, Sweeps]:
-    """Return lidar -> its sweeps."""
-    sweeps = {}
+def _swept(
+    evidence: Evidence, kind: type[LidarChannel | RadarChannel]
+) -> Iterator[tuple[str, Artifact, SE3]]:
+    """Yield the sensors of a kind: name, sweeps, pose."""
     for name, entry in sorted(evidence.channels("sweeps").items()):
-        if isinstance(evidence.rig.channels.get(name), LidarChannel):
+        if isinstance(evidence.rig.channels.get(name), kind):
             ego_SE3_sensor = evidence.calibration.channels[name].ego_SE3_sensor.normalised()
-            sweeps[name] = _sweeps(evidence.store.artifact(entry["artifact"]), ego_SE3_sensor)
-    return sweeps
+            yield name, evidence.store.artifact(entry["artifact"]), ego_SE3_sensor
 
 
 def _sweeps(artifact: Artifact, ego_SE3_sensor: SE3) -> Sweeps:
@@ -77,14 +78,12 @@ def _sweeps(artifact: Artifact, ego_SE3_sensor: SE3) -> Sweeps:
 
 def _radar_velocities(evidence: Evidence) -> Finding:
     radars: dict[str, RadarReadings] = {}
-    for name, entry in sorted(evidence.channels("sweeps").items()):
-        if isinstance(evidence.rig.channels.get(name), RadarChannel):
-            artifact = evidence.store.artifact(entry["artifact"])
-            index = artifact.read_table("index.parquet", ["stamp_ns", "file"]).to_pylist()
-            chosen = index[:: len(index) // MOST_RADAR_READINGS + 1]
-            with suppress(OSError, ValueError, DatasetError):  # the check `files_match` reports it
-                readings = [(row["stamp_ns"], _targets(artifact.path(row["file"]))) for row in chosen]
-                radars[name] = evidence.calibration.channels[name].ego_SE3_sensor.normalised(), readings
+    for name, artifact, ego_SE3_radar in _swept(evidence, RadarChannel):
+        index = artifact.read_table("index.parquet", ["stamp_ns", "file"]).to_pylist()
+        chosen = index[:: len(index) // MOST_RADAR_READINGS + 1]
+        with suppress(OSError, ValueError, DatasetError):  # the check `files_match` reports it
+            readings = [(row["stamp_ns"], _targets(artifact.path(row["file"]))) for row in chosen]
+            radars[name] = ego_SE3_radar, readings
     return radar_velocities(radars, evidence.once(_trajectory))
 
 
@@ -99,7 +98,7 @@ def _references_intact(evidence: Evidence) -> Finding:
 
 
 def _sweeps_timed(evidence: Evidence) -> Finding:
-    sweeps = _sweeps_of_lidars(evidence)
+    sweeps = {name: _sweeps(artifact, pose) for name, artifact, pose in _swept(evidence, LidarChannel)}
     return sweeps_timed(evidence.rig, sweeps, evidence.once(_trajectory), evidence.checks.sweeps_timed)
 
 

@@ -1,6 +1,5 @@
 """Oddities of clocks, and of what says where the car is."""
 
-import heapq
 from collections.abc import Iterator
 from functools import partial
 from itertools import tee
@@ -10,7 +9,7 @@ from bagassets.geometry.se3 import SE3
 from bagassets.recordings.model import Message
 from bagassets.sample.messages import Messages
 from bagassets.sample.oddities.stream import Oddity, edited, on_clock, with_fields
-from bagassets.sample.schedule import Event
+from bagassets.sample.schedule import Event, merged
 from bagassets.sample.truth import Truth
 
 __all__ = ["BOOTED_NS", "ODDITIES", "SET_AFTER_NS", "SET_BACK_NS"]
@@ -57,9 +56,7 @@ def _two_publishers(events: Iterator[Event], truth: Truth) -> Iterator[Event]:
     """Another node publishes on /odom, 0.29 m to the side."""
     first, second = tee(events)
     moved = edited((one for one in second if one.topic == "/odom"), ["/odom"], partial(_aside, truth))
-    return heapq.merge(
-        first, on_clock(moved, lambda at_ns: at_ns + _LATER_NS), key=lambda one: one.log_time_ns
-    )
+    return merged(first, on_clock(moved, lambda at_ns: at_ns + _LATER_NS))
 
 
 def _aside(truth: Truth, _: Messages, odometry: Message, _number: int) -> Message:
