@@ -307,6 +307,8 @@ def _agreeing(values: Column, clock: PointClock) -> NDArray[np.bool_] | None:
 
 def _densest(ordered: Floats, length: float) -> tuple[float, int]:
     """Return where the stretch of a length begins that holds most of some (N,) ordered numbers, and how many it holds."""
+    if not len(ordered):
+        return np.inf, 0
     numbers = np.searchsorted(ordered, ordered + length, side="right") - np.arange(len(ordered))
-    begin = int(np.argmax(numbers)) if len(ordered) else 0
-    return (float(ordered[begin]), int(numbers[begin])) if len(ordered) else (np.inf, 0)
+    begin = int(np.argmax(numbers))
+    return float(ordered[begin]), int(numbers[begin])

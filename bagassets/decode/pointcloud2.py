@@ -100,8 +100,9 @@ def decode_pointcloud2(
         DecodeError: see `read_pointcloud2` and `with_times`.
     """
     reading = read_pointcloud2(message)
-    clock = PointClock() if reading.recorded is None else survey([reading.recorded])
-    return with_times(reading, clock, header_stamp_is, stamp_is)
+    if reading.recorded is None:
+        return reading
+    return with_times(reading, survey([reading.recorded]), header_stamp_is, stamp_is)
 
 
 def read_pointcloud2(message: Message) -> CloudReading:

@@ -26,7 +26,7 @@ from bagassets.decode.tf import decode_transform
 from bagassets.errors import DecodeError, PluginError
 from bagassets.geometry.se3 import SE3
 from bagassets.propose.naming import is_radar_list
-from bagassets.propose.poses import pose_candidates
+from bagassets.propose.poses import propose_pose
 from bagassets.propose.radar_velocities import velocities_of
 from bagassets.propose.sensors import find_sensors, modality_of
 from bagassets.propose.summary import Edge, RecordingSummary, TopicSummary, merge_topics
@@ -81,9 +81,8 @@ def scan_recording(recording: Recording) -> RecordingSummary:
     sensors = {topic.name for topic in topics.values() if topic.count > 0 and modality_of(topic) is not None}
     summary = RecordingSummary(topics, transforms, moving, _short_s(recording, sensors), robots)
     radars = [sensor.topic.name for sensor in find_sensors(summary)[0] if sensor.modality == "radar"]
-    poses = pose_candidates(summary, "base_link")
-    place = poses[0].fields.get("topic") if poses and poses[0].fields["source"] != "ncom" else None
-    movers = transform_topics(summary) if place is None else [place]
+    pose = propose_pose(summary, "base_link").fields
+    movers = [pose["topic"]] if "topic" in pose and pose["source"] != "ncom" else transform_topics(summary)
     for name, velocities in velocities_of(recording, radars, movers).items():
         topics[name] = replace(topics[name], velocities=frozenset({velocities}))
     return summary
@@ -154,9 +153,8 @@ class _TopicScan:
         self._summary = _summary_of(topic)
         self.transforms: dict[Edge, list[SE3]] = {}
         self._decoders: dict[AnyFamily, Decode] = {}
-        self._is_patient = (
-            False  # reads on if nothing can be used: the type itself says what its messages are
-        )
+        # Reads on if nothing can be used: the type itself says what its messages are.
+        self._is_patient = False
         self._usable = 0
         self._refusal: str | None = None
         self._offsets_s: list[float] = []

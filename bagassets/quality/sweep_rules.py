@@ -188,9 +188,8 @@ def _way_out(channel: LidarChannel, rightful: Range, fit: _Fit) -> str:
         begins = {"start": 0.0, "middle": -period / 2, "end": -1.0 * period}
         moved = {moment: begin - begins[meaning] for moment, begin in begins.items() if moment != meaning}
         others = {moment: (rightful[0] + by, rightful[1] + by) for moment, by in moved.items()}
-    elif (
-        not channel.deskew and rightful[0] < 0 < rightful[1]
-    ):  # stamps as recorded, points as they were measured
+    elif not channel.deskew and rightful[0] < 0 < rightful[1]:
+        # Stamps as recorded, points as they were measured.
         others = {"start": (0.0, LIKELY * period), "end": (-LIKELY * period, 0.0)}
     for moment in sorted(others, key=lambda moment: abs(sum(others[moment]) / 2 - fit.best_ns)):
         if _is_within(fit, others[moment]):
