@@ -111,7 +111,10 @@ def _unusable(topic: TopicSummary) -> tuple[str, bool]:
     modality = modality_of(topic)
     if modality is None:
         if topic.count > 0 and not families_of(topic.msgtype) and is_sensor_type(topic.msgtype):
-            return _no_decoder(topic), True
+            return (
+                f"no decoder for {shown_type(topic.msgtype)}; record what its driver publishes (Image, PointCloud2), or "
+                "install a decoder (`bagassets docs page decoders`)"
+            ), True
         return "", False
     if topic.count == 0:
         return "no messages", False
@@ -126,13 +129,6 @@ def _unusable(topic: TopicSummary) -> tuple[str, bool]:
     if is_derived(topic.name):
         return "looks computed, not recorded by a sensor", False
     return "", False
-
-
-def _no_decoder(topic: TopicSummary) -> str:
-    return (
-        f"no decoder for {shown_type(topic.msgtype)}; record what its driver publishes (Image, PointCloud2), or "
-        "install a decoder (`bagassets docs page decoders`)"
-    )
 
 
 def _same_sensor(one: TopicSummary, other: TopicSummary) -> bool:
