@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from bagassets.assets.asset import inlined, omitted
 from bagassets.assets.deskew import deskew
 from bagassets.assets.lidar_file import lidar_bytes
-from bagassets.assets.sweep_files import SensorSettings, SensorUse, SweepFiles
+from bagassets.assets.sweep_files import Motion, SensorSettings, SensorUse, SweepFiles
 from bagassets.decode.loading import keyed_decoder
 from bagassets.decode.model import CloudReading
 from bagassets.decode.point_times import (
@@ -34,8 +34,6 @@ from bagassets.decode.point_times import (
 )
 from bagassets.decode.pointcloud2 import POINTCLOUD2, read_pointcloud2, with_times, without_zero_points
 from bagassets.errors import DecodeError, RecipeError
-from bagassets.geometry.se3 import SE3
-from bagassets.geometry.trajectory import Trajectory
 from bagassets.recipe.model import PointTimes
 from bagassets.recordings.model import Message, RawMessage
 
@@ -82,12 +80,10 @@ class LidarUse(SensorUse):
 
     Attributes:
         settings: its settings in the recipe.
-        ego_SE3_sensor: its mount from `calibration.json`; None without deskewing.
     """
 
     modality: Literal["lidar"] = "lidar"
     settings: LidarSettings = inlined()
-    ego_SE3_sensor: SE3 | None = omitted()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,21 +122,19 @@ class LidarWriter:
     Args:
         use: everything that shapes the files.
         files: writes them.
-        trajectory: returns the ego poses; called only if the sweeps are deskewed.
+        motion: what the sweeps are deskewed with; None if they are not.
 
     Attributes:
         times: what points without times have, for an error.
     """
 
-    def __init__(self, use: LidarUse, files: SweepFiles, trajectory: Callable[[], Trajectory]) -> None:
+    def __init__(self, use: LidarUse, files: SweepFiles, motion: Motion | None) -> None:
         self.files = files
         self.times = "no times"
         self._name = use.channel
         self._settings = use.settings
         self._offset_ns = round(use.settings.stamp_offset_s * 1e9)
-        self._motion: tuple[Trajectory, SE3] | None = None
-        if use.ego_SE3_sensor is not None:
-            self._motion = (trajectory(), use.ego_SE3_sensor.normalised())
+        self._motion = motion
 
     def write(
         self,

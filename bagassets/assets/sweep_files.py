@@ -8,12 +8,17 @@ import pyarrow as pa
 
 from bagassets.assets.asset import omitted
 from bagassets.assets.channel import Counts
+from bagassets.geometry.se3 import SE3
+from bagassets.geometry.trajectory import Trajectory
 from bagassets.json_types import JsonObject
 from bagassets.recipe.model import Limits
 from bagassets.recipe.model_base import Clock
 from bagassets.store.artifact import ArtifactWriter
 
-__all__ = ["LIDAR_SCHEMA", "PointCounts", "SensorSettings", "SensorUse", "SweepFiles"]
+__all__ = ["LIDAR_SCHEMA", "Motion", "PointCounts", "SensorSettings", "SensorUse", "SweepFiles"]
+
+Motion = tuple[Trajectory, SE3]
+"""The ego poses, and the pose of a sensor."""
 
 _COLUMNS = {
     "stamp_ns": pa.int64(),
@@ -54,12 +59,15 @@ class SensorUse:
         modality: modality of the channel.
         msgtype: type of the messages, `pkg/msg/Type`.
         decoder: the plug-in that decodes them; None for a built-in decoder.
+        ego_SE3_sensor: its mount from `calibration.json`, if its files are corrected for its motion: those of a lidar that
+            is deskewed, and of a radar whose velocities are relative to it; else None.
     """
 
     channel: str
     modality: Literal["lidar", "radar"]
     msgtype: str
     decoder: Mapping[str, str] | None = omitted()
+    ego_SE3_sensor: SE3 | None = omitted()
 
 
 class PointCounts(Counts):

@@ -26,7 +26,6 @@ _HEADINGS = np.deg2rad(np.arange(0, 360, 3))
 _DIRECTIONS = np.stack([np.cos(_HEADINGS), np.sin(_HEADINGS)], axis=1)
 _NOISE_SHARE = 0.03  # the direction of travel is off by up to 1.5 degrees
 
-Place = tuple[float, float, float]
 Verdict = Velocities | Literal["undecided"]
 
 
@@ -76,7 +75,7 @@ def velocities_of(recording: Recording, radars: Iterable[str], movers: Collectio
     return found | {name: "undecided" for name, readings in waiting.items() if readings}
 
 
-def _places(recording: Recording, message: RawMessage) -> Iterator[tuple[str, Place]]:
+def _places(recording: Recording, message: RawMessage) -> Iterator[tuple[str, tuple[float, ...]]]:
     """Yield what is somewhere, and where, in metres."""
     family = families_of(message.msgtype)[0]
     value = _decoder(family, message.msgtype)(recording.decode(message))

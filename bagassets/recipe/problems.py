@@ -1,6 +1,6 @@
 """Explaining pydantic's errors, which are about models, unions and tags, to somebody who writes YAML."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from difflib import get_close_matches
 from typing import Any, get_args
 
@@ -105,24 +105,22 @@ def open_questions(problems: Iterable[Problem], data: JsonMapping) -> dict[int, 
     unanswered = {at for at, _ in undecided(data)}
     for at, sentence in problems:
         match at:
-            case ("rigs", int(number), "ego_pose") if data["rigs"][number].get("ego_pose") is None:
-                pass
-            case ("rigs", int(number), *_) if at in unanswered:
-                pass
+            case ("rigs", int(number), *rest) if at in unanswered or (
+                rest == ["ego_pose"] and data["rigs"][number].get("ego_pose") is None
+            ):
+                questions.setdefault(number, []).append((at, sentence))
             case _:
                 return {}
-        questions.setdefault(number, []).append((at, sentence))
     return questions if len(questions) < len(data["rigs"]) else {}
 
 
-def with_stand_ins(data: JsonMapping, rigs: Iterable[int]) -> JsonObject:
+def with_stand_ins(data: JsonMapping, rigs: Collection[int]) -> JsonObject:
     """Return the recipe as plain data in which rigs without poses have some, so that the rest can be read."""
     stand_in = {"source": "odometry", "topic": "to be decided"}
-    unposed = {number for number in rigs if data["rigs"][number].get("ego_pose") is None}
     return {
         **data,
         "rigs": [
-            {**rig, "ego_pose": stand_in} if number in unposed else rig
+            {**rig, "ego_pose": stand_in} if number in rigs and rig.get("ego_pose") is None else rig
             for number, rig in enumerate(data["rigs"])
         ],
     }
