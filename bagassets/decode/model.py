@@ -77,7 +77,7 @@ class RadarReading:
 
 @dataclass(frozen=True, slots=True)
 class PoseReading:
-    """`parent_SE3_child` at a time: a pose, or one edge of a TF tree."""
+    """`parent_SE3_child` at a time, such as that of one edge of a TF tree."""
 
     stamp_ns: int
     parent: str

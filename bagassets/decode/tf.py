@@ -1,6 +1,6 @@
 """`tf2_msgs/TFMessage` and the older `tf/tfMessage`: several edges of a TF tree."""
 
-from collections.abc import Sequence
+from operator import attrgetter
 
 from bagassets.decode.fields import rigid_transform, stamp_and_frame
 from bagassets.decode.model import PoseReading
@@ -11,13 +11,9 @@ from bagassets.recordings.model import Message
 __all__ = ["decode_transform", "transforms"]
 
 
-def transforms(message: Message) -> Sequence[Message]:
-    """Return the `TransformStamped` messages inside, each to be decoded by itself.
-
-    One edge that is nonsense must not cost the others of its message.
-    """
-    stamped: Sequence[Message] = message.transforms
-    return stamped
+transforms = attrgetter("transforms")
+"""Returns the `TransformStamped` messages inside, each to be decoded by itself: one edge that is nonsense must not cost the
+others of its message."""
 
 
 def decode_transform(stamped: Message) -> PoseReading:

@@ -2,22 +2,30 @@
 
 import re
 from collections.abc import Collection, Iterable
+from itertools import chain, count
 from typing import Literal
 
 __all__ = [
     "channel_name",
     "direction",
+    "free_name",
     "is_derived",
     "is_radar_list",
     "is_sensor_type",
     "sensor_of",
     "tokens",
+    "word_list",
     "word_set",
 ]
 
 Modality = Literal["camera", "lidar", "radar"]
 
 PREFIX: dict[str, str] = {"camera": "CAM", "lidar": "LIDAR", "radar": "RADAR"}
+
+
+def word_list(text: str) -> tuple[str, ...]:
+    """Return the words of a text, in order."""
+    return tuple(text.split())
 
 
 def word_set(text: str) -> frozenset[str]:
@@ -38,18 +46,21 @@ _NO_DATA = word_set(
     "array command config configuration description diagnostics info marker markers metadata parameters state stats "
     "status"
 )
-_WORDS_OF = {
-    "FRONT": "front forward fwd center centre middle fc",
-    "BACK": "back rear behind rc",
-    "LEFT": "left",
-    "RIGHT": "right",
-    "FRONT_LEFT": "fl",
-    "FRONT_RIGHT": "fr",
-    "BACK_LEFT": "rl bl",
-    "BACK_RIGHT": "rr br",
-    "TOP": "top roof",
+_SIDES = {
+    word: side
+    for side, words in (
+        ("FRONT", "front forward fwd center centre middle fc"),
+        ("BACK", "back rear behind rc"),
+        ("LEFT", "left"),
+        ("RIGHT", "right"),
+        ("TOP", "top roof"),
+        ("FRONT_LEFT", "fl"),
+        ("FRONT_RIGHT", "fr"),
+        ("BACK_LEFT", "rl bl"),
+        ("BACK_RIGHT", "rr br"),
+    )
+    for word in words.split()
 }
-_SIDES = {word: side for side, words in _WORDS_OF.items() for word in words.split()}
 _WORDS = re.compile("|".join(sorted((word for word in _SIDES if len(word) > 2), key=len, reverse=True)))
 _ORDER = ("FRONT", "BACK", "LEFT", "RIGHT", "TOP")
 
@@ -59,14 +70,14 @@ _STREAM = re.compile(
     r"packets?|velodyne_(points|packets)|scan|laser_?scan|raw|rgb|data|targets?|tracks?|detections?)$"
 )
 _VAGUE = word_set(
-    "camera cameras cam cams color colour rgb image images img raw rect compressed mono lidar lidars laser "
-    "radar radars velodyne points point cloud pointcloud scan packets sensor sensors sensing driver node "
-    "topic ros optical frame link data stream msg"
+    "camera cameras cam cams color colour rgb image images img raw rect compressed mono lidar lidars laser radar "
+    "radars velodyne points point cloud pointcloud scan packets sensor sensors sensing driver node topic ros "
+    "optical frame link data stream msg"
 )
 _DERIVED = word_set(
-    "annotated classified cluster clusters costmap crop cropped debug disparity downsampled filtered ground "
-    "heatmap label labels map mask masks matches nonground obstacle obstacles occupancy overlay rendered "
-    "result results segmentation semantic submap thumbnail tracked viz visualization voxel"
+    "annotated classified cluster clusters costmap crop cropped debug disparity downsampled filtered ground heatmap "
+    "label labels map mask masks matches nonground obstacle obstacles occupancy overlay rendered result results "
+    "segmentation semantic submap thumbnail tracked viz visualization voxel"
 )
 
 
@@ -147,11 +158,10 @@ def channel_name(
         own = [word for word in tokens(sensor_of(topic)) if word not in _VAGUE]
         name = f"{prefix}_{'_'.join(own) or 'A'}".upper()
         reason = "from the name of its topic, which does not tell where it looks"
-    return _free(name, taken), reason
+    return free_name(name, taken, "_"), reason
 
 
-def _free(name: str, taken: Collection[str]) -> str:
-    if name not in taken:
-        return name
-    number = next(n for n in range(2, len(taken) + 3) if f"{name}_{n}" not in taken)
-    return f"{name}_{number}"
+def free_name(name: str, taken: Collection[str], sign: str) -> str:
+    """Return a name that is not taken: itself, or with a sign and the first free number from 2 behind it."""
+    numbered = (f"{name}{sign}{number}" for number in count(2))
+    return next(free for free in chain([name], numbered) if free not in taken)

@@ -52,14 +52,14 @@ def _trajectory(evidence: Evidence) -> Trajectory:
     return load_trajectory(evidence.artifact("ego_poses"))
 
 
-def _swept(
-    evidence: Evidence, kind: type[LidarChannel | RadarChannel]
+def _artifacts_of(
+    evidence: Evidence, kind: type[LidarChannel] | type[RadarChannel]
 ) -> Iterator[tuple[str, Artifact, SE3]]:
-    """Yield the sensors of a kind: name, sweeps, pose."""
+    """Yield the name, the sweeps and the mounting of each lidar, or of each radar."""
     for name, entry in sorted(evidence.channels("sweeps").items()):
         if isinstance(evidence.rig.channels.get(name), kind):
-            ego_SE3_sensor = evidence.calibration.channels[name].ego_SE3_sensor.normalised()
-            yield name, evidence.store.artifact(entry["artifact"]), ego_SE3_sensor
+            mount = evidence.calibration.channels[name].ego_SE3_sensor.normalised()
+            yield name, evidence.store.artifact(entry["artifact"]), mount
 
 
 def _sweeps(artifact: Artifact, ego_SE3_sensor: SE3) -> Sweeps:
@@ -78,12 +78,12 @@ def _sweeps(artifact: Artifact, ego_SE3_sensor: SE3) -> Sweeps:
 
 def _radar_velocities(evidence: Evidence) -> Finding:
     radars: dict[str, RadarReadings] = {}
-    for name, artifact, ego_SE3_radar in _swept(evidence, RadarChannel):
+    for name, artifact, ego_SE3_sensor in _artifacts_of(evidence, RadarChannel):
         index = artifact.read_table("index.parquet", ["stamp_ns", "file"]).to_pylist()
         chosen = index[:: len(index) // MOST_RADAR_READINGS + 1]
         with suppress(OSError, ValueError, DatasetError):  # the check `files_match` reports it
             readings = [(row["stamp_ns"], _targets(artifact.path(row["file"]))) for row in chosen]
-            radars[name] = ego_SE3_radar, readings
+            radars[name] = ego_SE3_sensor, readings
     return radar_velocities(radars, evidence.once(_trajectory))
 
 
@@ -98,7 +98,8 @@ def _references_intact(evidence: Evidence) -> Finding:
 
 
 def _sweeps_timed(evidence: Evidence) -> Finding:
-    sweeps = {name: _sweeps(artifact, pose) for name, artifact, pose in _swept(evidence, LidarChannel)}
+    lidars = _artifacts_of(evidence, LidarChannel)
+    sweeps = {name: _sweeps(artifact, ego_SE3_sensor) for name, artifact, ego_SE3_sensor in lidars}
     return sweeps_timed(evidence.rig, sweeps, evidence.once(_trajectory), evidence.checks.sweeps_timed)
 
 
