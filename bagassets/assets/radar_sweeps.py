@@ -113,7 +113,9 @@ class RadarSweeps:
         Raises:
             DecodeError: the message is not a usable radar reading.
         """
-        reading = self._reading(message, raw)
+        reading: RadarReading = self._decode(message, raw.msgtype, self._side)
+        if self._by_plugin and not reading.stamp_ns and not self._by_log_time:
+            raise DecodeError("its stamp is zero; set clock: log in the recipe")
         self._files.counts.read += 1
         self._files.points.read += len(reading.targets["x"]) + reading.dropped
         self._files.points.lose("no measurement", reading.dropped)
@@ -132,12 +134,6 @@ class RadarSweeps:
             self._offer(self._cycle)
         if self._pending is not None:
             self._write(self._pending)
-
-    def _reading(self, message: Message, raw: RawMessage) -> RadarReading:
-        reading: RadarReading = self._decode(message, raw.msgtype, self._side)
-        if self._by_plugin and not reading.stamp_ns and not self._by_log_time:
-            raise DecodeError("its stamp is zero; set clock: log in the recipe")
-        return reading
 
     def _collect(self, sweep: _Sweep, targets: Targets, number: float | None) -> None:
         """Add a single track, which came with `sweep`, to its cycle; without track numbers, time decides."""

@@ -185,8 +185,8 @@ class _TopicScan:
             try:
                 if family == "transforms":
                     self._take_transforms(facts, decode, value)
-                elif family == "cloud" and message.msgtype == POINTCLOUD2:
-                    self._take_cloud(facts, value)
+                elif family == "cloud":
+                    self._take_cloud(facts, decode, value, message.msgtype)
                 else:
                     _FACTS[family](facts, decode, value, message.msgtype)
             except DecodeError as err:
@@ -216,7 +216,7 @@ class _TopicScan:
         for family in families:
             try:
                 decoder = find_decoder(family, msgtype)
-                if decoder is not None and (family in _FACTS or family == "transforms"):
+                if decoder is not None and family in {*_FACTS, "cloud", "transforms"}:
                     self._decoders[family] = load_decoder(decoder)
                     self._is_patient |= not decoder.by_fields
             except PluginError as err:
@@ -235,16 +235,20 @@ class _TopicScan:
         else:
             self._offsets_s.append((message.log_time_ns - stamp_ns) / 1e9)
 
-    def _take_cloud(self, facts: Facts, value: Message) -> None:
+    def _take_cloud(self, facts: Facts, decode: Decode, value: Message, msgtype: str) -> None:
         check_points(value, _LIMITS.cloud_points)
-        reading = without_zero_points(read_pointcloud2(value))
+        reading: CloudReading
+        if msgtype == POINTCLOUD2:
+            reading = without_zero_points(read_pointcloud2(value))
+            intensities = reading.points[:, 3]
+            if ((intensities > 0.0) & (intensities != 1.0)).any():  # ones and zeros may be anything
+                facts["most_intensity"] = float(intensities.max())
+            self._recorded += [] if reading.recorded is None else [reading.recorded]
+        else:
+            reading = decode(value, None, "end")
         facts["frames"] = (reading.frame_id,)
-        intensities = reading.points[:, 3]
-        if ((intensities > 0.0) & (intensities != 1.0)).any():  # ones and zeros may be anything
-            facts["most_intensity"] = float(intensities.max())
-        if len(reading.points) > 1:
-            facts["timed"] = False
-        self._recorded += [] if reading.recorded is None else [reading.recorded]
+        if len(reading.points) > 1:  # times that do not differ are none
+            facts["timed"] = reading.times_ns is not None
 
     def _take_transforms(self, facts: Facts, decode: Decode, value: Message) -> None:
         facts["frames"] = []
@@ -273,14 +277,6 @@ def _image(facts: Facts, decode: Decode, value: Message, _msgtype: str) -> None:
     else:
         is_16_bit = reading.encoding == "png" and bytes((reading.encoded or b"")[24:25]) == _PNG_16_BIT
     facts |= {"frames": (reading.frame_id,), "encoding": reading.encoding, "is_16_bit": is_16_bit}
-
-
-def _cloud(facts: Facts, decode: Decode, value: Message, _msgtype: str) -> None:
-    check_points(value, _LIMITS.cloud_points)
-    reading: CloudReading = decode(value, None, "end")
-    facts["frames"] = (reading.frame_id,)
-    if len(reading.points) > 1:  # times that do not differ are none
-        facts["timed"] = reading.times_ns is not None
 
 
 def _radar(facts: Facts, decode: Decode, value: Message, msgtype: str) -> None:
@@ -327,7 +323,6 @@ def _packets(facts: Facts, decode: Decode, value: Message, _msgtype: str) -> Non
 
 _FACTS: Mapping[AnyFamily, Callable[[Facts, Decode, Message, str], None]] = {
     "image": _image,
-    "cloud": _cloud,
     "radar": _radar,
     "pose": _pose,
     "fix": _fix,

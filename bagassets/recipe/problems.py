@@ -45,7 +45,9 @@ def explain(error: Mapping[str, Any], data: Json) -> Problem:
     if kind == "extra_forbidden":
         return at, _unknown_field(str(at[-1]), _model(location), _value(data, at[:-1]))
     if kind == "missing":
-        return at, _required(location, at)
+        purpose = _purpose(location)
+        required = f"this field is required: {purpose}" if purpose else "this field is required"
+        return at, required if at else "the recipe is empty"
     if kind in {"union_tag_not_found", "union_tag_invalid"}:
         return _tag(at, annotation, value)
     if kind == "value_error":
@@ -159,11 +161,6 @@ def _purpose(location: tuple[str | int, ...]) -> str:
     field = None if model is None else model.model_fields.get(str(location[-1]))
     text = "" if field is None or field.description is None else field.description.removesuffix(".")
     return text[:1].lower() + text[1:] if text[1:2].islower() else text
-
-
-def _required(location: tuple[str | int, ...], at: tuple[str | int, ...]) -> str:
-    purpose = _purpose(location)
-    return "this field is required" + (f": {purpose}" if purpose else "") if at else "the recipe is empty"
 
 
 def _unknown_field(name: str, model: type[BaseModel] | None, present: Json) -> str:
