@@ -20,14 +20,20 @@ from numpy.typing import NDArray
 from bagassets.assets.asset import inlined, omitted
 from bagassets.assets.deskew import deskew
 from bagassets.assets.lidar_file import lidar_bytes
-from bagassets.assets.sweep_files import SensorSettings, SensorUse, SweepFiles
+from bagassets.assets.sweep_files import Motion, SensorSettings, SensorUse, SweepFiles
 from bagassets.decode.loading import keyed_decoder
 from bagassets.decode.model import CloudReading
-from bagassets.decode.point_times import MOST_APART, Moment, PointClock, RecordedTimes, suffice, survey
+from bagassets.decode.point_times import (
+    MOST_APART,
+    Moment,
+    PointClock,
+    RecordedTimes,
+    suffice,
+    survey,
+    time_of,
+)
 from bagassets.decode.pointcloud2 import POINTCLOUD2, read_pointcloud2, with_times, without_zero_points
 from bagassets.errors import DecodeError, RecipeError
-from bagassets.geometry.se3 import SE3
-from bagassets.geometry.trajectory import Trajectory
 from bagassets.recipe.model import PointTimes
 from bagassets.recordings.model import Message, RawMessage
 
@@ -74,12 +80,10 @@ class LidarUse(SensorUse):
 
     Attributes:
         settings: its settings in the recipe.
-        ego_SE3_sensor: its mount from `calibration.json`; None without deskewing.
     """
 
     modality: Literal["lidar"] = "lidar"
     settings: LidarSettings = inlined()
-    ego_SE3_sensor: SE3 | None = omitted()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,9 +103,7 @@ class CloudUse(LidarUse):
     point_times: PointTimes | Literal["ignore"] | None = omitted()
 
 
-def revolution_span_ns(
-    reading: CloudReading, period_ns: int | None, header_stamp_is: Moment | None
-) -> tuple[int, int]:
+def revolution_span_ns(reading: CloudReading, period_ns: int | None, header_stamp_is: Moment | None) -> Span:
     """Return when the revolution of a cloud began and ended, on the clock of its stamp."""
     if reading.span_ns is not None:
         return reading.span_ns
@@ -110,8 +112,8 @@ def revolution_span_ns(
     if header_stamp_is is None:
         return reading.stamp_ns, reading.stamp_ns
     duration = period_ns or 0
-    before = {"start": 0, "middle": duration // 2, "end": duration}[header_stamp_is]
-    return reading.stamp_ns - before, reading.stamp_ns - before + duration
+    start = reading.stamp_ns - time_of(header_stamp_is, 0, duration)
+    return start, start + duration
 
 
 class LidarWriter:
@@ -120,27 +122,19 @@ class LidarWriter:
     Args:
         use: everything that shapes the files.
         files: writes them.
-        trajectory: returns the ego poses; called only if the sweeps are deskewed.
+        motion: what the sweeps are deskewed with; None if they are not.
 
     Attributes:
         times: what points without times have, for an error.
     """
 
-    def __init__(self, use: LidarUse, files: SweepFiles, trajectory: Callable[[], Trajectory]) -> None:
-        settings = use.settings
+    def __init__(self, use: LidarUse, files: SweepFiles, motion: Motion | None) -> None:
         self.files = files
         self.times = "no times"
         self._name = use.channel
-        self._topic = settings.topic
-        self._stamp = settings.stamp
-        self._offset_ns = round(settings.stamp_offset_s * 1e9)
-        self._min_m = settings.min_range_m
-        self._max_m = settings.max_range_m
-        self._intensity_scale = settings.intensity_scale
-        self._motion: tuple[Trajectory, SE3] | None = None
-        if use.ego_SE3_sensor is not None:
-            mount = use.ego_SE3_sensor
-            self._motion = (trajectory(), SE3.create(mount.rotation, mount.translation))
+        self._settings = use.settings
+        self._offset_ns = round(use.settings.stamp_offset_s * 1e9)
+        self._motion = motion
 
     def write(
         self,
@@ -165,33 +159,33 @@ class LidarWriter:
         if self._offset_ns:
             span_ns = (span_ns[0] + self._offset_ns, span_ns[1] + self._offset_ns)
             times_ns = None if times_ns is None else times_ns + self._offset_ns
-        start, end = span_ns
-        stamp = {"start": start, "middle": (start + end) // 2, "end": end}[self._stamp]
+        stamp = time_of(self._settings.stamp, *span_ns)
         if self._motion is not None:
             if times_ns is None:
                 raise RecipeError(
-                    f"{self._name}: the points of {self._topic} have {self.times}, so they cannot be "
+                    f"{self._name}: the points of {self._settings.topic} have {self.times}, so they cannot be "
                     "deskewed; set deskew: false."
                 )
             if not deskew(points, times_ns, stamp, *self._motion):
                 self.files.lose("no ego pose to deskew with", parts, len(points))
                 return
-        if self._intensity_scale != 1.0:
-            points[:, 3] *= np.float32(self._intensity_scale)
+        if self._settings.intensity_scale != 1.0:
+            points[:, 3] *= np.float32(self._settings.intensity_scale)
         data = lidar_bytes(points)
         self.files.write(stamp, log_time_ns, data, len(points), parts=parts, span_ns=span_ns)
 
     def _within_limits(
         self, points: NDArray[np.float32], times_ns: NDArray[np.int64] | None
     ) -> tuple[NDArray[np.float32], NDArray[np.int64] | None]:
-        if self._min_m <= 0.0 and self._max_m is None:
+        least_m, most_m = self._settings.min_range_m, self._settings.max_range_m
+        if least_m <= 0.0 and most_m is None:
             return points, times_ns
         x, y, z = (points[:, axis].astype(np.float64) for axis in range(3))
         distance = np.sqrt(x * x + y * y + z * z)
-        near = distance < self._min_m
-        far = distance > (np.inf if self._max_m is None else self._max_m)
-        self.files.points.drop("nearer than min_range_m", int(near.sum()))
-        self.files.points.drop("farther than max_range_m", int(far.sum()))
+        near = distance < least_m
+        far = distance > (np.inf if most_m is None else most_m)
+        self.files.points.lose("nearer than min_range_m", int(near.sum()))
+        self.files.points.lose("farther than max_range_m", int(far.sum()))
         keep = ~(near | far)
         return points[keep], None if times_ns is None else times_ns[keep]
 
@@ -240,7 +234,7 @@ class CloudSweeps:
         """
         self._write_held()
         points = self._writer.files.points
-        share = points.dropped.get(_UNTIMED, 0) / max(1, points.read)
+        share = points.lost.get(_UNTIMED, 0) / max(1, points.read)
         if share > MOST_APART and self._use.point_times is None:
             self._ask(f"{share:.0%} of them lie apart from the others of their clouds")
 
@@ -271,8 +265,8 @@ class CloudSweeps:
                 return
         counts = self._writer.files.points
         counts.read += len(reading.points) + reading.dropped + reading.untimed
-        counts.drop("no measurement", reading.dropped)
-        counts.drop(_UNTIMED, reading.untimed)
+        counts.lose("no measurement", reading.dropped)
+        counts.lose(_UNTIMED, reading.untimed)
         # With log times, all times of the message shift by as much as its stamp.
         shift = log_time_ns - reading.stamp_ns if self._by_log_time else 0
         start, end = revolution_span_ns(reading, self._use.period_ns, self._use.header_stamp_is)
@@ -282,7 +276,7 @@ class CloudSweeps:
 
     def _reading(self, message: Message) -> CloudReading:
         reading: CloudReading
-        if self._use.msgtype == POINTCLOUD2:
+        if self._use.msgtype == POINTCLOUD2 and not self._by_plugin:
             reading = read_pointcloud2(message)
         else:
             reading = self._decode(message, self._use.header_stamp_is, self._use.settings.stamp)

@@ -46,6 +46,8 @@ _LAYOUT: tuple[tuple[str, str, float], ...] = (
 )
 FIELDS = tuple(name for name, _, _ in _LAYOUT)
 _DTYPE = np.dtype([(name, kind) for name, kind, _ in _LAYOUT])
+# The single target of a file without targets.
+_NOTHING = np.array(tuple(np.nan if kind == "<f4" else default for _, kind, default in _LAYOUT), _DTYPE)
 _TRAILER = b"\n"
 
 
@@ -66,7 +68,7 @@ def radar_bytes(targets: Mapping[str, NDArray[np.float64]]) -> bytes:
         raise ValueError(f"radar targets need x and y, and may have {FIELDS}, got {sorted(targets)}")
     number = len(targets["x"])
     if number == 0:
-        return _header(1) + _nothing().tobytes() + _TRAILER
+        return _header(1) + _NOTHING.tobytes() + _TRAILER
     values = dict(targets)
     values.setdefault("id", np.arange(number, dtype=np.float64))
     values["id"] = np.mod(_finite(values["id"], 0.0), 1 << 15)
@@ -99,14 +101,6 @@ def read_radar_file(path: Path) -> NDArray[np.void]:
 
 def _finite(column: NDArray[np.float64], default: float) -> NDArray[np.float64]:
     return np.where(np.isfinite(column), column, default)
-
-
-def _nothing() -> NDArray[np.void]:
-    """Return the single NaN target of a file without targets."""
-    table = np.zeros(1, dtype=_DTYPE)
-    for name, kind, default in _LAYOUT:
-        table[name] = np.nan if kind == "<f4" else default
-    return table
 
 
 def _header(number: int) -> bytes:

@@ -1,6 +1,5 @@
 """Radar readings become `.pcd` files: one per message, or one per cycle of single tracks."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -9,15 +8,13 @@ from numpy.typing import NDArray
 
 from bagassets.assets.asset import inlined, omitted
 from bagassets.assets.radar_file import radar_bytes
-from bagassets.assets.sweep_files import SensorSettings, SensorUse, SweepFiles
+from bagassets.assets.sweep_files import Motion, SensorSettings, SensorUse, SweepFiles
 from bagassets.decode.loading import keyed_decoder
 from bagassets.decode.model import RadarReading
 from bagassets.decode.radar import is_single_track, track_number
 from bagassets.decode.radar_fields import Side
 from bagassets.errors import DecodeError
 from bagassets.geometry.radar_motion import sensor_velocities
-from bagassets.geometry.se3 import SE3
-from bagassets.geometry.trajectory import Trajectory
 from bagassets.recordings.model import Message, RawMessage
 
 __all__ = ["RadarSettings", "RadarSweeps", "RadarUse"]
@@ -47,13 +44,11 @@ class RadarUse(SensorUse):
 
     Attributes:
         settings: its settings in the recipe.
-        ego_SE3_sensor: its mount from `calibration.json`, if its velocities are relative to it; else None.
     """
 
     modality: Literal["radar"] = "radar"
     # What the velocities are shows in whether there is a mount.
     settings: RadarSettings = inlined(without={"velocities"})
-    ego_SE3_sensor: SE3 | None = omitted()
 
 
 @dataclass(slots=True)
@@ -98,14 +93,12 @@ class RadarSweeps:
     Args:
         use: everything that shapes the files.
         files: writes them.
-        trajectory: returns the ego poses; called only if velocities are compensated.
+        motion: what velocities are compensated with; None if they are not.
     """
 
-    def __init__(self, use: RadarUse, files: SweepFiles, trajectory: Callable[[], Trajectory]) -> None:
+    def __init__(self, use: RadarUse, files: SweepFiles, motion: Motion | None) -> None:
         self._files = files
-        self._motion: tuple[Trajectory, SE3] | None = None
-        if use.ego_SE3_sensor is not None:
-            self._motion = (trajectory(), use.ego_SE3_sensor.normalised())
+        self._motion = motion
         self._by_log_time = use.settings.clock == "log"
         self._side = use.settings.azimuth_positive
         self._decode = keyed_decoder("radar", use.msgtype, use.decoder)
@@ -120,10 +113,12 @@ class RadarSweeps:
         Raises:
             DecodeError: the message is not a usable radar reading.
         """
-        reading = self._reading(message, raw)
+        reading: RadarReading = self._decode(message, raw.msgtype, self._side)
+        if self._by_plugin and not reading.stamp_ns and not self._by_log_time:
+            raise DecodeError("its stamp is zero; set clock: log in the recipe")
         self._files.counts.read += 1
         self._files.points.read += len(reading.targets["x"]) + reading.dropped
-        self._files.points.drop("no measurement", reading.dropped)
+        self._files.points.lose("no measurement", reading.dropped)
         stamp = raw.log_time_ns if self._by_log_time else reading.stamp_ns
         sweep = _Sweep(stamp, raw.log_time_ns, reading.radial)
         if not self._by_plugin and is_single_track(message):
@@ -139,12 +134,6 @@ class RadarSweeps:
             self._offer(self._cycle)
         if self._pending is not None:
             self._write(self._pending)
-
-    def _reading(self, message: Message, raw: RawMessage) -> RadarReading:
-        reading: RadarReading = self._decode(message, raw.msgtype, self._side)
-        if self._by_plugin and not reading.stamp_ns and not self._by_log_time:
-            raise DecodeError("its stamp is zero; set clock: log in the recipe")
-        return reading
 
     def _collect(self, sweep: _Sweep, targets: Targets, number: float | None) -> None:
         """Add a single track, which came with `sweep`, to its cycle; without track numbers, time decides."""

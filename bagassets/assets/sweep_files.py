@@ -1,19 +1,24 @@
 """The files of a lidar or radar channel, and the counts of its messages and points."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 import pyarrow as pa
 
 from bagassets.assets.asset import omitted
 from bagassets.assets.channel import Counts
+from bagassets.geometry.se3 import SE3
+from bagassets.geometry.trajectory import Trajectory
 from bagassets.json_types import JsonObject
 from bagassets.recipe.model import Limits
 from bagassets.recipe.model_base import Clock
 from bagassets.store.artifact import ArtifactWriter
 
-__all__ = ["LIDAR_SCHEMA", "PointCounts", "SensorSettings", "SensorUse", "SweepFiles"]
+__all__ = ["LIDAR_SCHEMA", "Motion", "PointCounts", "SensorSettings", "SensorUse", "SweepFiles"]
+
+Motion = tuple[Trajectory, SE3]
+"""The ego poses, and the pose of a sensor."""
 
 _COLUMNS = {
     "stamp_ns": pa.int64(),
@@ -54,35 +59,28 @@ class SensorUse:
         modality: modality of the channel.
         msgtype: type of the messages, `pkg/msg/Type`.
         decoder: the plug-in that decodes them; None for a built-in decoder.
+        ego_SE3_sensor: its mount from `calibration.json`, if its files are corrected for its motion: those of a lidar that
+            is deskewed, and of a radar whose velocities are relative to it; else None.
     """
 
     channel: str
     modality: Literal["lidar", "radar"]
     msgtype: str
     decoder: Mapping[str, str] | None = omitted()
+    ego_SE3_sensor: SE3 | None = omitted()
 
 
-@dataclass
-class PointCounts:
-    """Counts of points: read = written + sum of dropped."""
+class PointCounts(Counts):
+    """Counts of points, of which none are merged: read = written + sum of lost, which are called dropped."""
 
-    read: int = 0
-    written: int = 0
-    dropped: dict[str, int] = field(default_factory=dict)
-
-    def drop(self, reason: str, number: int) -> None:
-        """Count dropped points by their reason."""
+    def lose(self, reason: str, number: int = 1) -> None:
+        """Count dropped points by their reason, if there are any."""
         if number:
-            self.dropped[reason] = self.dropped.get(reason, 0) + number
-
-    @property
-    def balanced(self) -> bool:
-        """True if every point that was read is accounted for."""
-        return self.read == self.written + sum(self.dropped.values())
+            super().lose(reason, number)
 
     def as_json(self) -> JsonObject:
         """Return the counts as JSON."""
-        return {"read": self.read, "written": self.written, "dropped": dict(self.dropped)}
+        return {"read": self.read, "written": self.written, "dropped": dict(self.lost)}
 
 
 class SweepFiles:
@@ -147,7 +145,7 @@ class SweepFiles:
     def lose(self, reason: str, parts: int = 1, points: int = 0) -> None:
         """Count a reading and its remaining points as lost."""
         self.counts.lose(reason, parts)
-        self.points.drop(reason, points)
+        self.points.lose(reason, points)
 
     def finish(self, description: JsonObject) -> None:
         """Write `index.parquet`, sorted by stamp, and `channel.json`."""

@@ -3,11 +3,11 @@
 Files of one sensor: `<stamp_ns>.pcd.bin` or `<stamp_ns>.pcd`, `index.parquet`, `channel.json`.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import partial
-from typing import Literal
+from typing import Any, Literal, TypeVar
 
 from bagassets.assets.asset import Asset, Facts, Inputs, Use, omitted, uses_of
 from bagassets.assets.calibration import CALIBRATION
@@ -30,7 +30,6 @@ from bagassets.decode.point_times import Moment
 from bagassets.decode.pointcloud2 import POINTCLOUD2
 from bagassets.decode.radar import measures_relative
 from bagassets.errors import DecodeError, LossLimitError, RecipeError
-from bagassets.geometry.trajectory import Trajectory
 from bagassets.json_types import JsonObject
 from bagassets.quality.channel_rules import channels_complete
 from bagassets.quality.check import RecordingCheck
@@ -43,6 +42,7 @@ from bagassets.store.artifact import ArtifactWriter
 __all__ = ["SWEEPS", "SweepExtractor"]
 
 SweepUse = CloudUse | PacketUse | RadarUse
+S = TypeVar("S", LidarSettings, "LidarChannelSettings", RadarSettings)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,41 +83,18 @@ class SweepsParams:
         """Return the parameters of a rig."""
         lidars, radars = {}, {}
         for name, channel in sorted(rig.channels.items()):
+            given = {**dict(recipe.limits), **dict(channel), "clock": recipe.clock_of(rig, channel)}
             if isinstance(channel, LidarChannel):
-                lidars[name] = _settings_of_lidar(recipe, rig, channel)
+                given["common"] = _settings(LidarSettings, given)
+                lidars[name] = _settings(LidarChannelSettings, given)
             elif isinstance(channel, RadarChannel):
-                radars[name] = RadarSettings(
-                    topic=channel.topic,
-                    clock=recipe.clock_of(rig, channel),
-                    lost_messages=recipe.limits.lost_messages,
-                    cloud_points=recipe.limits.cloud_points,
-                    azimuth_positive=channel.azimuth_positive,
-                    velocities=channel.velocities,
-                )
+                radars[name] = _settings(RadarSettings, given)
         return cls(lidars, radars)
 
 
-def _settings_of_lidar(recipe: Recipe, rig: Rig, channel: LidarChannel) -> LidarChannelSettings:
-    common = LidarSettings(
-        topic=channel.topic,
-        clock=recipe.clock_of(rig, channel),
-        lost_messages=recipe.limits.lost_messages,
-        cloud_points=recipe.limits.cloud_points,
-        stamp=channel.stamp,
-        stamp_offset_s=channel.stamp_offset_s,
-        deskew=channel.deskew,
-        min_range_m=channel.min_range_m,
-        max_range_m=channel.max_range_m,
-        intensity_scale=channel.intensity_scale,
-    )
-    return LidarChannelSettings(
-        common=common,
-        header_stamp_is=channel.header_stamp_is,
-        model=channel.model,
-        cut_angle_deg=channel.cut_angle_deg,
-        zero_points=channel.zero_points,
-        point_times=channel.point_times,
-    )
+def _settings(kind: type[S], given: Mapping[str, Any]) -> S:
+    """Return settings from fields of the recipe, which have the same names."""
+    return kind(**{own.name: given[own.name] for own in fields(kind)})
 
 
 def use(params: SweepsParams, facts: Facts) -> dict[str, Use[SweepUse] | Exception]:
@@ -216,12 +193,10 @@ class SweepExtractor:
         use: everything that shapes the files.
         recording: decodes the messages.
         out: writes the artifact.
-        trajectory: returns `global_SE3_ego`; called only if the channel is corrected for its motion.
+        inputs: give the ego poses, which are read only if the channel is corrected for its motion.
     """
 
-    def __init__(
-        self, use: SweepUse, recording: Recording, out: ArtifactWriter, trajectory: Callable[[], Trajectory]
-    ) -> None:
+    def __init__(self, use: SweepUse, recording: Recording, out: ArtifactWriter, inputs: Inputs) -> None:
         self.topics: tuple[str, ...] = (use.settings.topic,)
         self._use = use
         self._recording = recording
@@ -234,16 +209,18 @@ class SweepExtractor:
         self._needs_header = use.decoder is None and not isinstance(use, PacketUse)
         lidar = not isinstance(use, RadarUse)
         self._files = SweepFiles(out, ".pcd.bin" if lidar else ".pcd", with_span=lidar)
+        mount = use.ego_SE3_sensor
+        motion = None if mount is None else (inputs.trajectory, mount.normalised())
         self._sweeps: CloudSweeps | PacketSweeps | RadarSweeps
         match use:
             case RadarUse():
-                self._sweeps = RadarSweeps(use, self._files, trajectory)
+                self._sweeps = RadarSweeps(use, self._files, motion)
             case PacketUse():
-                writer = LidarWriter(use, self._files, trajectory)
+                writer = LidarWriter(use, self._files, motion)
                 topic = recording.topics[use.settings.topic]
                 self._sweeps = PacketSweeps(use, writer, topic, self._decoded, self._fail_parts)
             case CloudUse():
-                self._sweeps = CloudSweeps(use, LidarWriter(use, self._files, trajectory), self._fail_parts)
+                self._sweeps = CloudSweeps(use, LidarWriter(use, self._files, motion), self._fail_parts)
 
     def add(self, message: RawMessage) -> None:
         """Take the next message; one that cannot be decoded is counted as lost."""
@@ -330,7 +307,7 @@ class SweepExtractor:
 def _extract(
     use: Use[SweepUse], inputs: Inputs, recording: Recording, out: ArtifactWriter, _: Executor | None
 ) -> SweepExtractor:
-    return SweepExtractor(use.params, recording, out, lambda: inputs.trajectory)
+    return SweepExtractor(use.params, recording, out, inputs)
 
 
 def _waits_for(params: SweepsParams, inventory: Inventory | None) -> frozenset[str]:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from bagassets.decode.fields import stamp_and_frame
 from bagassets.decode.model import CloudReading
-from bagassets.decode.point_times import LONGEST_REVOLUTION_NS, Moment
+from bagassets.decode.point_times import LONGEST_REVOLUTION_NS, Moment, time_of
 from bagassets.decode.pointcloud2 import NO_INTENSITY
 from bagassets.errors import DecodeError
 from bagassets.geometry.portable import sin_cos
@@ -51,8 +51,10 @@ def decode_laserscan(
     points[:, 3] = NO_INTENSITY
     if len(intensities):
         points[:, 3] = np.where(np.isfinite(intensities), intensities, np.float32(NO_INTENSITY))[hit]
-    offsets = _ray_offsets_ns(float(message.time_increment), float(message.scan_time), len(ranges))
-    times = None if offsets is None else offsets + (stamp - _header_offset_ns(offsets, header_stamp_is))
+    offsets = _ray_offsets_ns(
+        float(message.time_increment), float(message.scan_time), len(ranges), header_stamp_is
+    )
+    times = None if offsets is None else stamp + offsets
     return CloudReading(
         stamp_ns=stamp,
         frame_id=frame_id,
@@ -63,22 +65,20 @@ def decode_laserscan(
     )
 
 
-def _ray_offsets_ns(increment_s: float, scan_s: float, number: int) -> NDArray[np.int64] | None:
-    """Return the time of each ray after the first one; None if the message does not say."""
+def _ray_offsets_ns(
+    increment_s: float, scan_s: float, number: int, header_stamp_is: Moment | None
+) -> NDArray[np.int64] | None:
+    """Return the time of each ray after the header stamp; None if the message does not say."""
     if not number or not np.isfinite(increment_s) or increment_s == 0.0:
         return None
     duration_s = abs(increment_s) * (number - 1)
     if duration_s * 1e9 > LONGEST_REVOLUTION_NS or 0.0 < scan_s * _LONGEST_IN_SCANS < duration_s:
         return None
-    return np.asarray(np.rint(np.arange(number, dtype=np.float64) * increment_s * 1e9).astype(np.int64))
-
-
-def _header_offset_ns(offsets: NDArray[np.int64], header_stamp_is: Moment | None) -> int:
-    """Return the offset of the header stamp from the first ray; rays may be listed backwards."""
-    first, last = int(offsets.min()), int(offsets.max())
+    offsets = np.asarray(np.rint(np.arange(number, dtype=np.float64) * increment_s * 1e9).astype(np.int64))
     if header_stamp_is is None:
-        return 0
-    return {"start": first, "middle": (first + last) // 2, "end": last}[header_stamp_is]
+        return offsets
+    # Rays may be listed backwards.
+    return offsets - time_of(header_stamp_is, int(offsets.min()), int(offsets.max()))
 
 
 @lru_cache(maxsize=8)

@@ -43,6 +43,7 @@ __all__ = [
     "recorded_times",
     "suffice",
     "survey",
+    "time_of",
 ]
 
 Moment = Literal["start", "middle", "end"]
@@ -123,6 +124,11 @@ class PointClock:
         if self.doubt:
             text += f"; that is not sure, as {self.doubt}: say it in point_times of the recipe"
         return text
+
+
+def time_of(moment: Moment, first_ns: int, last_ns: int) -> int:
+    """Return the time of a moment of a revolution."""
+    return {"start": first_ns, "middle": (first_ns + last_ns) // 2, "end": last_ns}[moment]
 
 
 def recorded_times(
@@ -273,8 +279,7 @@ def point_times_ns(
             return times_ns + header_ns, kept
     elif clock.origin == "clock" and max(abs(first - header_ns), abs(last - header_ns)) <= OTHER_CLOCK_NS:
         return times_ns, kept
-    anchor = {"start": first, "middle": (first + last) // 2, "end": last}[header_stamp_is or stamp]
-    return times_ns + (header_ns - anchor), kept
+    return times_ns + (header_ns - time_of(header_stamp_is or stamp, first, last)), kept
 
 
 def _agreeing(values: Column, clock: PointClock) -> NDArray[np.bool_] | None:
@@ -302,6 +307,8 @@ def _agreeing(values: Column, clock: PointClock) -> NDArray[np.bool_] | None:
 
 def _densest(ordered: Floats, length: float) -> tuple[float, int]:
     """Return where the stretch of a length begins that holds most of some (N,) ordered numbers, and how many it holds."""
+    if not len(ordered):
+        return np.inf, 0
     numbers = np.searchsorted(ordered, ordered + length, side="right") - np.arange(len(ordered))
-    begin = int(np.argmax(numbers)) if len(ordered) else 0
-    return (float(ordered[begin]), int(numbers[begin])) if len(ordered) else (np.inf, 0)
+    begin = int(np.argmax(numbers))
+    return float(ordered[begin]), int(numbers[begin])

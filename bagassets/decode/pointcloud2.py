@@ -29,7 +29,6 @@ __all__ = [
     "NO_RING",
     "POINTCLOUD2",
     "decode_pointcloud2",
-    "first_of",
     "point_fields",
     "read_pointcloud2",
     "with_times",
@@ -46,19 +45,7 @@ INTENSITY_NAMES = ("intensity", "intensities", "i", "reflectivity", "reflectance
 RING_NAMES = ("ring", "channel", "laser_id", "laserid", "line", "beam", "beam_id", "ring_id", "row")
 
 # sensor_msgs/PointField 1 to 8; 9 to 11 are PCL's extensions for 64-bit integers and booleans.
-_TYPES = {
-    1: "i1",
-    2: "u1",
-    3: "i2",
-    4: "u2",
-    5: "i4",
-    6: "u4",
-    7: "f4",
-    8: "f8",
-    9: "i8",
-    10: "u8",
-    11: "u1",
-}
+_TYPES = dict(enumerate(("i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8", "i8", "u8", "u1"), start=1))
 
 
 def point_fields(cloud: Message) -> dict[str, Column]:
@@ -98,14 +85,6 @@ def point_fields(cloud: Message) -> dict[str, Column]:
     return views
 
 
-def first_of(fields: Mapping[str, Column], names: tuple[str, ...]) -> Column | None:
-    """Return the first field that has one of `names`, in the order of `names`."""
-    for name in names:
-        if name in fields:
-            return fields[name]
-    return None
-
-
 def decode_pointcloud2(
     message: Message, header_stamp_is: Moment | None = None, stamp_is: Moment = "end"
 ) -> CloudReading:
@@ -121,8 +100,9 @@ def decode_pointcloud2(
         DecodeError: see `read_pointcloud2` and `with_times`.
     """
     reading = read_pointcloud2(message)
-    clock = PointClock() if reading.recorded is None else survey([reading.recorded])
-    return with_times(reading, clock, header_stamp_is, stamp_is)
+    if reading.recorded is None:
+        return reading
+    return with_times(reading, survey([reading.recorded]), header_stamp_is, stamp_is)
 
 
 def read_pointcloud2(message: Message) -> CloudReading:
@@ -141,8 +121,8 @@ def read_pointcloud2(message: Message) -> CloudReading:
     with np.errstate(over="ignore"):  # a float64 beyond float32 becomes infinite and is dropped
         for column, axis in enumerate("xyz"):
             grid[:, :, column] = fields[axis]
-        _fill(grid[:, :, 3], first_of(fields, INTENSITY_NAMES), NO_INTENSITY)
-        _fill(grid[:, :, 4], first_of(fields, RING_NAMES), NO_RING)
+        _fill(grid[:, :, 3], fields, INTENSITY_NAMES, NO_INTENSITY)
+        _fill(grid[:, :, 4], fields, RING_NAMES, NO_RING)
     points: NDArray[np.float32] = grid.reshape(-1, 5)
     finite = finite_rows(points)
     if finite is not None:
@@ -202,7 +182,11 @@ def finite_rows(points: NDArray[np.float32]) -> NDArray[np.bool_] | None:
     return np.asarray(x & y & z)
 
 
-def _fill(column: NDArray[np.float32], values: Column | None, default: float) -> None:
+def _fill(
+    column: NDArray[np.float32], fields: Mapping[str, Column], names: tuple[str, ...], default: float
+) -> None:
+    """Fill in the first field that has one of `names`, in the order of `names`."""
+    values = next((fields[name] for name in names if name in fields), None)
     if values is None:
         column[:] = default
         return

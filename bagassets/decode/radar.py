@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from bagassets.decode.fields import stamp_and_frame
 from bagassets.decode.model import RadarReading
 from bagassets.decode.pointcloud2 import point_fields
-from bagassets.decode.radar_fields import ANGLES_LEFT, ANGLES_RIGHT, TRACK_NUMBERS, Side, radar_reading
+from bagassets.decode.radar_fields import TRACK_NUMBERS, Side, radar_reading
 from bagassets.errors import DecodeError
 from bagassets.recordings.model import Message
 
@@ -58,19 +58,12 @@ def decode_radar(message: Message, msgtype: str, azimuth_positive: Side | None =
         raise DecodeError("it has no header")
     stamp, frame_id = stamp_and_frame(message.header)
     cloud = _cloud_of(message)
-    elements = None if cloud is not None else _elements_of(message)
-    if cloud is not None and (cloud is message or _size(cloud) or elements is None):
-        side = azimuth_positive or ANGLES_LEFT
+    if cloud is not None:
         values = {name: column.reshape(-1) for name, column in point_fields(cloud).items()}
-        return radar_reading(stamp, frame_id, values, side)
-    right = msgtype.startswith(_PACKAGES_ANGLES_RIGHT)
-    side = azimuth_positive or (ANGLES_RIGHT if right else ANGLES_LEFT)
-    if elements is None:
-        elements = [message]
-    if not elements:
-        nothing = np.zeros(0)
-        return radar_reading(stamp, frame_id, {"x": nothing, "y": nothing}, side)
-    return radar_reading(stamp, frame_id, _columns(elements), side)
+        return radar_reading(stamp, frame_id, values, azimuth_positive or "left")
+    side = azimuth_positive or ("right" if msgtype.startswith(_PACKAGES_ANGLES_RIGHT) else "left")
+    elements = _elements_of(message)
+    return radar_reading(stamp, frame_id, _columns([message] if elements is None else elements), side)
 
 
 def measures_relative(msgtype: str) -> bool:
@@ -93,15 +86,11 @@ def _is_cloud(value: Message) -> bool:
     return hasattr(value, "point_step") and hasattr(value, "fields")
 
 
-def _size(cloud: Message) -> int:
-    return int(cloud.width) * int(cloud.height)
-
-
 def _cloud_of(message: Message) -> Message | None:
     if _is_cloud(message):
         return message
     members = (getattr(message, name) for name in _members(message))
-    return next((member for member in members if _is_cloud(member) and _size(member)), None)
+    return next((member for member in members if _is_cloud(member) and member.width and member.height), None)
 
 
 def _elements_of(message: Message) -> list[Message] | None:
@@ -126,7 +115,8 @@ def _members(message: Message) -> tuple[str, ...]:
 def _columns(elements: list[Message]) -> dict[str, NDArray[np.float64]]:
     """Return dotted member name in lower case -> (N,) values, of all members that are numbers."""
     rows = [_flat(element) for element in elements]
-    return {name: np.array([row[name] for row in rows], dtype=np.float64) for name in rows[0]}
+    names = rows[0] if rows else ("x", "y")
+    return {name: np.array([row[name] for row in rows], dtype=np.float64) for name in names}
 
 
 def _flat(element: Message, prefix: str = "") -> dict[str, float]:

@@ -19,12 +19,10 @@ from bagassets.decode.model import RadarReading
 from bagassets.errors import DecodeError
 from bagassets.geometry.portable import sin_cos
 
-__all__ = ["ANGLES_LEFT", "ANGLES_RIGHT", "TRACK_NUMBERS", "Side", "radar_reading"]
+__all__ = ["TRACK_NUMBERS", "Side", "radar_reading"]
 
 Floats = NDArray[np.float64]
 Side = Literal["left", "right"]
-ANGLES_LEFT: Side = "left"
-ANGLES_RIGHT: Side = "right"
 
 # In messages of objects the position may lie in a pose.
 _POSES = ("", "position.", "pose.position.", "pose.pose.position.", "centroid.", "track_shape.centroid.")
@@ -34,6 +32,10 @@ _TWISTS = ("velocity.", "linear_velocity.", "velocity.twist.linear.", "twist.lin
 
 def _position(axis: str, *names: str) -> tuple[str, ...]:
     return (*(prefix + axis for prefix in (*_POSES, *_BOXES)), *names)
+
+
+def _velocity(axis: str, *names: str) -> tuple[str, ...]:
+    return (*(prefix + axis for prefix in ("v", "v_", "vel_", "velocity_", *_TWISTS)), *names)
 
 
 _X = _position("x", "pos_x", "position_x", "x_distance", "dist_long", "long_dist", "longitude_dist")
@@ -58,30 +60,13 @@ _RADIAL = (
     "can_tx_detect_range_rate",
 )
 _RADIAL_COMP = ("v_r_comp", "vr_comp", "doppler_comp", "radial_velocity_comp", "v_r_compensated", "vrad_comp")
-_VX = (
-    "vx",
-    "v_x",
-    "vel_x",
-    "velocity_x",
-    *(prefix + "x" for prefix in _TWISTS),
-    "vrel_long",
-    "x_velocity",
-    "longitude_vel",
-)
-_VY = (
-    "vy",
-    "v_y",
-    "vel_y",
-    "velocity_y",
-    *(prefix + "y" for prefix in _TWISTS),
-    "vrel_lat",
-    "y_velocity",
-    "lateral_vel",
-)
+_VX = _velocity("x", "vrel_long", "x_velocity", "longitude_vel")
+_VY = _velocity("y", "vrel_lat", "y_velocity", "lateral_vel")
 _RCS = ("rcs", "radar_cross_section", "amplitude", "power", "intensity", "snr", "can_tx_detect_amplitude")
 
 TRACK_NUMBERS = ("id", "track_id", "object_id", "target_id", "detection_id", "cluster_id", "objid", "uuid")
 
+_NAMED_ALIKE = ("is_quality_valid", "x_rms", "y_rms", "invalid_state", "pdh0", "vx_rms", "vy_rms")
 # Field of the nuScenes format -> names it is recorded under, taken as they are.
 _AS_RECORDED: dict[str, tuple[str, ...]] = {
     "rcs": _RCS,
@@ -89,14 +74,8 @@ _AS_RECORDED: dict[str, tuple[str, ...]] = {
     "vx_comp": ("vx_comp", "vx_compensated", "v_x_comp"),
     "vy_comp": ("vy_comp", "vy_compensated", "v_y_comp"),
     "dyn_prop": ("dyn_prop", "dynprop", "dynamic_property"),
-    "is_quality_valid": ("is_quality_valid",),
     "ambig_state": ("ambig_state", "ambiguity_state"),
-    "x_rms": ("x_rms",),
-    "y_rms": ("y_rms",),
-    "invalid_state": ("invalid_state",),
-    "pdh0": ("pdh0",),
-    "vx_rms": ("vx_rms",),
-    "vy_rms": ("vy_rms",),
+    **{name: (name,) for name in _NAMED_ALIKE},
 }
 
 # Names of angles that count degrees; all others count radians (REP 103).
@@ -173,7 +152,7 @@ def _cartesian(columns: _Columns, side: Side) -> tuple[Floats, Floats, Floats]:
         raise DecodeError("it has neither x and y, nor range and azimuth")
     elevation = columns.angle(_ELEVATION)
     with np.errstate(invalid="ignore"):
-        sin_azimuth, cos_azimuth = sin_cos(azimuth if side == ANGLES_LEFT else -azimuth)
+        sin_azimuth, cos_azimuth = sin_cos(azimuth if side == "left" else -azimuth)
         if elevation is None:
             return distance * cos_azimuth, distance * sin_azimuth, np.zeros_like(distance)
         sin_elevation, cos_elevation = sin_cos(elevation)

@@ -68,9 +68,8 @@ def _standing(targets: Floats, radar_mps: Floats, noise_share: float) -> Floats:
     of travel: elsewhere, radial speeds are alike whatever moves. Of what is high up, x and y hold a part of them only.
     """
     x, y, z, vx, vy = targets
-    distance = np.maximum(
-        np.sqrt(x * x + y * y + z * z), 1e-3
-    )  # plug-ins may give targets at the radar itself
+    # Plug-ins may give targets at the radar itself.
+    distance = np.maximum(np.sqrt(x * x + y * y + z * z), 1e-3)
     radial = (x * vx + y * vy) / distance
     approach = (radar_mps[:, :1] * x + radar_mps[:, 1:] * y) / distance
     speeds = np.sqrt((radar_mps * radar_mps).sum(axis=1))[:, None]

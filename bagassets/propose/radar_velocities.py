@@ -23,14 +23,13 @@ _LONGEST_S, _STEP_S, _MOST_READINGS = 60.0, 0.2, 30
 _HALF_WINDOW_S = 0.25
 _MOST_TARGETS = 500
 _HEADINGS = np.deg2rad(np.arange(0, 360, 3))
+_DIRECTIONS = np.stack([np.cos(_HEADINGS), np.sin(_HEADINGS)], axis=1)
 _NOISE_SHARE = 0.03  # the direction of travel is off by up to 1.5 degrees
 
-Place = tuple[float, float, float]
+Verdict = Velocities | Literal["undecided"]
 
 
-def velocities_of(
-    recording: Recording, radars: Iterable[str], movers: Collection[str]
-) -> dict[str, Velocities | Literal["undecided"]]:
+def velocities_of(recording: Recording, radars: Iterable[str], movers: Collection[str]) -> dict[str, Verdict]:
     """Return radar topic -> what its velocities are; without those where nothing is to be decided.
 
     That is so where the message type says it, and where messages hold no velocities, or compensated ones.
@@ -40,7 +39,7 @@ def velocities_of(
         radars: topics of radars.
         movers: topics that tell where the vehicle is: poses, fixes or transforms.
     """
-    found: dict[str, Velocities | Literal["undecided"]] = {}
+    found: dict[str, Verdict] = {}
     waiting: dict[str, list[tuple[float, Floats]]] = {
         name: [] for name in radars if not measures_relative(recording.topics[name].msgtype)
     }
@@ -76,7 +75,7 @@ def velocities_of(
     return found | {name: "undecided" for name, readings in waiting.items() if readings}
 
 
-def _places(recording: Recording, message: RawMessage) -> Iterator[tuple[str, Place]]:
+def _places(recording: Recording, message: RawMessage) -> Iterator[tuple[str, tuple[float, ...]]]:
     """Yield what is somewhere, and where, in metres."""
     family = families_of(message.msgtype)[0]
     value = _decoder(family, message.msgtype)(recording.decode(message))
@@ -104,11 +103,8 @@ def _verdict(
     if not tracks:
         return None
     # Of several transforms, that of the vehicle leads farthest.
-    track = max(
-        (np.array(track) for track in tracks.values()), key=lambda one: np.ptp(one[:, 1:], axis=0).max()
-    )
-    directions = np.stack([np.cos(_HEADINGS), np.sin(_HEADINGS)], axis=1)
-    told = [(targets, _speed_mps(track, now_s) * directions) for now_s, targets in readings]
+    track = max(map(np.array, tracks.values()), key=lambda one: np.ptp(one[:, 1:], axis=0).max())
+    told = [(targets, _speed_mps(track, now_s) * _DIRECTIONS) for now_s, targets in readings]
     return what_velocities_are(told, _NOISE_SHARE)
 
 

@@ -242,11 +242,9 @@ def _side(rig: RigProposal, name: str) -> str:
         other.removeprefix(prefix) for other, one in rig.channels.items() if one.modality == sensor.modality
     ]
     own = name.removeprefix(prefix)
-    return "" if sensor.modality == "camera" and set(sides) <= {"LEFT", "RIGHT"} else _known_side(own)
-
-
-def _known_side(words: str) -> str:
-    return words if set(words.split("_")) <= {"FRONT", "BACK", "LEFT", "RIGHT"} and words != "FRONT" else ""
+    is_stereo = sensor.modality == "camera" and set(sides) <= {"LEFT", "RIGHT"}
+    is_known = set(own.split("_")) <= {"FRONT", "BACK", "LEFT", "RIGHT"} and own != "FRONT"
+    return own if is_known and not is_stereo else ""
 
 
 def _shared_frames(rig: RigProposal) -> list[tuple[str, list[str]]]:

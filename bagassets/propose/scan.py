@@ -27,7 +27,7 @@ from bagassets.decode.tf import decode_transform
 from bagassets.errors import DecodeError, PluginError
 from bagassets.geometry.se3 import SE3
 from bagassets.propose.naming import is_radar_list
-from bagassets.propose.poses import pose_candidates
+from bagassets.propose.poses import propose_pose
 from bagassets.propose.radar_velocities import velocities_of
 from bagassets.propose.sensors import find_sensors, modality_of
 from bagassets.propose.summary import Edge, RecordingSummary, TopicSummary, merge_topics
@@ -82,9 +82,8 @@ def scan_recording(recording: Recording) -> RecordingSummary:
     sensors = {topic.name for topic in topics.values() if topic.count > 0 and modality_of(topic) is not None}
     summary = RecordingSummary(topics, transforms, moving, _short_s(recording, sensors), robots)
     radars = [sensor.topic.name for sensor in find_sensors(summary)[0] if sensor.modality == "radar"]
-    poses = pose_candidates(summary, "base_link")
-    place = poses[0].fields.get("topic") if poses and poses[0].fields["source"] != "ncom" else None
-    movers = transform_topics(summary) if place is None else [place]
+    pose = propose_pose(summary, "base_link").fields
+    movers = [pose["topic"]] if "topic" in pose and pose["source"] != "ncom" else transform_topics(summary)
     for name, velocities in velocities_of(recording, radars, movers).items():
         topics[name] = replace(topics[name], velocities=frozenset({velocities}))
     return summary
@@ -155,9 +154,8 @@ class _TopicScan:
         self._summary = _summary_of(topic)
         self.transforms: dict[Edge, list[SE3]] = {}
         self._decoders: dict[AnyFamily, Decode] = {}
-        self._is_patient = (
-            False  # reads on if nothing can be used: the type itself says what its messages are
-        )
+        # Reads on if nothing can be used: the type itself says what its messages are.
+        self._is_patient = False
         self._usable = 0
         self._refusal: str | None = None
         self._offsets_s: list[float] = []
@@ -188,8 +186,8 @@ class _TopicScan:
             try:
                 if family == "transforms":
                     self._take_transforms(facts, decode, value)
-                elif family == "cloud" and message.msgtype == POINTCLOUD2:
-                    self._take_cloud(facts, value)
+                elif family == "cloud":
+                    self._take_cloud(facts, decode, value, message.msgtype)
                 else:
                     _FACTS[family](facts, decode, value, message.msgtype)
             except DecodeError as err:
@@ -219,7 +217,7 @@ class _TopicScan:
         for family in families:
             try:
                 decoder = find_decoder(family, msgtype)
-                if decoder is not None and (family in _FACTS or family == "transforms"):
+                if decoder is not None and family in {*_FACTS, "cloud", "transforms"}:
                     self._decoders[family] = load_decoder(decoder)
                     self._is_patient |= not decoder.by_fields
             except PluginError as err:
@@ -238,16 +236,20 @@ class _TopicScan:
         else:
             self._offsets_s.append((message.log_time_ns - stamp_ns) / 1e9)
 
-    def _take_cloud(self, facts: Facts, value: Message) -> None:
+    def _take_cloud(self, facts: Facts, decode: Decode, value: Message, msgtype: str) -> None:
         check_points(value, _LIMITS.cloud_points)
-        reading = without_zero_points(read_pointcloud2(value))
+        reading: CloudReading
+        if msgtype == POINTCLOUD2:
+            reading = without_zero_points(read_pointcloud2(value))
+            intensities = reading.points[:, 3]
+            if ((intensities > 0.0) & (intensities != 1.0)).any():  # ones and zeros may be anything
+                facts["most_intensity"] = float(intensities.max())
+            self._recorded += [] if reading.recorded is None else [reading.recorded]
+        else:
+            reading = decode(value, None, "end")
         facts["frames"] = (reading.frame_id,)
-        intensities = reading.points[:, 3]
-        if ((intensities > 0.0) & (intensities != 1.0)).any():  # ones and zeros may be anything
-            facts["most_intensity"] = float(intensities.max())
-        if len(reading.points) > 1:
-            facts["timed"] = False
-        self._recorded += [] if reading.recorded is None else [reading.recorded]
+        if len(reading.points) > 1:  # times that do not differ are none
+            facts["timed"] = reading.times_ns is not None
 
     def _take_transforms(self, facts: Facts, decode: Decode, value: Message) -> None:
         facts["frames"] = []
@@ -276,14 +278,6 @@ def _image(facts: Facts, decode: Decode, value: Message, _msgtype: str) -> None:
     else:
         is_16_bit = reading.encoding == "png" and bytes((reading.encoded or b"")[24:25]) == _PNG_16_BIT
     facts |= {"frames": (reading.frame_id,), "encoding": reading.encoding, "is_16_bit": is_16_bit}
-
-
-def _cloud(facts: Facts, decode: Decode, value: Message, _msgtype: str) -> None:
-    check_points(value, _LIMITS.cloud_points)
-    reading: CloudReading = decode(value, None, "end")
-    facts["frames"] = (reading.frame_id,)
-    if len(reading.points) > 1:  # times that do not differ are none
-        facts["timed"] = reading.times_ns is not None
 
 
 def _radar(facts: Facts, decode: Decode, value: Message, msgtype: str) -> None:
@@ -330,7 +324,6 @@ def _packets(facts: Facts, decode: Decode, value: Message, _msgtype: str) -> Non
 
 _FACTS: Mapping[AnyFamily, Callable[[Facts, Decode, Message, str], None]] = {
     "image": _image,
-    "cloud": _cloud,
     "radar": _radar,
     "pose": _pose,
     "fix": _fix,

@@ -89,8 +89,7 @@ def find_sensors(summary: RecordingSummary) -> tuple[list[Sensor], list[LeftOut]
         for sensor in sensors
         for other in sensor.others
     ]
-    order = {"camera": 0, "lidar": 1, "radar": 2}
-    sensors.sort(key=lambda sensor: (order[sensor.modality], _lidar_rank(sensor), sensor.topic.name))
+    sensors.sort(key=lambda sensor: (sensor.modality, _lidar_rank(sensor), sensor.topic.name))
     return sensors, sorted(left_out, key=lambda left: left.topic.name)
 
 

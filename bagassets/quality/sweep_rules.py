@@ -116,12 +116,7 @@ class _Fit:
     @property
     def best(self) -> int:
         """The step with the least misfit; of several the one next to none."""
-        means = [self.mean(step) for step in range(-MOST_STEPS, MOST_STEPS + 1)]
-        least = min(means)
-        return min(
-            (step for step in range(-MOST_STEPS, MOST_STEPS + 1) if means[step + MOST_STEPS] == least),
-            key=abs,
-        )
+        return min(range(-MOST_STEPS, MOST_STEPS + 1), key=lambda step: (self.mean(step), abs(step)))
 
     @property
     def best_ns(self) -> float:
@@ -193,9 +188,8 @@ def _way_out(channel: LidarChannel, rightful: Range, fit: _Fit) -> str:
         begins = {"start": 0.0, "middle": -period / 2, "end": -1.0 * period}
         moved = {moment: begin - begins[meaning] for moment, begin in begins.items() if moment != meaning}
         others = {moment: (rightful[0] + by, rightful[1] + by) for moment, by in moved.items()}
-    elif (
-        not channel.deskew and rightful[0] < 0 < rightful[1]
-    ):  # stamps as recorded, points as they were measured
+    elif not channel.deskew and rightful[0] < 0 < rightful[1]:
+        # Stamps as recorded, points as they were measured.
         others = {"start": (0.0, LIKELY * period), "end": (-LIKELY * period, 0.0)}
     for moment in sorted(others, key=lambda moment: abs(sum(others[moment]) / 2 - fit.best_ns)):
         if _is_within(fit, others[moment]):

@@ -1,6 +1,6 @@
 """Explaining pydantic's errors, which are about models, unions and tags, to somebody who writes YAML."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from difflib import get_close_matches
 from typing import Any, get_args
 
@@ -18,10 +18,10 @@ Problem = tuple[tuple[str | int, ...], str]
 """A location in the recipe (field names, keys, indices), and what is wrong there, without full stop."""
 
 _BOUNDS = {
-    "greater_than": ("must be greater than {gt:g}", "gt"),
-    "greater_than_equal": ("must not be smaller than {ge:g}", "ge"),
-    "less_than": ("must be smaller than {lt:g}", "lt"),
-    "less_than_equal": ("must not be greater than {le:g}", "le"),
+    "greater_than": "must be greater than {gt:g}",
+    "greater_than_equal": "must not be smaller than {ge:g}",
+    "less_than": "must be smaller than {lt:g}",
+    "less_than_equal": "must not be greater than {le:g}",
 }
 
 
@@ -43,9 +43,11 @@ def explain(error: Mapping[str, Any], data: Json) -> Problem:
             "name a `urdf` of the rig"
         )
     if kind == "extra_forbidden":
-        return at, _unknown_field(str(at[-1]), _siblings(location), _value(data, at[:-1]))
+        return at, _unknown_field(str(at[-1]), _model(location), _value(data, at[:-1]))
     if kind == "missing":
-        return at, _required(location, at)
+        purpose = _purpose(location)
+        required = f"this field is required: {purpose}" if purpose else "this field is required"
+        return at, required if at else "the recipe is empty"
     if kind in {"union_tag_not_found", "union_tag_invalid"}:
         return _tag(at, annotation, value)
     if kind == "value_error":
@@ -54,7 +56,7 @@ def explain(error: Mapping[str, Any], data: Json) -> Problem:
             return (*at, *cause.at), str(cause)
         return at, f"{cause}; found {_show(value)}" if not isinstance(value, dict) else str(cause)
     if kind in _BOUNDS:
-        return at, f"{_BOUNDS[kind][0].format(**context)}; found {_show(value)}"
+        return at, f"{_BOUNDS[kind].format(**context)}; found {_show(value)}"
     if kind in {"too_short", "too_long"} and value in ([], {}):
         return at, "must have at least one entry"
     if kind == "finite_number":
@@ -105,24 +107,22 @@ def open_questions(problems: Iterable[Problem], data: JsonMapping) -> dict[int, 
     unanswered = {at for at, _ in undecided(data)}
     for at, sentence in problems:
         match at:
-            case ("rigs", int(number), "ego_pose") if data["rigs"][number].get("ego_pose") is None:
-                pass
-            case ("rigs", int(number), *_) if at in unanswered:
-                pass
+            case ("rigs", int(number), *rest) if at in unanswered or (
+                rest == ["ego_pose"] and data["rigs"][number].get("ego_pose") is None
+            ):
+                questions.setdefault(number, []).append((at, sentence))
             case _:
                 return {}
-        questions.setdefault(number, []).append((at, sentence))
     return questions if len(questions) < len(data["rigs"]) else {}
 
 
-def with_stand_ins(data: JsonMapping, rigs: Iterable[int]) -> JsonObject:
+def with_stand_ins(data: JsonMapping, rigs: Collection[int]) -> JsonObject:
     """Return the recipe as plain data in which rigs without poses have some, so that the rest can be read."""
     stand_in = {"source": "odometry", "topic": "to be decided"}
-    unposed = {number for number in rigs if data["rigs"][number].get("ego_pose") is None}
     return {
         **data,
         "rigs": [
-            {**rig, "ego_pose": stand_in} if number in unposed else rig
+            {**rig, "ego_pose": stand_in} if number in rigs and rig.get("ego_pose") is None else rig
             for number, rig in enumerate(data["rigs"])
         ],
     }
@@ -156,11 +156,6 @@ def _model(location: tuple[str | int, ...]) -> type[BaseModel] | None:
     return owner if isinstance(owner, type) and issubclass(owner, BaseModel) else None
 
 
-def _siblings(location: tuple[str | int, ...]) -> list[str]:
-    model = _model(location)
-    return [] if model is None else list(model.model_fields)
-
-
 def _purpose(location: tuple[str | int, ...]) -> str:
     model = _model(location)
     field = None if model is None else model.model_fields.get(str(location[-1]))
@@ -168,12 +163,8 @@ def _purpose(location: tuple[str | int, ...]) -> str:
     return text[:1].lower() + text[1:] if text[1:2].islower() else text
 
 
-def _required(location: tuple[str | int, ...], at: tuple[str | int, ...]) -> str:
-    purpose = _purpose(location)
-    return "this field is required" + (f": {purpose}" if purpose else "") if at else "the recipe is empty"
-
-
-def _unknown_field(name: str, known: list[str], present: Json) -> str:
+def _unknown_field(name: str, model: type[BaseModel] | None, present: Json) -> str:
+    known = [] if model is None else list(model.model_fields)
     free = [field for field in known if not isinstance(present, dict) or field not in present]
     near = closest(name, free)
     if near:

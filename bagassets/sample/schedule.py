@@ -32,6 +32,7 @@ __all__ = [
     "camera_image",
     "drive_events",
     "event",
+    "merged",
     "mosaic",
     "motion_events",
 ]
@@ -78,32 +79,33 @@ def event(log_time_ns: int, topic: str, msgtype: str, make: Make) -> Event:
     )
 
 
+def merged(*streams: Iterator[Event]) -> Iterator[Event]:
+    """Yield the events of several streams in the order of their log times."""
+    return heapq.merge(*streams, key=lambda one: one.log_time_ns)
+
+
 def drive_events(truth: Truth, duration_s: float) -> Iterator[Event]:
     """Yield all messages of a drive with every sensor, in the order of their log times."""
     end_ns = truth.start_ns + round(duration_s * 1e9)
-    streams = [
+    return merged(
         motion_events(truth, end_ns),
         _lidar(truth, end_ns),
         _radar(truth, end_ns),
         _boxes(truth, end_ns),
-    ]
-    streams += [
-        _camera(truth, camera, number, end_ns) for number, camera in enumerate(truth.cameras.values())
-    ]
-    return heapq.merge(*streams, key=lambda one: one.log_time_ns)
+        *(_camera(truth, camera, number, end_ns) for number, camera in enumerate(truth.cameras.values())),
+    )
 
 
 def motion_events(truth: Truth, end_ns: int) -> Iterator[Event]:
     """Yield where the car is and where its sensors sit: TF, odometry, GNSS and IMU."""
-    streams = [
+    return merged(
         _static(truth),
         _odometry(truth, end_ns),
         _transforms(truth, end_ns),
         _map(truth, end_ns),
         _gnss(truth, end_ns),
         _imu(truth, end_ns),
-    ]
-    return heapq.merge(*streams, key=lambda one: one.log_time_ns)
+    )
 
 
 def _stamps(truth: Truth, end_ns: int, period_ns: int, offset_ns: int = 0) -> range:

@@ -6,7 +6,6 @@ stamps, poses and calibration are true at all times, pictures and points are tho
 half second. Sensor noise is drawn per image of the cycle, so that JPEG works as hard as on real ones.
 """
 
-import heapq
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
@@ -26,7 +25,7 @@ from bagassets.sample.messages import Messages
 from bagassets.sample.recorder import Recorder
 from bagassets.sample.render import CameraView
 from bagassets.sample.rig import EGO_SE3_LIDAR, Camera, cameras, rear_camera
-from bagassets.sample.schedule import CAMERA_LATENCY_NS, Event, event, mosaic, motion_events
+from bagassets.sample.schedule import CAMERA_LATENCY_NS, Event, event, merged, mosaic, motion_events
 from bagassets.sample.truth import Truth
 from bagassets.sample.world import World
 
@@ -58,7 +57,7 @@ def throughput_events(truth: Truth, seed: int, duration_s: float) -> Iterator[Ev
     streams += [
         _camera(truth, camera, number, seed, end_ns) for number, camera in enumerate(truth.cameras.values())
     ]
-    return heapq.merge(*streams, key=lambda one: one.log_time_ns)
+    return merged(*streams)
 
 
 class _Template:

@@ -1,18 +1,17 @@
 """Oddities of lidars: how their drivers tell the times of points, and what they send where nothing was hit."""
 
 from collections.abc import Callable, Iterator
-from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bagassets.decode.fields import stamp_and_frame, stamp_ns
+from bagassets.decode.fields import stamp_and_frame
 from bagassets.decode.pointcloud2 import point_fields
 from bagassets.recordings.model import Message
 from bagassets.sample.messages import Messages
-from bagassets.sample.oddities.stream import Oddity, edited
-from bagassets.sample.schedule import Event, Make, event
+from bagassets.sample.oddities.stream import Oddity, edited, on_clock
+from bagassets.sample.schedule import Event
 from bagassets.sample.truth import Truth
 
 __all__ = ["ODDITIES", "UNTIMED"]
@@ -66,30 +65,7 @@ def _uptime(events: Iterator[Event], truth: Truth) -> Iterator[Event]:
 
 def _simulated(events: Iterator[Event], truth: Truth) -> Iterator[Event]:
     """All clocks start at 0, that of the recorder, too, and points tell seconds of it."""
-    by_ns = truth.start_ns
-    earlier = (
-        event(one.log_time_ns - by_ns, one.topic, one.msgtype, partial(_earlier, one.make, by_ns))
-        for one in events
-        if one.make is not None
-    )
-    return _clouds(_dated)(earlier, truth)
-
-
-def _earlier(make: Make, by_ns: int, messages: Messages) -> Message:
-    message = make(messages)
-    _move_stamps(messages, message, by_ns)
-    return message
-
-
-def _move_stamps(messages: Messages, message: Message, by_ns: int) -> None:
-    for name in message.__dataclass_fields__:
-        value = getattr(message, name)
-        for part in value if isinstance(value, list) else [value]:
-            # Several transforms share a header.
-            if type(part).__name__.endswith("Time") and stamp_ns(part) >= by_ns:
-                setattr(message, name, messages.time(stamp_ns(part) - by_ns))
-            elif hasattr(part, "__dataclass_fields__"):
-                _move_stamps(messages, part, by_ns)
+    return _clouds(_dated)(on_clock(events, lambda at_ns: at_ns - truth.start_ns), truth)
 
 
 ODDITIES: dict[str, Oddity] = {

@@ -1,7 +1,6 @@
 """Oddities of clocks, and of what says where the car is."""
 
-import heapq
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import partial
 from itertools import tee
 
@@ -9,8 +8,8 @@ from bagassets.decode.fields import stamp_ns
 from bagassets.geometry.se3 import SE3
 from bagassets.recordings.model import Message
 from bagassets.sample.messages import Messages
-from bagassets.sample.oddities.stream import Oddity, edited, with_fields
-from bagassets.sample.schedule import Event, Make, event
+from bagassets.sample.oddities.stream import Oddity, edited, on_clock, with_fields
+from bagassets.sample.schedule import Event, merged
 from bagassets.sample.truth import Truth
 
 __all__ = ["BOOTED_NS", "ODDITIES", "SET_AFTER_NS", "SET_BACK_NS"]
@@ -20,34 +19,17 @@ BOOTED_NS = 200_000_000_000_000
 SET_BACK_NS = 503_000_000
 _STRAY_DEG, _APART_M, _LATER_NS = 4.6, 0.29, 7_000_000
 
-Clock = Callable[[int], int]
-
 
 def _clock_set_late(events: Iterator[Event], truth: Truth) -> Iterator[Event]:
     """The clock of the recorder, and of all drivers, starts in 1970 and is set after 2 s."""
     set_ns = truth.start_ns + SET_AFTER_NS
-    return _timed(events, lambda at_ns: at_ns if at_ns >= set_ns else at_ns - truth.start_ns + BOOTED_NS)
+    return on_clock(events, lambda at_ns: at_ns if at_ns >= set_ns else at_ns - truth.start_ns + BOOTED_NS)
 
 
 def _clock_set_back(events: Iterator[Event], truth: Truth) -> Iterator[Event]:
     """After 2 s, the clock is set back by half a second, so that this half second is recorded twice."""
     set_ns = truth.start_ns + SET_AFTER_NS
-    return _timed(events, lambda at_ns: at_ns if at_ns < set_ns else at_ns - SET_BACK_NS)
-
-
-def _timed(events: Iterator[Event], clock: Clock) -> Iterator[Event]:
-    """Yield events as on another clock."""
-    for one in events:
-        if one.make is not None:
-            yield event(clock(one.log_time_ns), one.topic, one.msgtype, partial(_stamped, clock, one.make))
-
-
-def _stamped(clock: Clock, make: Make, messages: Messages) -> Message:
-    message = make(messages)
-    parts = getattr(message, "transforms", [message, *getattr(message, "detections", ())])
-    for header in {id(part.header): part.header for part in parts}.values():  # some share one
-        header.stamp = messages.time(clock(stamp_ns(header.stamp)))
-    return message
+    return on_clock(events, lambda at_ns: at_ns if at_ns < set_ns else at_ns - SET_BACK_NS)
 
 
 def _stray_fixes(events: Iterator[Event], _: Truth) -> Iterator[Event]:
@@ -74,7 +56,7 @@ def _two_publishers(events: Iterator[Event], truth: Truth) -> Iterator[Event]:
     """Another node publishes on /odom, 0.29 m to the side."""
     first, second = tee(events)
     moved = edited((one for one in second if one.topic == "/odom"), ["/odom"], partial(_aside, truth))
-    return heapq.merge(first, _timed(moved, lambda at_ns: at_ns + _LATER_NS), key=lambda one: one.log_time_ns)
+    return merged(first, on_clock(moved, lambda at_ns: at_ns + _LATER_NS))
 
 
 def _aside(truth: Truth, _: Messages, odometry: Message, _number: int) -> Message:

@@ -1,6 +1,5 @@
 """Oddities of namespaces: which robot a topic belongs to."""
 
-import heapq
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import tee
@@ -8,7 +7,7 @@ from itertools import tee
 from bagassets.recordings.model import Message
 from bagassets.sample.messages import Messages
 from bagassets.sample.oddities.stream import Oddity, edited
-from bagassets.sample.schedule import Event
+from bagassets.sample.schedule import Event, merged
 from bagassets.sample.truth import Truth
 
 __all__ = ["APART_M", "ODDITIES"]
@@ -20,11 +19,7 @@ def _two_robots(events: Iterator[Event], _truth: Truth) -> Iterator[Event]:
     """Two cars with frames of equal names: `/robot1`, and `/robot2` 50 m further along x of `odom`."""
     one, other = tee(events)
     moved = {f"/robot2/{name}" for name in ("odom", "tf", "annotations")}
-    return heapq.merge(
-        _below("/robot1", one),
-        edited(_below("/robot2", other), moved, _moved),
-        key=lambda one: one.log_time_ns,
-    )
+    return merged(_below("/robot1", one), edited(_below("/robot2", other), moved, _moved))
 
 
 def _one_robot(events: Iterator[Event], _truth: Truth) -> Iterator[Event]:
