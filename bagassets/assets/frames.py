@@ -307,9 +307,8 @@ def _outlasts_the_call(data: bytes | memoryview) -> bool:
 FRAMES = Asset(
     name="frames",
     version=6,
-    spared={
-        6: lambda use: ImageOutput(use, None).undistort is None
-    },  # of 6 are the maps of `undistortion_maps`
+    # Of 6 are the maps of `undistortion_maps`.
+    spared={6: lambda use: ImageOutput(use, None).undistort is None},
     libraries=("opencv-python-headless", "pyarrow"),
     title="The camera images: undistorted and encoded as the recipe says, indexed by stamp.",
     description="""One artifact per camera, so that a change to one leaves the others alone. Each image is extracted once, whether or not it
