@@ -31,7 +31,6 @@ from bagassets.defs.dagster_private import (
     SerializableErrorInfo,
     WorkerStatus,
     capture_interrupts,
-    check_captured_interrupt,
     compute_logs,
     core_execute_run,
     get_env_var_dict,
@@ -47,14 +46,12 @@ __all__ = [
     "CodeLocation",
     "RunOutcome",
     "StepError",
-    "capture_interrupts",
     "create_job_run",
     "create_run",
     "dotenv_variables",
     "execute_run",
     "fail_if_lost",
     "failure_of",
-    "is_interrupted",
     "location_variables",
     "mark_canceling",
     "open_instance",
@@ -216,11 +213,6 @@ def preload_definitions(module: str) -> None:
             repository = value.get_repository_def()
             if repository.asset_graph.executable_asset_keys:
                 repository.get_implicit_job_def_for_assets(repository.asset_graph.executable_asset_keys)
-
-
-def is_interrupted() -> bool:
-    """Return whether a signal arrived under `capture_interrupts` and was not yet raised."""
-    return check_captured_interrupt()
 
 
 def create_run(
