@@ -12,13 +12,12 @@ from bagassets.assets.frames import INDEX_SCHEMA
 from bagassets.assets.sweep_files import LIDAR_SCHEMA
 from bagassets.build.execute import Skipped
 from bagassets.build.recording_assets import RecordingAssets
-from bagassets.defs.code_links import code_link
 from bagassets.defs.exclusive import RecordingLock
 from bagassets.defs.making import dependencies, make_assets, read_bag, recorded_bag
 from bagassets.defs.naming import Naming
 from bagassets.defs.not_made import failures_observed
 from bagassets.defs.partitions import recording_partitions
-from bagassets.defs.reporting import BAG_CODE_VERSION, errors_explained
+from bagassets.defs.reporting import BAG_CODE_VERSION, code_link, errors_explained
 from bagassets.defs.workspace import Workspace
 from bagassets.escaping import visible
 from bagassets.formats.catalogue import recording_assets

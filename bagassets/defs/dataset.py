@@ -5,13 +5,12 @@ from collections.abc import Callable
 import dagster as dg
 
 from bagassets.defs.artifact_files import page_link
-from bagassets.defs.code_links import code_link
 from bagassets.defs.events import CODE_VERSION, DATA_VERSION, latest_ids, recorded_whole
 from bagassets.defs.fence import refuse_if_ended
 from bagassets.defs.instance_plan import InstancePlan, plan_in_run
 from bagassets.defs.making import MadeAsset
 from bagassets.defs.naming import DATASET_INPUTS, Naming
-from bagassets.defs.reporting import dataset_metadata, errors_explained, inputs_metadata
+from bagassets.defs.reporting import code_link, dataset_metadata, errors_explained, inputs_metadata
 from bagassets.defs.workspace import Workspace
 from bagassets.formats.catalogue import formats, recording_assets
 from bagassets.formats.dataset_build import (
