@@ -67,8 +67,7 @@ def kept_open(instance: dg.DagsterInstance, *run_ids: str) -> Iterator[None]:
     if index is None:
         yield
         return
-    _relax_commits()
-    _share_engines()
+    _prepare_sqlite()
     files = [index, _runs_database(index), *(index.with_name(f"{run_id}.db") for run_id in run_ids)]
     paths = [str(path) for path in files]
     _KEPT.update(paths)
@@ -159,14 +158,12 @@ def _try(connection: Any, _record: object, _proxy: object) -> None:
 
 
 @cache
-def _relax_commits() -> None:
-    """Let all SQLite connections that this process opens from now on sync at checkpoints only."""
+def _prepare_sqlite() -> None:
+    """Let all SQLite connections that this process opens from now on sync at checkpoints only, and Dagster reuse engines.
+
+    It would create another one for the same file.
+    """
     event.listen(Engine, "connect", _on_connect)
-
-
-@cache
-def _share_engines() -> None:
-    """Let Dagster reuse an engine where it would create another one for the same file."""
     for module in (sqlite_event_log, sqlite_run_storage):
         setattr(module, _CREATE_ENGINE, _create_engine)
 

@@ -168,7 +168,8 @@ def _make(folder: Path, names: list[str]) -> None:
         _lay_out(new / _EVENTS)
         for name in names:
             path = folder / name
-            _sync(new / name)
+            with (new / name).open("rb") as file:
+                os.fsync(file.fileno())
             path.parent.mkdir(parents=True, exist_ok=True)
             # First the files beside the old one: a log of another database would spoil the new one.
             for kind in ("wal", "shm", "journal"):
@@ -192,11 +193,6 @@ def _unsynced(folder: Path) -> Iterator[None]:
         yield
     finally:
         event.remove(Engine, "connect", connected)
-
-
-def _sync(path: Path) -> None:
-    with path.open("rb") as file:
-        os.fsync(file.fileno())
 
 
 def _lay_out(path: Path) -> None:

@@ -55,6 +55,7 @@ def build_definitions(
     recipe_file = recipe_file.absolute()
     recipe = load_recipe(recipe_file)
     names = Naming(recipe.name, checked_prefix(key_prefix), group_name, resource_key)
+    in_process = not names.prefix if in_process is None else in_process
     with warnings.catch_warnings():
         # Partitioned checks are a preview feature, but without partitions one recording's pass would hide another's
         # failure.
@@ -73,12 +74,8 @@ def build_definitions(
             names.workspace: Workspace(recipe_file=str(recipe_file), key_prefix=list(names.prefix)),
             names.lock: RecordingLock(folder=str(recipe.state / RUN_LOCKS)),
         },
-        executor=dg.in_process_executor if _is_in_process(names, in_process) else None,
+        executor=dg.in_process_executor if in_process else None,
     )
-
-
-def _is_in_process(names: Naming, in_process: bool | None) -> bool:
-    return not names.prefix if in_process is None else in_process
 
 
 def _keep_log_level() -> None:

@@ -100,33 +100,28 @@ def home_of(
     A project that is defined without a prefix as well has none.
     """
     found = {prefix: one.location for one in locations for prefix in one.prefixes_of(recipe_file)}
-    if not found or () in found or any(_module_of(origin) == _OURS for origin in _origins(home / _WORKSPACE)):
+    targets = [origin.loadable_target_origin for origin in _origins(home / _WORKSPACE)]
+    if not found or () in found or any(target.module_name == _OURS for target in targets):
         return (), CodeLocation()
     return min(found.items(), key=lambda one: one[0])
 
 
-def _module_of(origin: object) -> str | None:
-    if not isinstance(origin, ManagedGrpcPythonEnvCodeLocationOrigin):
-        return None
-    return origin.loadable_target_origin.module_name
-
-
-def _origins(file: Path) -> list[object]:
+def _origins(file: Path) -> list[ManagedGrpcPythonEnvCodeLocationOrigin]:
+    """Return the code locations in a workspace but for those of servers."""
     if not file.is_file():
         return []
     try:
-        return list(location_origins_from_yaml_paths([str(file)]))
+        found = location_origins_from_yaml_paths([str(file)])
     except Exception as err:
         problem = str(err).strip().splitlines()
         raise RecipeError(
             f"{file}: this cannot be read as a workspace of Dagster ({problem[0] if problem else err!r})."
         ) from err
+    return [origin for origin in found if isinstance(origin, ManagedGrpcPythonEnvCodeLocationOrigin)]
 
 
 def _named(file: Path) -> Iterator[CodeLocation]:
     for origin in _origins(file):
-        if not isinstance(origin, ManagedGrpcPythonEnvCodeLocationOrigin):
-            continue
         target = origin.loadable_target_origin
         if target.executable_path not in {None, sys.executable} or target.module_name == _OURS:
             continue

@@ -85,27 +85,17 @@ def record_touched(
             if digest.digest != recorded.data_version:
                 continue
             if stat != recorded.stat:
-                _record(instance, workspace.names.key("bag"), recording, stat, digest)
+                instance.report_runless_asset_event(
+                    dg.AssetMaterialization(
+                        workspace.names.key("bag"),
+                        description="Recorded without a run: only the time of its files had changed.",
+                        partition=recording.key,
+                        metadata=bag_metadata(recording, stat, digest),
+                        tags={DATA_VERSION: digest.digest, CODE_VERSION: BAG_CODE_VERSION},
+                    )
+                )
             same[key] = seconds
     return same
-
-
-def _record(
-    instance: dg.DagsterInstance,
-    bag: dg.AssetKey,
-    recording: RecordingFiles,
-    stat: RecordingStat,
-    digest: RecordingDigest,
-) -> None:
-    instance.report_runless_asset_event(
-        dg.AssetMaterialization(
-            bag,
-            description="Recorded without a run: only the time of its files had changed.",
-            partition=recording.key,
-            metadata=bag_metadata(recording, stat, digest),
-            tags={DATA_VERSION: digest.digest, CODE_VERSION: BAG_CODE_VERSION},
-        )
-    )
 
 
 def _threads(jobs: int) -> int:
