@@ -110,7 +110,9 @@ class Commits:
     def any_since(self) -> bool:
         """Return whether there may have been any since the last call; yes at the first one in a block."""
         try:
-            self._connections = self._connections or [_connected(file) for file in self._files]
+            self._connections = self._connections or [
+                sqlite3.connect(f"{file.resolve().as_uri()}?mode=rw", uri=True) for file in self._files
+            ]
             versions = [
                 connection.execute("PRAGMA data_version").fetchone()[0] for connection in self._connections
             ]
@@ -128,10 +130,6 @@ class Commits:
 
 def _runs_database(index: Path) -> Path:
     return index.parent.parent / "runs.db"
-
-
-def _connected(file: Path) -> sqlite3.Connection:
-    return sqlite3.connect(f"{file.resolve().as_uri()}?mode=rw", uri=True)
 
 
 def pool_connections(instance: dg.DagsterInstance) -> None:

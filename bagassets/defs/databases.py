@@ -68,24 +68,19 @@ def ready_to_open(home: Path) -> Iterator[None]:
         yield
         return
     with ExitStack() as stack:
-        with database_errors_explained(str(home)), _disk_errors_explained(folder):
-            folder.mkdir(parents=True, exist_ok=True)
-            file = stack.enter_context(LockFile.open(folder / _LOCK))
-            file.lock_shared()  # waits while another process creates them
-            if _unfinished(folder):
-                file.lock()
-                _make(folder, _unfinished(folder))
+        try:
+            with database_errors_explained(str(home)):
+                folder.mkdir(parents=True, exist_ok=True)
+                file = stack.enter_context(LockFile.open(folder / _LOCK))
+                file.lock_shared()  # waits while another process creates them
+                if _unfinished(folder):
+                    file.lock()
+                    _make(folder, _unfinished(folder))
+        except OSError as err:
+            raise StoreError(
+                f"{err.filename or folder}: Dagster's database cannot be created ({err.strerror}); free disk space, or fix the folder."
+            ) from err
         yield
-
-
-@contextmanager
-def _disk_errors_explained(folder: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as err:
-        raise StoreError(
-            f"{err.filename or folder}: Dagster's database cannot be created ({err.strerror}); free disk space, or fix the folder."
-        ) from err
 
 
 @contextmanager

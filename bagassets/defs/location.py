@@ -50,7 +50,10 @@ def build_definitions(
         RecipeError: the recipe is missing or wrong, or the prefix.
     """
     if os.environ.get("DAGSTER_IS_DEV_CLI"):  # in a code server of `bagassets ui` or `dagster dev`
-        _keep_log_level()
+        # Keep Dagster's messages to its own handlers, which respect the log level that was asked for. Evaluating a sensor
+        # sets the level of Dagster's logger to DEBUG. That shows once the root logger has a handler, and it gets one when
+        # anything calls `logging.info` itself, as Dagster's storage does.
+        logging.getLogger("dagster").propagate = False
     explain_missing_partition()
     recipe_file = recipe_file.absolute()
     recipe = load_recipe(recipe_file)
@@ -76,12 +79,3 @@ def build_definitions(
         },
         executor=dg.in_process_executor if in_process else None,
     )
-
-
-def _keep_log_level() -> None:
-    """Keep Dagster's messages to its own handlers, which respect the log level that was asked for.
-
-    Evaluating a sensor sets the level of Dagster's logger to DEBUG. That shows once the root logger has a handler, and
-    it gets one when anything calls `logging.info` itself, as Dagster's storage does.
-    """
-    logging.getLogger("dagster").propagate = False

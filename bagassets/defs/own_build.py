@@ -222,20 +222,17 @@ class OwnBuild:
                 is_dataset_current=is_dataset_current,
             )
             to_make = work.having(*_TO_MAKE)
-            settled = self._tried.keys() | (self._made_elsewhere() if to_make else set())
+            # Other runs are about to make some, as those of a sensor.
+            runs = self._instance.get_runs(dg.RunsFilter(statuses=ACTIVE)) if to_make else ()
+            settled = self._tried.keys() | {
+                (key.to_user_string(), run.tags.get(PARTITION_TAG, ""))
+                for run in runs
+                for key in run.asset_selection or ()
+            }
             todo = [one for one in to_make if one[:2] not in settled]
             if not todo or self.interrupted:
                 return work
             self._run(todo)
-
-    def _made_elsewhere(self) -> set[tuple[str, str]]:
-        """Return what other runs are about to make, as those of a sensor."""
-        runs = self._instance.get_runs(dg.RunsFilter(statuses=ACTIVE))
-        return {
-            (key.to_user_string(), run.tags.get(PARTITION_TAG, ""))
-            for run in runs
-            for key in run.asset_selection or ()
-        }
 
     def _run(self, todo: list[tuple[str, str, OwnState]]) -> None:
         """Make some assets, those of the same partition and code location in one run."""

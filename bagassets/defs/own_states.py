@@ -12,7 +12,7 @@ from typing import Literal
 import dagster as dg
 
 from bagassets.build.plan import BagPlan, Recorded, version_as_input
-from bagassets.defs.events import fetch_recorded, in_batches, latest_ids, recorded_whole
+from bagassets.defs.events import fetch_recorded, latest_ids, recorded_whole, runs_of
 from bagassets.defs.naming import DATASET_INPUTS, Naming
 from bagassets.defs.own_assets import OwnAsset, Read, Versions, inputs_digest, inputs_tag, told_inputs
 from bagassets.defs.own_location import code_digest
@@ -128,12 +128,8 @@ class _Survey:
         """Return run -> digest of what it read, for assets that read more than Dagster records."""
         if all(read.how != "all" for read in asset.reads):
             return {}
-        ids = sorted({one.run_id for one in recorded.values()})
-        told: dict[str, str] = {}
-        for batch in in_batches(ids):
-            runs = self._instance.get_runs(dg.RunsFilter(run_ids=batch))
-            told |= {run.run_id: told_inputs(run, asset.key) for run in runs}
-        return told
+        runs = runs_of(self._instance, {one.run_id for one in recorded.values()})
+        return {run.run_id: told_inputs(run, asset.key) for run in runs}
 
     def _state(
         self, asset: OwnAsset, partition: str, recorded: Recorded | None, runs: Mapping[str, str]
@@ -169,7 +165,9 @@ class _Survey:
                 return "unknown", f"{name} comes first"
             if state.state == "skipped":
                 return "skipped", state.reason
-            return None if state.state == "fresh" else _blocked(name, state)
+            if state.state == "fresh":
+                return None
+            return "blocked", f"{name} failed" if state.state == "failed" else state.reason  # the first cause
         if read.how == "whole":
             is_behind = ours in {DATASET_INPUTS, *self._pending.datasets} and not self._is_dataset_current
             return ("unknown", f"{name} comes first") if is_behind else None
@@ -242,11 +240,6 @@ def _held_by_ours(bag: BagPlan, ours: str, name: str) -> tuple[State, str] | Non
             f"{name} {'failed' if state == 'failed' else 'is not there'}, as its recording failed",
         )
     return "unknown", f"{name} comes first"
-
-
-def _blocked(name: str, state: OwnState) -> tuple[State, str]:
-    """Return why something cannot be made that reads what is not there: the first cause."""
-    return "blocked", f"{name} failed" if state.state == "failed" else state.reason
 
 
 def _spellings(version: str) -> set[str]:

@@ -98,15 +98,6 @@ def record_touched(
     return same
 
 
-def _threads(jobs: int) -> int:
-    """Return how many recordings are read at a time.
-
-    If all processors may be used, it is more than there are: recordings of one size then end together, where the last one alone
-    would leave processors idle.
-    """
-    return jobs * _SHARE_A_PROCESSOR if jobs >= (os.cpu_count() or 1) > 1 else max(1, jobs)
-
-
 class _Reading:
     """Reads recordings, several at a time, and tells how far it is."""
 
@@ -125,7 +116,10 @@ class _Reading:
     ) -> Generator[tuple[str, RecordingStat, RecordingDigest, float], None, None]:
         """Yield key, status before, digest and seconds of each recording that could be read, as soon as it has been."""
         ended: SimpleQueue[Future[_Read]] = SimpleQueue()
-        with ThreadPoolExecutor(_threads(jobs)) as pool:
+        # If all processors may be used, more are read at a time than there are: recordings of one size then end together,
+        # where the last one alone would leave processors idle.
+        threads = jobs * _SHARE_A_PROCESSOR if jobs >= (os.cpu_count() or 1) > 1 else max(1, jobs)
+        with ThreadPoolExecutor(threads) as pool:
             keys = {pool.submit(self._digest, recording): key for key, recording in self._recordings.items()}
             for future in keys:
                 future.add_done_callback(ended.put)

@@ -16,7 +16,7 @@ from pathlib import Path
 import dagster as dg
 
 from bagassets.defs.dagster_private import WorkerStatus
-from bagassets.defs.events import in_batches
+from bagassets.defs.events import runs_of
 from bagassets.defs.orphaned_runs import report_ended
 from bagassets.defs.slurm.commands import JobState, SlurmError, cancel_job, job_states, submit_job
 from bagassets.defs.slurm.options import JOB_TAG, LOG_TAG, NODE_TAG, JobOptions
@@ -179,7 +179,9 @@ class Keeper:
 
     def _still_wanted(self, job: JobFolder, runs: list[SpooledRun]) -> list[SpooledRun]:
         """Return the runs of a job that have not ended; drop the others."""
-        ended = {run.run_id for run in self._runs(one.run_id for one in runs) if run.is_finished}
+        ended = {
+            run.run_id for run in runs_of(self._instance, (one.run_id for one in runs)) if run.is_finished
+        }
         for run_id in ended:
             self._spool.drop(job, run_id)
         return [run for run in runs if run.run_id not in ended]
@@ -319,7 +321,7 @@ class Keeper:
     def _look_after(self, job: JobFolder, job_id: str, state: JobState | None) -> None:
         """Cancel a job whose runs have all ended; else tell its runs where they are."""
         run_ids = [*job.runs(), *job.begun()]
-        runs = self._runs(run_ids)
+        runs = runs_of(self._instance, run_ids)
         unfinished = [run for run in runs if not run.is_finished]
         if not unfinished:
             # One at work is about to end by itself.
@@ -337,10 +339,3 @@ class Keeper:
         for run in unfinished:
             if run.tags.get(WHERE_TAG) != str(state):
                 self._instance.add_run_tags(run.run_id, {WHERE_TAG: str(state), NODE_TAG: state.node})
-
-    def _runs(self, run_ids: Iterable[str]) -> list[dg.DagsterRun]:
-        return [
-            run
-            for batch in in_batches(list(run_ids))
-            for run in self._instance.get_runs(dg.RunsFilter(run_ids=batch))
-        ]
