@@ -15,7 +15,7 @@ from bagassets.build.build_report import BuildOptions, Event, OwnOutcome, OwnRes
 from bagassets.build.choose import SelectionError, split_names
 from bagassets.defs.own_assets import OwnAsset, find_own_assets, inputs_tag
 from bagassets.defs.own_location import code_digest, files_of, home_of, load_locations
-from bagassets.defs.own_states import OwnState, OwnStates, states_of_own
+from bagassets.defs.own_states import OwnState, OwnStates, Survey
 from bagassets.defs.partitions import ACTIVE, PARTITION_TAG
 from bagassets.defs.pending_work import PendingWork
 from bagassets.defs.run_pool import EndedRun, Listener, RunPool
@@ -84,7 +84,9 @@ class OwnProject:
         is_dataset_current: bool | None = None,
     ) -> "OwnWork":
         """Return the state of each asset."""
-        states = states_of_own(
+        if not self.assets:
+            return OwnWork(self)
+        survey = Survey(
             instance,
             self.workspace.names,
             pending,
@@ -93,7 +95,7 @@ class OwnProject:
             retry_failed=options.retry_failed,
             is_dataset_current=is_dataset_current,
         )
-        return OwnWork(self, states)
+        return OwnWork(self, survey.states)
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from bagassets.defs.pending_work import PendingWork
 from bagassets.defs.runs import failure_of
 from bagassets.json_types import JsonObject
 
-__all__ = ["OwnState", "OwnStates", "states_of_own"]
+__all__ = ["OwnState", "OwnStates", "Survey"]
 
 State = Literal["fresh", "missing", "stale", "unknown", "blocked", "skipped", "failed"]
 _TO_COME = frozenset({"missing", "stale", "unknown"})
@@ -53,17 +53,8 @@ OwnStates = Mapping[str, Mapping[str, OwnState]]
 """Asset -> partition key, "" for one without partitions -> state."""
 
 
-def states_of_own(
-    instance: dg.DagsterInstance,
-    names: Naming,
-    pending: PendingWork,
-    own: Mapping[str, OwnAsset],
-    *,
-    wanted: Collection[str],
-    retry_failed: bool = False,
-    is_dataset_current: bool | None = None,
-) -> OwnStates:
-    """Return the state of each asset, for the chosen recordings.
+class Survey:
+    """The state of each asset, for the chosen recordings.
 
     Args:
         instance: where materializations are recorded.
@@ -73,19 +64,10 @@ def states_of_own(
         wanted: those that a build brings up to date; others that these read are taken as they are.
         retry_failed: take what failed on the same inputs as to be made.
         is_dataset_current: the datasets on disk are up to date; default: so they are, and stay so in a build.
+
+    Attributes:
+        states: what it found.
     """
-    if not own:
-        return {}
-    stays = pending.dataset_is_current and not (pending.todo or pending.plan.removed)
-    is_current = stays if is_dataset_current is None else is_dataset_current
-    survey = _Survey(instance, names, pending, own, frozenset(wanted), is_current, retry_failed)
-    for name in own:
-        survey.add(name)
-    return survey.states
-
-
-class _Survey:
-    """The states of assets, each after those that it reads."""
 
     def __init__(
         self,
@@ -93,28 +75,27 @@ class _Survey:
         names: Naming,
         pending: PendingWork,
         own: Mapping[str, OwnAsset],
-        wanted: frozenset[str],
-        is_dataset_current: bool,
-        retry_failed: bool,
+        *,
+        wanted: Collection[str],
+        retry_failed: bool = False,
+        is_dataset_current: bool | None = None,
     ) -> None:
-        self.states: dict[str, dict[str, OwnState]] = {}
+        stays = pending.dataset_is_current and not (pending.todo or pending.plan.removed)
+        self._is_dataset_current = stays if is_dataset_current is None else is_dataset_current
         self._instance, self._names, self._pending, self._own = instance, names, pending, own
-        self._wanted, self._is_dataset_current, self._retry_failed = wanted, is_dataset_current, retry_failed
+        self._wanted, self._retry_failed = wanted, retry_failed
         self._versions = Versions(instance, names)
         self._code = code_digest()
-
-    def add(self, name: str) -> None:
-        """Add the states of an asset."""
-        asset = self._own[name]
-        partitions = (
-            sorted(self._pending.chosen & self._pending.plan.bags.keys()) if asset.is_partitioned else [""]
-        )
-        recorded = self._recorded(asset, partitions)
-        runs = self._runs(asset, recorded)
-        self.states[name] = {
-            partition: self._state(asset, partition, recorded.get(partition), runs)
-            for partition in partitions
-        }
+        self.states: dict[str, dict[str, OwnState]] = {}
+        recordings = sorted(pending.chosen & pending.plan.bags.keys())
+        for name, asset in own.items():  # each after those that it reads
+            partitions = recordings if asset.is_partitioned else [""]
+            recorded = self._recorded(asset, partitions)
+            runs = self._runs(asset, recorded)
+            self.states[name] = {
+                partition: self._state(asset, partition, recorded.get(partition), runs)
+                for partition in partitions
+            }
 
     def _recorded(self, asset: OwnAsset, partitions: Collection[str]) -> dict[str, Recorded]:
         if asset.is_partitioned:
