@@ -183,28 +183,25 @@ class Versions:
 
         Of all recordings it is a digest over the versions of those that are registered.
         """
+        if read.how == "whole":
+            if read.key not in self._wholes:
+                newest = recorded_whole(self._instance, self._names, read.key)
+                version = _observed(self._instance, read.key) if newest is None else newest.data_version
+                self._wholes[read.key] = version
+            return self._wholes[read.key]
+        if read.key not in self._parts:
+            tags = self._instance.event_log_storage.get_latest_tags_by_partition(
+                read.key, dg.DagsterEventType.ASSET_MATERIALIZATION, [DATA_VERSION]
+            )
+            self._parts[read.key] = {part: found.get(DATA_VERSION, "") for part, found in tags.items()}
+        parts = self._parts[read.key]
         if read.how == "same":
-            return self._parts_of(read.key).get(partition)
-        if read.how == "all":
-            parts = self._parts_of(read.key)
-            return digest_json({one: parts[one] for one in sorted(self._live & parts.keys())})
-        if read.key not in self._wholes:
-            newest = recorded_whole(self._instance, self._names, read.key)
-            version = _observed(self._instance, read.key) if newest is None else newest.data_version
-            self._wholes[read.key] = version
-        return self._wholes[read.key]
+            return parts.get(partition)
+        return digest_json({one: parts[one] for one in sorted(self._live & parts.keys())})
 
     def read_by(self, asset: OwnAsset, partition: str) -> dict[str, str]:
         """Return what an asset would read -> version, "" if that was never made."""
         return {read.key.to_user_string(): self.of(read, partition) or "" for read in asset.reads}
-
-    def _parts_of(self, key: dg.AssetKey) -> Mapping[str, str]:
-        if key not in self._parts:
-            tags = self._instance.event_log_storage.get_latest_tags_by_partition(
-                key, dg.DagsterEventType.ASSET_MATERIALIZATION, [DATA_VERSION]
-            )
-            self._parts[key] = {part: found.get(DATA_VERSION, "") for part, found in tags.items()}
-        return self._parts[key]
 
 
 def _observed(instance: dg.DagsterInstance, key: dg.AssetKey) -> str | None:

@@ -138,7 +138,10 @@ class _Reading:
         while True:
             now_s = time.monotonic()
             if now_s >= self._show_s:
-                on_event(Event("reading", message=self._told()))
+                number = count_text(len(self._recordings), "recording")
+                share = min(1.0, self._read / max(1, self._bytes))
+                said = f"Reading {number} whose time changed, {readable_bytes(self._bytes)}: {share:.0%}"
+                on_event(Event("reading", message=said))
                 self._show_s = now_s + _SHOW_EVERY_S
             with suppress(Empty):
                 return ended.get(timeout=self._show_s - now_s)
@@ -154,8 +157,3 @@ class _Reading:
             self._read += read
         if self._stopped.is_set():
             raise CancelledError
-
-    def _told(self) -> str:
-        number = count_text(len(self._recordings), "recording")
-        share = min(1.0, self._read / max(1, self._bytes))
-        return f"Reading {number} whose time changed, {readable_bytes(self._bytes)}: {share:.0%}"
