@@ -1,6 +1,7 @@
 """The assets that exist once: the index of inputs, the datasets made from it, and the map."""
 
 from collections.abc import Callable
+from functools import partial
 
 import dagster as dg
 
@@ -166,9 +167,7 @@ def make_dataset(
     """
     recipe = workspace.recipe  # as it is now: this process may be older
 
-    def permit() -> None:
-        refuse_if_ended(instance, run_id)
-
+    permit = partial(refuse_if_ended, instance, run_id)
     if asset == TRAJECTORY_MAP:
         permit()
         outcome = build_map(recipe, workspace.store, planned.plan)

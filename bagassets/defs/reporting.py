@@ -68,15 +68,15 @@ def result_metadata(result: AssetResult) -> Metadata:
     summary = dict(result.artifact.summary())
     metadata: Metadata = {}
     if result.asset == "inventory":
-        metadata["contents"] = dg.MetadataValue.md(_topics_table(result.artifact))
+        metadata["contents"] = _topics_table(result.artifact)
     elif result.asset == "calibration":
-        metadata["mounting"] = dg.MetadataValue.md(_calibration_table(result.artifact))
+        metadata["mounting"] = _calibration_table(result.artifact)
     elif result.asset in _CHANNEL_ASSETS:
         channels = summary.pop("channels")
         # Of all channels together: Dagster plots numbers, and no tables.
         metadata["written"] = sum(entry["written"] for entry in channels.values())
         metadata["lost"] = sum(sum(entry.get("lost", {}).values()) for entry in channels.values())
-        metadata["channels"] = dg.MetadataValue.md(_counts_table(channels))
+        metadata["channels"] = _counts_table(channels)
     elif result.asset == "nuscenes_tables":
         counts = summary["counts"]
         metadata |= {"scenes": counts["scenes"], "keyframes": counts["samples"]}
@@ -122,9 +122,9 @@ def _shown(value: Json) -> object:
         return ", ".join(map(visible, value))
     if isinstance(value, dict):
         if set(value) == _COUNTS and isinstance(value["read"], int):
-            return dg.MetadataValue.md(_counts_table({"all": value}, "messages"))
+            return _counts_table({"all": value}, "messages")
         if all(isinstance(item, int | float | str) for item in value.values()):
-            return dg.MetadataValue.md(_record_table(value, ("", "")))
+            return _record_table(value, ("", ""))
     return dg.MetadataValue.json(value)
 
 
@@ -134,7 +134,7 @@ def inputs_metadata(inputs: DatasetInputs) -> Metadata:
     failed = inputs.failed.get(MAIN.name, {})
     for name, reasons in (("why_failed", failed), ("why_skipped", inputs.skipped)):
         if reasons:
-            metadata[name] = dg.MetadataValue.md(_record_table(reasons, ("recording", "reason")))
+            metadata[name] = _record_table(reasons, ("recording", "reason"))
     return metadata
 
 
@@ -146,7 +146,7 @@ def dataset_metadata(summary: DatasetSummary, failed: Mapping[str, str]) -> Meta
         failed: recording that could not enter it -> why.
     """
     # People look for it first, and below twenty rows they would have to scroll.
-    why = {"failed": dg.MetadataValue.md(_record_table(failed, ("recording", "reason")))} if failed else {}
+    why = {"failed": _record_table(failed, ("recording", "reason"))} if failed else {}
     metadata: Metadata = {
         "report": dg.MetadataValue.md(f"[Open the report]({page_link('report')})"),
         **why,
@@ -156,18 +156,16 @@ def dataset_metadata(summary: DatasetSummary, failed: Mapping[str, str]) -> Meta
             name: _shown(value) if value or not isinstance(value, Mapping) else dg.MetadataValue.json({})
             for name, value in summary.facts.items()
         },
-        "split_shares": dg.MetadataValue.md(_split_table(summary.shares)),
+        "split_shares": _split_table(summary.shares),
         "changed": summary.changed,
     }
     if summary.files:
-        metadata["files"] = dg.MetadataValue.md(_record_table(summary.files, ("way", "files")))
+        metadata["files"] = _record_table(summary.files, ("way", "files"))
     if summary.moved:
         moved = [(key, *splits) for key, splits in summary.moved.items()]
-        metadata["moved"] = dg.MetadataValue.md(_table(("recording", "was in", "is in"), moved))
+        metadata["moved"] = _table(("recording", "was in", "is in"), moved)
     if summary.duplicates:
-        metadata["duplicates"] = dg.MetadataValue.md(
-            _record_table(summary.duplicates, ("left out", "same content as"))
-        )
+        metadata["duplicates"] = _record_table(summary.duplicates, ("left out", "same content as"))
     return metadata
 
 
@@ -204,7 +202,7 @@ def code_link(make: Callable[..., object]) -> Metadata:
 # --- tables ------------------------------------------------------------------------------
 
 
-def _table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+def _table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> dg.MarkdownMetadataValue:
     """Return a Markdown table; columns of numbers are aligned to the right."""
     numeric = [
         bool(rows) and all(isinstance(row[column], int | float) for row in rows)
@@ -214,15 +212,15 @@ def _table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     lines += [_line([markdown(str(value)) for value in row]) for row in rows[:_MOST_ROWS]]
     if len(rows) > _MOST_ROWS:
         lines.append(_line([f"… and {len(rows) - _MOST_ROWS} more", *[""] * (len(header) - 1)]))
-    return "\n".join(lines)
+    return dg.MetadataValue.md("\n".join(lines))
 
 
-def _record_table(record: JsonMapping, header: tuple[str, str]) -> str:
+def _record_table(record: JsonMapping, header: tuple[str, str]) -> dg.MarkdownMetadataValue:
     """Return a table of two columns."""
     return _table(header, list(record.items()))
 
 
-def _counts_table(counts: Mapping[str, JsonMapping], name: str = "channel") -> str:
+def _counts_table(counts: Mapping[str, JsonMapping], name: str = "channel") -> dg.MarkdownMetadataValue:
     """Return a table of the messages of each channel or topic: read, written, merged, and lost with the reason."""
     rows = []
     for key, entry in sorted(counts.items()):
@@ -231,7 +229,7 @@ def _counts_table(counts: Mapping[str, JsonMapping], name: str = "channel") -> s
     return _table((name, "read", "written", "merged", "lost"), rows)
 
 
-def _topics_table(inventory: Artifact) -> str:
+def _topics_table(inventory: Artifact) -> dg.MarkdownMetadataValue:
     """Return a table of the topics in an inventory."""
     topics = inventory.read_json("inventory.json")["topics"]
     rows = []
@@ -241,7 +239,7 @@ def _topics_table(inventory: Artifact) -> str:
     return _table(("topic", "type", "messages", "rate", "problem"), rows)
 
 
-def _calibration_table(calibration: Artifact) -> str:
+def _calibration_table(calibration: Artifact) -> dg.MarkdownMetadataValue:
     """Return a table of the sensors in a calibration: place on the vehicle, and lens."""
     rows = []
     channels = Calibration.from_json(calibration.read_json("calibration.json")).channels
@@ -257,7 +255,7 @@ def _line(cells: Sequence[str]) -> str:
     return "| " + " | ".join(cells) + " |"
 
 
-def _split_table(shares: Sequence[SplitShare]) -> str:
+def _split_table(shares: Sequence[SplitShare]) -> dg.MarkdownMetadataValue:
     """Return a Markdown table with the share of each split by duration, beside the share asked for."""
     rows = [
         (
