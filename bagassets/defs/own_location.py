@@ -100,8 +100,9 @@ def home_of(
     A project that is defined without a prefix as well has none.
     """
     found = {prefix: one.location for one in locations for prefix in one.prefixes_of(recipe_file)}
-    targets = [origin.loadable_target_origin for origin in _origins(home / _WORKSPACE)]
-    if not found or () in found or any(target.module_name == _OURS for target in targets):
+    if not found or () in found:
+        return (), CodeLocation()
+    if any(origin.loadable_target_origin.module_name == _OURS for origin in _origins(home / _WORKSPACE)):
         return (), CodeLocation()
     return min(found.items(), key=lambda one: one[0])
 
