@@ -46,15 +46,6 @@ class OwnLocation:
     location: CodeLocation
     repository: dg.RepositoryDefinition
 
-    def prefixes_of(self, recipe_file: Path) -> set[tuple[str, ...]]:
-        """Return the key prefixes below which the project of a recipe is defined here; an empty one stands for none."""
-        found = set()
-        for sensor in self.repository.sensor_defs:
-            recipe, prefix = sensor.metadata.get(RECIPE), sensor.metadata.get(KEY_PREFIX)
-            if recipe is not None and Path(str(recipe.value)).resolve() == recipe_file.resolve():
-                found.add(parse_prefix(str(prefix.value) if prefix is not None else ""))
-        return found
-
 
 def load_locations(home: Path) -> list[OwnLocation]:
     """Import the user's code locations; none if only ours is named.
@@ -99,7 +90,12 @@ def home_of(
 
     A project that is defined without a prefix as well has none.
     """
-    found = {prefix: one.location for one in locations for prefix in one.prefixes_of(recipe_file)}
+    found: dict[tuple[str, ...], CodeLocation] = {}
+    for one in locations:
+        for sensor in one.repository.sensor_defs:
+            recipe, prefix = sensor.metadata.get(RECIPE), sensor.metadata.get(KEY_PREFIX)
+            if recipe is not None and Path(str(recipe.value)).resolve() == recipe_file.resolve():
+                found[parse_prefix(str(prefix.value) if prefix is not None else "")] = one.location
     if not found or () in found:
         return (), CodeLocation()
     if any(origin.loadable_target_origin.module_name == _OURS for origin in _origins(home / _WORKSPACE)):
