@@ -196,9 +196,9 @@ class Keeper:
             *(f"--job-name=bagassets-{len(runs)}", f"--output={log}", "--open-mode=append"),
             *("--no-requeue", f"--chdir={spec.cwd}"),
         ]
-        python = shlex.join([spec.python or sys.executable, "-m", "bagassets.defs.slurm.job", str(job.path)])
+        command = shlex.join([spec.python or sys.executable, "-m", "bagassets.defs.slurm.job", str(job.path)])
         try:
-            job_id = submit_job(arguments, job.script(f"{options.prefix} {python}".strip()), Path(spec.cwd))
+            job_id = submit_job(arguments, job.script(f"{options.prefix} {command}".strip()), Path(spec.cwd))
         except SlurmError as err:
             self._refused(job, runs, err)
             return not err.is_temporary
