@@ -109,13 +109,12 @@ def test_what_cannot_be_run_is_refused_with_a_sentence(instance, assets, key, wo
 
 def test_an_executed_run_succeeds_without_having_been_queued(instance):
     run_id = create(instance, "first", "second")
-    seen = []
-    outcome = execute_run(instance, run_id, on_event=lambda event: seen.append(event.event_type_value))
+    outcome = execute_run(instance, run_id)
     assert outcome.status == "SUCCESS"
     assert outcome.as_json() == {"run_id": run_id, "status": "SUCCESS", "failures": ()}
     found = events(instance, run_id)
     assert "PIPELINE_ENQUEUED" not in found
-    assert found.count("ASSET_MATERIALIZATION") == seen.count("ASSET_MATERIALIZATION") == 2
+    assert found.count("ASSET_MATERIALIZATION") == 2
     assert "ASSET_CHECK_EVALUATION" in found, "checks belong to the run"
     event = instance.get_latest_materialization_event(dg.AssetKey("second"))
     assert event.run_id == run_id

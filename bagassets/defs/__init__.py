@@ -35,16 +35,10 @@ __all__ = [
     "recipe_beside",
 ]
 
-_MODULES = {
+_MODULES = dict.fromkeys(__all__, "steps") | {
     "Workspace": "workspace",
-    "all_recordings": "steps",
     "build_definitions": "location",
-    "channels": "steps",
     "errors_explained": "reporting",
-    "follow_recordings": "steps",
-    "per_recording": "steps",
-    "publish": "steps",
-    "recipe_beside": "steps",
 }
 
 

@@ -1,6 +1,6 @@
 """The assets of a recording as Dagster assets: `bag`, those extracted from it, and those made from these."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
 import dagster as dg
 import pyarrow as pa
@@ -12,13 +12,12 @@ from bagassets.assets.frames import INDEX_SCHEMA
 from bagassets.assets.sweep_files import LIDAR_SCHEMA
 from bagassets.build.execute import Skipped
 from bagassets.build.recording_assets import RecordingAssets
-from bagassets.defs.code_links import code_link
 from bagassets.defs.exclusive import RecordingLock
 from bagassets.defs.making import dependencies, make_assets, read_bag, recorded_bag
 from bagassets.defs.naming import Naming
 from bagassets.defs.not_made import failures_observed
 from bagassets.defs.partitions import recording_partitions
-from bagassets.defs.reporting import BAG_CODE_VERSION, errors_explained
+from bagassets.defs.reporting import BAG_CODE_VERSION, code_link, errors_explained
 from bagassets.defs.workspace import Workspace
 from bagassets.escaping import visible
 from bagassets.formats.catalogue import recording_assets
@@ -44,12 +43,11 @@ _SCHEMAS = {
 
 def recording_definitions(recipe: Recipe, names: Naming) -> list[dg.AssetsDefinition]:
     """Return the assets that exist once per recording."""
-    partitions = recording_partitions(recipe.bags, names)
     assets = recording_assets(recipe)
 
     @dg.asset(
         key=names.key("bag"),
-        partitions_def=partitions,
+        partitions_def=recording_partitions(recipe.bags, names),
         required_resource_keys={names.workspace, names.lock},
         group_name=names.recording_group,
         kinds={"ros", "file"},
@@ -74,39 +72,35 @@ def recording_definitions(recipe: Recipe, names: Naming) -> list[dg.AssetsDefini
                 data_version=dg.DataVersion(made.data_version), metadata=made.metadata
             )
 
-    @dg.multi_asset(
-        name=names.spell("extract"),
-        can_subset=True,
-        partitions_def=partitions,
-        required_resource_keys={names.workspace, names.lock},
-        specs=[_spec(assets, names, asset) for asset in assets if asset.name in assets.extracted],
-    )
-    def extract(context: dg.AssetExecutionContext) -> Iterator[dg.MaterializeResult[None]]:
-        selected = context.selected_asset_keys
-        with errors_explained():
-            yield from _build(
-                context, names, {name for name in assets.extracted if names.key(name) in selected}
-            )
-
+    alone = [asset.name for asset in assets if asset.name not in assets.extracted]
     return [
         bag,
-        extract,
-        *(_definition(assets, names, asset) for asset in assets if asset.name not in assets.extracted),
+        _definition(assets, names, "extract", assets.extracted, can_subset=True),
+        *(_definition(assets, names, _OPERATIONS.get(name, f"make_{name}"), [name]) for name in alone),
     ]
 
 
-def _definition(assets: RecordingAssets, names: Naming, asset: AnyAsset) -> dg.AssetsDefinition:
-    """Return the definition of an asset that has an operation of its own."""
+def _definition(
+    assets: RecordingAssets,
+    names: Naming,
+    operation: str,
+    made: Collection[str],
+    *,
+    can_subset: bool = False,
+) -> dg.AssetsDefinition:
+    """Return the definition of an operation: of an asset alone, or of all that are extracted."""
 
     @dg.multi_asset(
-        name=names.spell(_OPERATIONS.get(asset.name, f"make_{asset.name}")),
+        name=names.spell(operation),
+        can_subset=can_subset,
         partitions_def=recording_partitions(assets.recipe.bags, names),
         required_resource_keys={names.workspace, names.lock},
-        specs=[_spec(assets, names, asset)],
+        specs=[_spec(assets, names, asset) for asset in assets if asset.name in made],
     )
     def make(context: dg.AssetExecutionContext) -> Iterator[dg.MaterializeResult[None]]:
+        selected = context.selected_asset_keys
         with errors_explained():
-            yield from _build(context, names, {asset.name})
+            yield from _build(context, names, {name for name in made if names.key(name) in selected})
 
     return make
 

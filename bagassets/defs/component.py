@@ -75,13 +75,8 @@ class RecordingDatasets(dg.Component, dg.Resolvable, dg.Model):
             StoreError: a recipe in the YAML of the component cannot be written into its state folder.
         """
         try:
-            return build_definitions(
-                self._recipe_file(context.path),
-                key_prefix=self.key_prefix,
-                group_name=self.group_name,
-                resource_key=self.resource_key,
-                in_process=self.in_process,
-            )
+            recipe_file = self._recipe_file(context.path)
+            return build_definitions(recipe_file, **self.model_dump(exclude={"recipe"}))
         except RecipeError as err:
             # Dagster prints the trace of each cause, as that of a YAML parser; the sentence says it all.
             raise RecipeError(str(err)) from None

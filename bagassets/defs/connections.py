@@ -67,8 +67,7 @@ def kept_open(instance: dg.DagsterInstance, *run_ids: str) -> Iterator[None]:
     if index is None:
         yield
         return
-    _relax_commits()
-    _share_engines()
+    _prepare_sqlite()
     files = [index, _runs_database(index), *(index.with_name(f"{run_id}.db") for run_id in run_ids)]
     paths = [str(path) for path in files]
     _KEPT.update(paths)
@@ -111,7 +110,9 @@ class Commits:
     def any_since(self) -> bool:
         """Return whether there may have been any since the last call; yes at the first one in a block."""
         try:
-            self._connections = self._connections or [_connected(file) for file in self._files]
+            self._connections = self._connections or [
+                sqlite3.connect(f"{file.resolve().as_uri()}?mode=rw", uri=True) for file in self._files
+            ]
             versions = [
                 connection.execute("PRAGMA data_version").fetchone()[0] for connection in self._connections
             ]
@@ -129,10 +130,6 @@ class Commits:
 
 def _runs_database(index: Path) -> Path:
     return index.parent.parent / "runs.db"
-
-
-def _connected(file: Path) -> sqlite3.Connection:
-    return sqlite3.connect(f"{file.resolve().as_uri()}?mode=rw", uri=True)
 
 
 def pool_connections(instance: dg.DagsterInstance) -> None:
@@ -159,14 +156,12 @@ def _try(connection: Any, _record: object, _proxy: object) -> None:
 
 
 @cache
-def _relax_commits() -> None:
-    """Let all SQLite connections that this process opens from now on sync at checkpoints only."""
+def _prepare_sqlite() -> None:
+    """Let all SQLite connections that this process opens from now on sync at checkpoints only, and Dagster reuse engines.
+
+    It would create another one for the same file.
+    """
     event.listen(Engine, "connect", _on_connect)
-
-
-@cache
-def _share_engines() -> None:
-    """Let Dagster reuse an engine where it would create another one for the same file."""
     for module in (sqlite_event_log, sqlite_run_storage):
         setattr(module, _CREATE_ENGINE, _create_engine)
 

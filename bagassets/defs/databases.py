@@ -68,24 +68,19 @@ def ready_to_open(home: Path) -> Iterator[None]:
         yield
         return
     with ExitStack() as stack:
-        with database_errors_explained(str(home)), _disk_errors_explained(folder):
-            folder.mkdir(parents=True, exist_ok=True)
-            file = stack.enter_context(LockFile.open(folder / _LOCK))
-            file.lock_shared()  # waits while another process creates them
-            if _unfinished(folder):
-                file.lock()
-                _make(folder, _unfinished(folder))
+        try:
+            with database_errors_explained(str(home)):
+                folder.mkdir(parents=True, exist_ok=True)
+                file = stack.enter_context(LockFile.open(folder / _LOCK))
+                file.lock_shared()  # waits while another process creates them
+                if _unfinished(folder):
+                    file.lock()
+                    _make(folder, _unfinished(folder))
+        except OSError as err:
+            raise StoreError(
+                f"{err.filename or folder}: Dagster's database cannot be created ({err.strerror}); free disk space, or fix the folder."
+            ) from err
         yield
-
-
-@contextmanager
-def _disk_errors_explained(folder: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as err:
-        raise StoreError(
-            f"{err.filename or folder}: Dagster's database cannot be created ({err.strerror}); free disk space, or fix the folder."
-        ) from err
 
 
 @contextmanager
@@ -168,7 +163,8 @@ def _make(folder: Path, names: list[str]) -> None:
         _lay_out(new / _EVENTS)
         for name in names:
             path = folder / name
-            _sync(new / name)
+            with (new / name).open("rb") as file:
+                os.fsync(file.fileno())
             path.parent.mkdir(parents=True, exist_ok=True)
             # First the files beside the old one: a log of another database would spoil the new one.
             for kind in ("wal", "shm", "journal"):
@@ -192,11 +188,6 @@ def _unsynced(folder: Path) -> Iterator[None]:
         yield
     finally:
         event.remove(Engine, "connect", connected)
-
-
-def _sync(path: Path) -> None:
-    with path.open("rb") as file:
-        os.fsync(file.fileno())
 
 
 def _lay_out(path: Path) -> None:

@@ -1,18 +1,20 @@
 """The assets that exist once: the index of inputs, the datasets made from it, and the map."""
 
+from collections.abc import Callable
+from functools import partial
+
 import dagster as dg
 
 from bagassets.defs.artifact_files import page_link
-from bagassets.defs.code_links import code_link
+from bagassets.defs.events import CODE_VERSION, DATA_VERSION, latest_ids, recorded_whole
 from bagassets.defs.fence import refuse_if_ended
 from bagassets.defs.instance_plan import InstancePlan, plan_in_run
 from bagassets.defs.making import MadeAsset
 from bagassets.defs.naming import DATASET_INPUTS, Naming
-from bagassets.defs.reporting import dataset_metadata, errors_explained, inputs_metadata
+from bagassets.defs.reporting import code_link, dataset_metadata, errors_explained, inputs_metadata
 from bagassets.defs.workspace import Workspace
 from bagassets.formats.catalogue import formats, recording_assets
 from bagassets.formats.dataset_build import (
-    Dataset,
     DatasetInputs,
     build_dataset,
     dataset_code_versions,
@@ -51,7 +53,7 @@ def dataset_is_current(instance: dg.DagsterInstance, workspace: Workspace, input
         tags = event.asset_materialization.tags or {}
         return (
             tags.get(names.input_tag(DATASET_INPUTS)) == inputs.digest
-            and tags.get("dagster/code_version") == versions[asset]
+            and tags.get(CODE_VERSION) == versions[asset]
             and is_on_disk(workspace.recipe, asset)
         )
 
@@ -64,20 +66,16 @@ def record_inputs(instance: dg.DagsterInstance, workspace: Workspace, inputs: Da
     Its tags name its inputs, as those of a run would: without them Dagster would mark it as stale.
     """
     key = workspace.names.key(DATASET_INPUTS)
-    latest = instance.get_latest_materialization_event(key)
-    materialization = latest.asset_materialization if latest is not None else None
-    recorded = (
-        (materialization.tags or {}).get("dagster/data_version") if materialization is not None else None
-    )
-    if recorded == inputs.digest:
+    newest = recorded_whole(instance, workspace.names, DATASET_INPUTS)
+    if newest is not None and newest.data_version == inputs.digest:
         return
     instance.report_runless_asset_event(
         dg.AssetMaterialization(
             asset_key=key,
             metadata=inputs_metadata(inputs),
             tags={
-                "dagster/data_version": inputs.digest,
-                "dagster/code_version": INPUTS_CODE_VERSION,
+                DATA_VERSION: inputs.digest,
+                CODE_VERSION: INPUTS_CODE_VERSION,
                 **_provenance(instance, workspace, inputs),
             },
         )
@@ -87,10 +85,7 @@ def record_inputs(instance: dg.DagsterInstance, workspace: Workspace, inputs: Da
 def _provenance(instance: dg.DagsterInstance, workspace: Workspace, inputs: DatasetInputs) -> dict[str, str]:
     """Return tags that point to the newest record of all recordings, which Dagster compares with later ones."""
     tags, names = {}, workspace.names
-    for asset in _read_of_recordings(workspace.recipe):
-        ids = instance.event_log_storage.get_latest_storage_id_by_partition(
-            names.key(asset), dg.DagsterEventType.ASSET_MATERIALIZATION
-        )
+    for asset, ids in latest_ids(instance, names, _read_of_recordings(workspace.recipe)).items():
         tags[names.input_tag(asset)] = inputs.digest
         tags[names.pointer_tag(asset)] = str(max(ids.values(), default=0))
     return tags
@@ -125,51 +120,40 @@ def dataset_assets(recipe: Recipe, names: Naming) -> list[dg.AssetsDefinition]:
                 data_version=dg.DataVersion(inputs.digest), metadata=inputs_metadata(inputs)
             )
 
-    datasets = [_dataset_asset(recipe, names, dataset) for dataset in datasets_of(recipe).values()]
-    has_map = TRAJECTORY_MAP in dataset_code_versions(recipe)
-    return [dataset_inputs, *datasets, *([_map_asset(recipe, names)] if has_map else [])]
+    datasets = [
+        _made_from_inputs(recipe, names, one.asset, set(one.kind.kinds), one.description, one.kind.join)
+        for one in datasets_of(recipe).values()
+    ]
+    if TRAJECTORY_MAP in dataset_code_versions(recipe):
+        datasets.append(_made_from_inputs(recipe, names, TRAJECTORY_MAP, {"html"}, _MAP, build_map))
+    return [dataset_inputs, *datasets]
 
 
-def _dataset_asset(recipe: Recipe, names: Naming, dataset: Dataset) -> dg.AssetsDefinition:
+def _made_from_inputs(
+    recipe: Recipe, names: Naming, asset: str, kinds: set[str], about: str, make: Callable[..., object]
+) -> dg.AssetsDefinition:
+    """Return the definition of a dataset, or of the map."""
+
     @dg.asset(
-        key=names.key(dataset.asset),
+        key=names.key(asset),
         deps=[names.key(DATASET_INPUTS)],
         required_resource_keys={names.workspace},
         group_name=names.dataset_group,
-        kinds=set(dataset.kind.kinds),
-        description=dataset.description,
-        code_version=dataset_code_versions(recipe)[dataset.asset],
-        metadata=code_link(dataset.kind.join),
+        kinds=kinds,
+        description=about,
+        code_version=dataset_code_versions(recipe)[asset],
+        metadata=code_link(make),
     )
-    def make(context: dg.AssetExecutionContext) -> dg.MaterializeResult[None]:
-        return _result(context, names, dataset.asset)
+    def made_from_inputs(context: dg.AssetExecutionContext) -> dg.MaterializeResult[None]:
+        workspace: Workspace = getattr(context.resources, names.workspace)
+        with errors_explained():
+            planned = plan_in_run(context, workspace)
+            made = make_dataset(context.instance, workspace, planned, asset, context.run.run_id)
+            return dg.MaterializeResult(
+                data_version=dg.DataVersion(made.data_version), metadata=made.metadata
+            )
 
-    return make
-
-
-def _map_asset(recipe: Recipe, names: Naming) -> dg.AssetsDefinition:
-    @dg.asset(
-        key=names.key(TRAJECTORY_MAP),
-        deps=[names.key(DATASET_INPUTS)],
-        required_resource_keys={names.workspace},
-        group_name=names.dataset_group,
-        kinds={"html"},
-        description=_MAP,
-        code_version=dataset_code_versions(recipe)[TRAJECTORY_MAP],
-        metadata=code_link(build_map),
-    )
-    def trajectory_map(context: dg.AssetExecutionContext) -> dg.MaterializeResult[None]:
-        return _result(context, names, TRAJECTORY_MAP)
-
-    return trajectory_map
-
-
-def _result(context: dg.AssetExecutionContext, names: Naming, asset: str) -> dg.MaterializeResult[None]:
-    workspace: Workspace = getattr(context.resources, names.workspace)
-    with errors_explained():
-        planned = plan_in_run(context, workspace)
-        made = make_dataset(context.instance, workspace, planned, asset, context.run.run_id)
-        return dg.MaterializeResult(data_version=dg.DataVersion(made.data_version), metadata=made.metadata)
+    return made_from_inputs
 
 
 def make_dataset(
@@ -183,9 +167,7 @@ def make_dataset(
     """
     recipe = workspace.recipe  # as it is now: this process may be older
 
-    def permit() -> None:
-        refuse_if_ended(instance, run_id)
-
+    permit = partial(refuse_if_ended, instance, run_id)
     if asset == TRAJECTORY_MAP:
         permit()
         outcome = build_map(recipe, workspace.store, planned.plan)

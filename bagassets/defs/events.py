@@ -13,23 +13,19 @@ from dagster import AssetRecordsFilter
 
 from bagassets.build.plan import Recorded
 from bagassets.defs.naming import INPUT_PREFIX, AssetName, Naming
-from bagassets.errors import StoreError
 from bagassets.formats.catalogue import known_assets
 from bagassets.recordings.digest import RecordingStat
-from bagassets.store.artifact import Artifact
-from bagassets.store.store import Store
 
 __all__ = [
     "all_assets",
     "fetch_recorded",
-    "in_batches",
     "latest_ids",
     "live_partitions",
-    "recorded_artifact",
     "recorded_partition",
     "recorded_states",
     "recorded_whole",
     "recordings_made",
+    "runs_of",
 ]
 
 A = TypeVar("A", bound=AssetName)
@@ -40,6 +36,8 @@ CODE_VERSION = "dagster/code_version"
 STAT = "file_stat"
 MADE_ALONG = "inventory_action"
 CONTENT, SEVERAL = "content_digest", "several"
+_CACHED, _ACTION = "cached", "action_digest"
+_OF_RECORDED = {STAT, _CACHED, _ACTION, MADE_ALONG, CONTENT}
 
 # Records are fetched by storage id; more ids at a time would exceed SQLite's limit of variables.
 _BATCH = 500
@@ -95,44 +93,16 @@ def recordings_made(instance: dg.DagsterInstance, run_id: str) -> frozenset[str]
     made = set()
     for entry in instance.all_logs(run_id, of_type=dg.DagsterEventType.ASSET_MATERIALIZATION):
         materialization = entry.asset_materialization
-        cached = None if materialization is None else materialization.metadata.get("cached")
+        cached = None if materialization is None else materialization.metadata.get(_CACHED)
         if materialization is not None and cached is not None and not cached.value:
             made.add(materialization.partition or "")
     return frozenset(made)
-
-
-def recorded_artifact(
-    instance: dg.DagsterInstance, names: Naming, store: Store, asset: AssetName, partition_key: str
-) -> Artifact:
-    """Return the artifact that is current for an asset partition.
-
-    Raises:
-        StoreError: nothing is recorded, or the artifact is not in the store.
-    """
-    recorded = recorded_partition(instance, names, asset, partition_key)
-    if recorded is None:
-        raise StoreError(
-            f"{partition_key}: {names.key(asset).to_user_string()} is not materialized for this recording; materialize it first."
-        )
-    return store.artifact(recorded.data_version)
 
 
 def event_database(instance: dg.DagsterInstance) -> Path | None:
     """Return the SQLite file with the events of assets; None if they are kept elsewhere."""
     path_for_shard = getattr(instance.event_log_storage, "path_for_shard", None)
     return None if path_for_shard is None else Path(path_for_shard("index"))
-
-
-def database_place(instance: dg.DagsterInstance) -> str | None:
-    """Return the database with the events of assets: the file of SQLite, or the URL of PostgreSQL.
-
-    None if it is another database.
-    """
-    file = event_database(instance)
-    if file is not None:
-        return str(file)
-    url = getattr(instance.event_log_storage, "postgres_url", None)
-    return url if isinstance(url, str) else None
 
 
 def latest_ids(
@@ -147,7 +117,13 @@ def latest_ids(
     return {asset: storage.get_latest_storage_id_by_partition(names.key(asset), kind) for asset in assets}
 
 
-def in_batches(ids: Sequence[T]) -> Iterator[list[T]]:
+def runs_of(instance: dg.DagsterInstance, run_ids: Iterable[str]) -> list[dg.DagsterRun]:
+    """Return the runs with these ids that are there."""
+    batches = _in_batches(sorted(run_ids))
+    return [run for batch in batches for run in instance.get_runs(dg.RunsFilter(run_ids=batch))]
+
+
+def _in_batches(ids: Sequence[T]) -> Iterator[list[T]]:
     """Yield the ids in lists so short that a query may name all of one."""
     for start in range(0, len(ids), _BATCH):
         yield list(ids[start : start + _BATCH])
@@ -161,7 +137,7 @@ def fetch_recorded(
     records: list[tuple[A, dg.EventLogRecord]] = []
     for asset, by_key in ids.items():
         wanted = sorted(by_key[key] for key in found if key in by_key)
-        for batch in in_batches(wanted):
+        for batch in _in_batches(wanted):
             result = instance.fetch_materializations(
                 AssetRecordsFilter(asset_key=names.key(asset), storage_ids=batch), limit=len(batch)
             )
@@ -182,7 +158,7 @@ def _late(instance: dg.DagsterInstance, records: Sequence[dg.EventLogRecord]) ->
     """
     run_ids = sorted({record.run_id for record in records})
     ends: dict[str, float | None] = {}
-    for batch in in_batches(run_ids):
+    for batch in _in_batches(run_ids):
         asked = dg.RunsFilter(run_ids=batch, statuses=_NOT_SUCCEEDED)
         ends |= {one.dagster_run.run_id: one.end_time for one in instance.get_run_records(asked)}
     return {
@@ -194,11 +170,7 @@ def _late(instance: dg.DagsterInstance, records: Sequence[dg.EventLogRecord]) ->
 
 def _recorded(names: Naming, materialization: dg.AssetMaterialization, run_id: str) -> Recorded:
     tags: Mapping[str, str] = materialization.tags or {}
-    stat = materialization.metadata.get(STAT)
-    cached = materialization.metadata.get("cached")
-    action = materialization.metadata.get("action_digest")
-    made_along = materialization.metadata.get(MADE_ALONG)
-    content = materialization.metadata.get(CONTENT)
+    said = {name: value.value for name, value in materialization.metadata.items() if name in _OF_RECORDED}
     inputs = {
         names.input_of(name): version for name, version in tags.items() if name.startswith(INPUT_PREFIX)
     }
@@ -206,10 +178,10 @@ def _recorded(names: Naming, materialization: dg.AssetMaterialization, run_id: s
         data_version=tags.get(DATA_VERSION, ""),
         code_version=tags.get(CODE_VERSION),
         inputs=inputs,
-        stat=None if stat is None else RecordingStat.from_json(json.loads(str(stat.value))),
-        cached=None if cached is None else bool(cached.value),
-        action=None if action is None else str(action.value),
+        stat=RecordingStat.from_json(json.loads(str(said[STAT]))) if STAT in said else None,
+        cached=bool(said[_CACHED]) if _CACHED in said else None,
+        action=str(said[_ACTION]) if _ACTION in said else None,
         run_id=run_id,
-        made_along="" if made_along is None else str(made_along.value),
-        content="" if content is None else str(content.value),
+        made_along=str(said.get(MADE_ALONG, "")),
+        content=str(said.get(CONTENT, "")),
     )

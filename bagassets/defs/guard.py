@@ -8,6 +8,7 @@ pages; and one that only reads must not change anything, since an image in any p
 import re
 import socket
 from collections.abc import Iterable
+from ipaddress import ip_address
 
 from graphql import GraphQLError, OperationDefinitionNode, OperationType, parse
 from starlette.datastructures import QueryParams
@@ -92,13 +93,11 @@ def _values(scope: Scope, header: bytes) -> list[str]:
 
 
 def _is_address(name: str) -> bool:
-    for family in (socket.AF_INET, socket.AF_INET6):
-        try:
-            socket.inet_pton(family, name)
-        except OSError:
-            continue
-        return True
-    return False
+    try:
+        ip_address(name)
+    except ValueError:
+        return False
+    return True
 
 
 def _is_same(origin: str, host: str) -> bool:
@@ -116,10 +115,7 @@ def _changes_something(scope: Scope) -> bool:
             document = parse(text)
         except (GraphQLError, RecursionError):
             continue  # the web server reports what is wrong with it
-        for definition in document.definitions:
-            if (
-                isinstance(definition, OperationDefinitionNode)
-                and definition.operation != OperationType.QUERY
-            ):
-                return True
+        operations = [one for one in document.definitions if isinstance(one, OperationDefinitionNode)]
+        if any(one.operation != OperationType.QUERY for one in operations):
+            return True
     return False

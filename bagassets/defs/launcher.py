@@ -160,7 +160,10 @@ class BagAssetsRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
         with self._mutex:
             for is_last in (False, True):
                 try:
-                    self._hand_over(run.run_id, self._client_for(spec))
+                    client = self._client_for(spec)
+                    # Before the worker exists, so that a launched run always names who is responsible for it.
+                    self._instance.add_run_tags(run.run_id, RunWorker(run.run_id, client.process).tags())
+                    submit_run(client, pack_instance(self._instance), run.run_id, detached=True)
                 except ServerRefusedError:
                     self._drop_client()
                     # Its successor would take the run for an orphan of a dead server.
@@ -169,11 +172,6 @@ class BagAssetsRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
                         raise
                 else:
                     return
-
-    def _hand_over(self, run_id: str, client: Client) -> None:
-        # Written before the worker exists, so that a launched run always names who is responsible for it.
-        self._instance.add_run_tags(run_id, RunWorker(run_id, client.process).tags())
-        submit_run(client, pack_instance(self._instance), run_id, detached=True)
 
     def _client_for(self, spec: ServerSpec) -> Client:
         if self._client is not None and self._client.files.stamp == spec.stamp():
@@ -188,7 +186,7 @@ class BagAssetsRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
             self._client = None
 
     def _spec(self, run: dg.DagsterRun) -> ServerSpec:
-        recipe = recipe_of_location(self._instance, run) or self._recipe_file()
+        recipe = recipe_of_location(self._instance, run) or configured_recipe(self._recipe)
         pointer = run.job_code_origin.repository_origin.code_pointer if run.job_code_origin else None
         modules: tuple[str, ...] = ()
         paths: tuple[str, ...] = ()
@@ -205,9 +203,6 @@ class BagAssetsRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
             idle_timeout_s=self._idle_timeout_s,
             recipes=tuple(file for file in read if recipe is None or not file.samefile(recipe)),
         )
-
-    def _recipe_file(self) -> Path | None:
-        return configured_recipe(self._recipe)
 
     def _folder(self, recipe: Path | None) -> Path:
         if self._state_folder is not None:
@@ -248,7 +243,7 @@ class BagAssetsRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
     def _cancel_job(self, run_id: str) -> bool:
         """Have the server cancel the run; return False if no server that answers has it."""
         try:
-            for client in Client.all_of(self._folder(self._recipe_file())):
+            for client in Client.all_of(self._folder(configured_recipe(self._recipe))):
                 for job in client.status()["jobs"]:
                     if job["label"] == run_id and client.cancel(job["job"], grace_s=self._grace_s):
                         return True
@@ -300,7 +295,7 @@ class BagAssetsRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
         """Return the last lines that the worker of a run wrote, if it wrote any."""
         if RunWorker.of(run) is None or not include_container_logs:
             return None
-        log = ServerFiles(self._folder(self._recipe_file()), "").job_log(run.run_id)
+        log = ServerFiles(self._folder(configured_recipe(self._recipe)), "").job_log(run.run_id)
         lines = last_lines(log, _DEBUG_LINES)
         return "\n".join([f"Last lines of {log}:", *lines]) if lines else None
 

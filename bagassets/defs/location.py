@@ -50,11 +50,15 @@ def build_definitions(
         RecipeError: the recipe is missing or wrong, or the prefix.
     """
     if os.environ.get("DAGSTER_IS_DEV_CLI"):  # in a code server of `bagassets ui` or `dagster dev`
-        _keep_log_level()
+        # Keep Dagster's messages to its own handlers, which respect the log level that was asked for. Evaluating a sensor
+        # sets the level of Dagster's logger to DEBUG. That shows once the root logger has a handler, and it gets one when
+        # anything calls `logging.info` itself, as Dagster's storage does.
+        logging.getLogger("dagster").propagate = False
     explain_missing_partition()
     recipe_file = recipe_file.absolute()
     recipe = load_recipe(recipe_file)
     names = Naming(recipe.name, checked_prefix(key_prefix), group_name, resource_key)
+    in_process = not names.prefix if in_process is None else in_process
     with warnings.catch_warnings():
         # Partitioned checks are a preview feature, but without partitions one recording's pass would hide another's
         # failure.
@@ -73,18 +77,5 @@ def build_definitions(
             names.workspace: Workspace(recipe_file=str(recipe_file), key_prefix=list(names.prefix)),
             names.lock: RecordingLock(folder=str(recipe.state / RUN_LOCKS)),
         },
-        executor=dg.in_process_executor if _is_in_process(names, in_process) else None,
+        executor=dg.in_process_executor if in_process else None,
     )
-
-
-def _is_in_process(names: Naming, in_process: bool | None) -> bool:
-    return not names.prefix if in_process is None else in_process
-
-
-def _keep_log_level() -> None:
-    """Keep Dagster's messages to its own handlers, which respect the log level that was asked for.
-
-    Evaluating a sensor sets the level of Dagster's logger to DEBUG. That shows once the root logger has a handler, and
-    it gets one when anything calls `logging.info` itself, as Dagster's storage does.
-    """
-    logging.getLogger("dagster").propagate = False

@@ -69,13 +69,9 @@ def _what_to_add(
             f"{named}: made per recording, and the selection has assets with other partitions, too; select those of one "
             "project, as in --select 'key:\"north/*\"', and add --partition KEY."
         )
-    key = _some_key(next(iter(ours.values())))
+    bags, key = next(iter(ours.values())).bags, None
+    if bags is not None:
+        with suppress(BagAssetsError, OSError):
+            key = next(iter(discover(bags).recordings), None)
     example = f", as in --partition {shlex.quote(key)}" if key else ""
     return f"{named}: made per recording, so add --partition KEY{example}."
-
-
-def _some_key(partitions: RecordingPartitions) -> str | None:
-    with suppress(BagAssetsError, OSError):
-        if partitions.bags is not None:
-            return next(iter(discover(partitions.bags).recordings), None)
-    return None

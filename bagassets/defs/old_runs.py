@@ -10,16 +10,14 @@ from bagassets.defs.batches import batch_of
 from bagassets.defs.dagster_private import AssetCheckExecutionsTable, SqlEventLogStorage
 from bagassets.defs.events import all_assets, event_database, live_partitions, recorded_states
 from bagassets.defs.naming import Naming
-from bagassets.defs.partitions import DATASET
+from bagassets.defs.partitions import DATASET, PARTITION_TAG
 from bagassets.formats.dataset_build import dataset_code_versions
 from bagassets.recipe.model import Recipe
 
 __all__ = ["delete_runs", "superseded_runs"]
 
-_PARTITION_TAG = "dagster/partition"
 _PAGE = 1000
 _BUSY_S = 60.0
-_ENDED = {dg.DagsterRunStatus.SUCCESS, dg.DagsterRunStatus.FAILURE, dg.DagsterRunStatus.CANCELED}
 
 
 def superseded_runs(
@@ -52,10 +50,10 @@ def superseded_runs(
         batch = batch_of(run, names)
         if not batch and not (run.asset_selection and run.asset_selection <= ours):
             continue
-        about = set(batch) or {run.tags.get(_PARTITION_TAG, DATASET)}
+        about = set(batch) or {run.tags.get(PARTITION_TAG, DATASET)}
         is_last = not about <= seen
         seen |= about
-        if is_last or run.run_id in needed or run.status not in _ENDED or not about <= live | {DATASET}:
+        if is_last or run.run_id in needed or not run.is_finished or not about <= live | {DATASET}:
             continue
         if (record.end_time or record.update_timestamp.timestamp()) < ended_before_s:
             found.append(run.run_id)

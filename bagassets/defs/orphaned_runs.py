@@ -37,11 +37,13 @@ def end_orphaned_runs(instance: dg.DagsterInstance) -> tuple[list[str], int]:
     end_lost_runs = getattr(instance.run_launcher, "end_lost_runs", None)
     reported: list[str] = [] if end_lost_runs is None else end_lost_runs()
     unwatched = 0
+    # Other launchers than ours write no worker tag, and may take hours.
+    names_workers = getattr(instance.run_launcher, "names_workers", False)
     for record in instance.get_run_records(dg.RunsFilter(statuses=_UNFINISHED)):
         run = record.dagster_run
         worker = RunWorker.of(run)
         is_untaken = worker is None or (worker.process is None and worker.is_watched())
-        if run.status in _BEFORE_START and is_untaken and _is_ours(instance):
+        if run.status in _BEFORE_START and is_untaken and names_workers:
             waited_s = time.time() - record.update_timestamp.timestamp()
             if waited_s < UNTAKEN_S:
                 unwatched += 1
@@ -70,11 +72,6 @@ def report_ended(instance: dg.DagsterInstance, run_id: str, reason: str) -> bool
     else:
         instance.report_run_failed(run, reason)
     return True
-
-
-def _is_ours(instance: dg.DagsterInstance) -> bool:
-    """Return whether our launcher starts the runs: other launchers write no worker tag, and may take hours."""
-    return bool(getattr(instance.run_launcher, "names_workers", False))
 
 
 def _has_other_executor(run: dg.DagsterRun) -> bool:

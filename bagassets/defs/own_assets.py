@@ -179,38 +179,29 @@ class Versions:
         self._wholes: dict[dg.AssetKey, str | None] = {}
 
     def of(self, read: Read, partition: str) -> str | None:
-        """Return the version of something that is read; None if it was never made."""
-        if read.how == "all":
-            return self.all(read.key)
-        return self.part(read.key, partition) if read.how == "same" else self.whole(read.key)
+        """Return the version of something that is read; None if it was never made.
+
+        Of all recordings it is a digest over the versions of those that are registered.
+        """
+        if read.how == "whole":
+            if read.key not in self._wholes:
+                newest = recorded_whole(self._instance, self._names, read.key)
+                version = _observed(self._instance, read.key) if newest is None else newest.data_version
+                self._wholes[read.key] = version
+            return self._wholes[read.key]
+        if read.key not in self._parts:
+            tags = self._instance.event_log_storage.get_latest_tags_by_partition(
+                read.key, dg.DagsterEventType.ASSET_MATERIALIZATION, [DATA_VERSION]
+            )
+            self._parts[read.key] = {part: found.get(DATA_VERSION, "") for part, found in tags.items()}
+        parts = self._parts[read.key]
+        if read.how == "same":
+            return parts.get(partition)
+        return digest_json({one: parts[one] for one in sorted(self._live & parts.keys())})
 
     def read_by(self, asset: OwnAsset, partition: str) -> dict[str, str]:
         """Return what an asset would read -> version, "" if that was never made."""
         return {read.key.to_user_string(): self.of(read, partition) or "" for read in asset.reads}
-
-    def part(self, key: dg.AssetKey, partition: str) -> str | None:
-        """Return the version of a partition; None if it was never made."""
-        return self._parts_of(key).get(partition)
-
-    def all(self, key: dg.AssetKey) -> str:
-        """Return a digest over the versions of all recordings that are registered."""
-        parts = self._parts_of(key)
-        return digest_json({one: parts[one] for one in sorted(self._live & parts.keys())})
-
-    def whole(self, key: dg.AssetKey) -> str | None:
-        """Return the version of an asset without partitions; None if it was never made."""
-        if key not in self._wholes:
-            newest = recorded_whole(self._instance, self._names, key)
-            self._wholes[key] = _observed(self._instance, key) if newest is None else newest.data_version
-        return self._wholes[key]
-
-    def _parts_of(self, key: dg.AssetKey) -> Mapping[str, str]:
-        if key not in self._parts:
-            tags = self._instance.event_log_storage.get_latest_tags_by_partition(
-                key, dg.DagsterEventType.ASSET_MATERIALIZATION, [DATA_VERSION]
-            )
-            self._parts[key] = {part: found.get(DATA_VERSION, "") for part, found in tags.items()}
-        return self._parts[key]
 
 
 def _observed(instance: dg.DagsterInstance, key: dg.AssetKey) -> str | None:

@@ -15,7 +15,7 @@ from bagassets.build.build_report import BuildOptions, Event, OwnOutcome, OwnRes
 from bagassets.build.choose import SelectionError, split_names
 from bagassets.defs.own_assets import OwnAsset, find_own_assets, inputs_tag
 from bagassets.defs.own_location import code_digest, files_of, home_of, load_locations
-from bagassets.defs.own_states import OwnState, OwnStates, states_of_own
+from bagassets.defs.own_states import OwnState, OwnStates, Survey
 from bagassets.defs.partitions import ACTIVE, PARTITION_TAG
 from bagassets.defs.pending_work import PendingWork
 from bagassets.defs.run_pool import EndedRun, Listener, RunPool
@@ -84,7 +84,9 @@ class OwnProject:
         is_dataset_current: bool | None = None,
     ) -> "OwnWork":
         """Return the state of each asset."""
-        states = states_of_own(
+        if not self.assets:
+            return OwnWork(self)
+        survey = Survey(
             instance,
             self.workspace.names,
             pending,
@@ -93,7 +95,7 @@ class OwnProject:
             retry_failed=options.retry_failed,
             is_dataset_current=is_dataset_current,
         )
-        return OwnWork(self, states)
+        return OwnWork(self, survey.states)
 
 
 @dataclass(frozen=True)
@@ -222,20 +224,17 @@ class OwnBuild:
                 is_dataset_current=is_dataset_current,
             )
             to_make = work.having(*_TO_MAKE)
-            settled = self._tried.keys() | (self._made_elsewhere() if to_make else set())
+            # Other runs are about to make some, as those of a sensor.
+            runs = self._instance.get_runs(dg.RunsFilter(statuses=ACTIVE)) if to_make else ()
+            settled = self._tried.keys() | {
+                (key.to_user_string(), run.tags.get(PARTITION_TAG, ""))
+                for run in runs
+                for key in run.asset_selection or ()
+            }
             todo = [one for one in to_make if one[:2] not in settled]
             if not todo or self.interrupted:
                 return work
             self._run(todo)
-
-    def _made_elsewhere(self) -> set[tuple[str, str]]:
-        """Return what other runs are about to make, as those of a sensor."""
-        runs = self._instance.get_runs(dg.RunsFilter(statuses=ACTIVE))
-        return {
-            (key.to_user_string(), run.tags.get(PARTITION_TAG, ""))
-            for run in runs
-            for key in run.asset_selection or ()
-        }
 
     def _run(self, todo: list[tuple[str, str, OwnState]]) -> None:
         """Make some assets, those of the same partition and code location in one run."""

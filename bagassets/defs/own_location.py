@@ -46,15 +46,6 @@ class OwnLocation:
     location: CodeLocation
     repository: dg.RepositoryDefinition
 
-    def prefixes_of(self, recipe_file: Path) -> set[tuple[str, ...]]:
-        """Return the key prefixes below which the project of a recipe is defined here; an empty one stands for none."""
-        found = set()
-        for sensor in self.repository.sensor_defs:
-            recipe, prefix = sensor.metadata.get(RECIPE), sensor.metadata.get(KEY_PREFIX)
-            if recipe is not None and Path(str(recipe.value)).resolve() == recipe_file.resolve():
-                found.add(parse_prefix(str(prefix.value) if prefix is not None else ""))
-        return found
-
 
 def load_locations(home: Path) -> list[OwnLocation]:
     """Import the user's code locations; none if only ours is named.
@@ -99,34 +90,35 @@ def home_of(
 
     A project that is defined without a prefix as well has none.
     """
-    found = {prefix: one.location for one in locations for prefix in one.prefixes_of(recipe_file)}
-    if not found or () in found or any(_module_of(origin) == _OURS for origin in _origins(home / _WORKSPACE)):
+    found: dict[tuple[str, ...], CodeLocation] = {}
+    for one in locations:
+        for sensor in one.repository.sensor_defs:
+            recipe, prefix = sensor.metadata.get(RECIPE), sensor.metadata.get(KEY_PREFIX)
+            if recipe is not None and Path(str(recipe.value)).resolve() == recipe_file.resolve():
+                found[parse_prefix(str(prefix.value) if prefix is not None else "")] = one.location
+    if not found or () in found:
+        return (), CodeLocation()
+    if any(origin.loadable_target_origin.module_name == _OURS for origin in _origins(home / _WORKSPACE)):
         return (), CodeLocation()
     return min(found.items(), key=lambda one: one[0])
 
 
-def _module_of(origin: object) -> str | None:
-    if not isinstance(origin, ManagedGrpcPythonEnvCodeLocationOrigin):
-        return None
-    return origin.loadable_target_origin.module_name
-
-
-def _origins(file: Path) -> list[object]:
+def _origins(file: Path) -> list[ManagedGrpcPythonEnvCodeLocationOrigin]:
+    """Return the code locations in a workspace but for those of servers."""
     if not file.is_file():
         return []
     try:
-        return list(location_origins_from_yaml_paths([str(file)]))
+        found = location_origins_from_yaml_paths([str(file)])
     except Exception as err:
         problem = str(err).strip().splitlines()
         raise RecipeError(
             f"{file}: this cannot be read as a workspace of Dagster ({problem[0] if problem else err!r})."
         ) from err
+    return [origin for origin in found if isinstance(origin, ManagedGrpcPythonEnvCodeLocationOrigin)]
 
 
 def _named(file: Path) -> Iterator[CodeLocation]:
     for origin in _origins(file):
-        if not isinstance(origin, ManagedGrpcPythonEnvCodeLocationOrigin):
-            continue
         target = origin.loadable_target_origin
         if target.executable_path not in {None, sys.executable} or target.module_name == _OURS:
             continue

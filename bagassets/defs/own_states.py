@@ -12,7 +12,7 @@ from typing import Literal
 import dagster as dg
 
 from bagassets.build.plan import BagPlan, Recorded, version_as_input
-from bagassets.defs.events import fetch_recorded, in_batches, latest_ids, recorded_whole
+from bagassets.defs.events import fetch_recorded, latest_ids, recorded_whole, runs_of
 from bagassets.defs.naming import DATASET_INPUTS, Naming
 from bagassets.defs.own_assets import OwnAsset, Read, Versions, inputs_digest, inputs_tag, told_inputs
 from bagassets.defs.own_location import code_digest
@@ -21,7 +21,7 @@ from bagassets.defs.pending_work import PendingWork
 from bagassets.defs.runs import failure_of
 from bagassets.json_types import JsonObject
 
-__all__ = ["OwnState", "OwnStates", "states_of_own"]
+__all__ = ["OwnState", "OwnStates", "Survey"]
 
 State = Literal["fresh", "missing", "stale", "unknown", "blocked", "skipped", "failed"]
 _TO_COME = frozenset({"missing", "stale", "unknown"})
@@ -53,17 +53,8 @@ OwnStates = Mapping[str, Mapping[str, OwnState]]
 """Asset -> partition key, "" for one without partitions -> state."""
 
 
-def states_of_own(
-    instance: dg.DagsterInstance,
-    names: Naming,
-    pending: PendingWork,
-    own: Mapping[str, OwnAsset],
-    *,
-    wanted: Collection[str],
-    retry_failed: bool = False,
-    is_dataset_current: bool | None = None,
-) -> OwnStates:
-    """Return the state of each asset, for the chosen recordings.
+class Survey:
+    """The state of each asset, for the chosen recordings.
 
     Args:
         instance: where materializations are recorded.
@@ -73,19 +64,10 @@ def states_of_own(
         wanted: those that a build brings up to date; others that these read are taken as they are.
         retry_failed: take what failed on the same inputs as to be made.
         is_dataset_current: the datasets on disk are up to date; default: so they are, and stay so in a build.
+
+    Attributes:
+        states: what it found.
     """
-    if not own:
-        return {}
-    stays = pending.dataset_is_current and not (pending.todo or pending.plan.removed)
-    is_current = stays if is_dataset_current is None else is_dataset_current
-    survey = _Survey(instance, names, pending, own, frozenset(wanted), is_current, retry_failed)
-    for name in own:
-        survey.add(name)
-    return survey.states
-
-
-class _Survey:
-    """The states of assets, each after those that it reads."""
 
     def __init__(
         self,
@@ -93,28 +75,27 @@ class _Survey:
         names: Naming,
         pending: PendingWork,
         own: Mapping[str, OwnAsset],
-        wanted: frozenset[str],
-        is_dataset_current: bool,
-        retry_failed: bool,
+        *,
+        wanted: Collection[str],
+        retry_failed: bool = False,
+        is_dataset_current: bool | None = None,
     ) -> None:
-        self.states: dict[str, dict[str, OwnState]] = {}
+        stays = pending.dataset_is_current and not (pending.todo or pending.plan.removed)
+        self._is_dataset_current = stays if is_dataset_current is None else is_dataset_current
         self._instance, self._names, self._pending, self._own = instance, names, pending, own
-        self._wanted, self._is_dataset_current, self._retry_failed = wanted, is_dataset_current, retry_failed
+        self._wanted, self._retry_failed = wanted, retry_failed
         self._versions = Versions(instance, names)
         self._code = code_digest()
-
-    def add(self, name: str) -> None:
-        """Add the states of an asset."""
-        asset = self._own[name]
-        partitions = (
-            sorted(self._pending.chosen & self._pending.plan.bags.keys()) if asset.is_partitioned else [""]
-        )
-        recorded = self._recorded(asset, partitions)
-        runs = self._runs(asset, recorded)
-        self.states[name] = {
-            partition: self._state(asset, partition, recorded.get(partition), runs)
-            for partition in partitions
-        }
+        self.states: dict[str, dict[str, OwnState]] = {}
+        recordings = sorted(pending.chosen & pending.plan.bags.keys())
+        for name, asset in own.items():  # each after those that it reads
+            partitions = recordings if asset.is_partitioned else [""]
+            recorded = self._recorded(asset, partitions)
+            runs = self._runs(asset, recorded)
+            self.states[name] = {
+                partition: self._state(asset, partition, recorded.get(partition), runs)
+                for partition in partitions
+            }
 
     def _recorded(self, asset: OwnAsset, partitions: Collection[str]) -> dict[str, Recorded]:
         if asset.is_partitioned:
@@ -128,12 +109,8 @@ class _Survey:
         """Return run -> digest of what it read, for assets that read more than Dagster records."""
         if all(read.how != "all" for read in asset.reads):
             return {}
-        ids = sorted({one.run_id for one in recorded.values()})
-        told: dict[str, str] = {}
-        for batch in in_batches(ids):
-            runs = self._instance.get_runs(dg.RunsFilter(run_ids=batch))
-            told |= {run.run_id: told_inputs(run, asset.key) for run in runs}
-        return told
+        runs = runs_of(self._instance, {one.run_id for one in recorded.values()})
+        return {run.run_id: told_inputs(run, asset.key) for run in runs}
 
     def _state(
         self, asset: OwnAsset, partition: str, recorded: Recorded | None, runs: Mapping[str, str]
@@ -169,7 +146,9 @@ class _Survey:
                 return "unknown", f"{name} comes first"
             if state.state == "skipped":
                 return "skipped", state.reason
-            return None if state.state == "fresh" else _blocked(name, state)
+            if state.state == "fresh":
+                return None
+            return "blocked", f"{name} failed" if state.state == "failed" else state.reason  # the first cause
         if read.how == "whole":
             is_behind = ours in {DATASET_INPUTS, *self._pending.datasets} and not self._is_dataset_current
             return ("unknown", f"{name} comes first") if is_behind else None
@@ -242,11 +221,6 @@ def _held_by_ours(bag: BagPlan, ours: str, name: str) -> tuple[State, str] | Non
             f"{name} {'failed' if state == 'failed' else 'is not there'}, as its recording failed",
         )
     return "unknown", f"{name} comes first"
-
-
-def _blocked(name: str, state: OwnState) -> tuple[State, str]:
-    """Return why something cannot be made that reads what is not there: the first cause."""
-    return "blocked", f"{name} failed" if state.state == "failed" else state.reason
 
 
 def _spellings(version: str) -> set[str]:

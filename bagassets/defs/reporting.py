@@ -1,9 +1,11 @@
 """Results and errors as the web UI shows them: metadata with tables and pictures, failures of one sentence."""
 
 import json
+import warnings
 from base64 import b64encode
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import dagster as dg
@@ -12,19 +14,13 @@ from bagassets.assets.preview import FACTS
 from bagassets.build.execute import AssetResult, BuildFailure
 from bagassets.defs.artifact_files import page_link, picture_link
 from bagassets.defs.events import STAT
-from bagassets.defs.markdown import (
-    calibration_table,
-    counts_table,
-    record_table,
-    table,
-    topics_table,
-)
 from bagassets.errors import BagAssetsError, UnexpectedError
-from bagassets.escaping import visible
+from bagassets.escaping import markdown, visible
 from bagassets.formats.assembly import DatasetSummary
 from bagassets.formats.catalogue import MAIN
 from bagassets.formats.dataset_build import DatasetInputs
-from bagassets.json_types import Json
+from bagassets.geometry.calibration import Calibration
+from bagassets.json_types import Json, JsonMapping
 from bagassets.preview.pictures import TITLES
 from bagassets.quantities import readable_bytes
 from bagassets.recordings.digest import RecordingDigest, RecordingStat
@@ -36,20 +32,21 @@ __all__ = [
     "BAG_CODE_VERSION",
     "Metadata",
     "bag_metadata",
+    "code_link",
     "dataset_metadata",
     "errors_explained",
     "inputs_metadata",
-    "moved_table",
     "result_metadata",
-    "split_table",
 ]
 
 Metadata = dict[str, Any]
 """What Dagster shows of a materialization: its `MetadataValue`, or what it makes one of."""
 
 BAG_CODE_VERSION = "1"
-CHANNEL_ASSETS = ("frames", "sweeps")
+_CHANNEL_ASSETS = ("frames", "sweeps")
 _COUNTS = {"read", "written", "merged", "lost"}
+_MOST_ROWS = 60
+_PACKAGE = Path(__file__).resolve().parent.parent
 
 
 def bag_metadata(recording: RecordingFiles, stat: RecordingStat, digest: RecordingDigest) -> Metadata:
@@ -71,15 +68,19 @@ def result_metadata(result: AssetResult) -> Metadata:
     summary = dict(result.artifact.summary())
     metadata: Metadata = {}
     if result.asset == "inventory":
-        metadata["contents"] = dg.MetadataValue.md(topics_table(result.artifact))
+        metadata["contents"] = _topics_table(result.artifact)
     elif result.asset == "calibration":
-        metadata["mounting"] = dg.MetadataValue.md(calibration_table(result.artifact))
-    elif result.asset in CHANNEL_ASSETS:
+        metadata["mounting"] = _calibration_table(result.artifact)
+    elif result.asset in _CHANNEL_ASSETS:
         channels = summary.pop("channels")
-        metadata |= _totals(channels)
-        metadata["channels"] = dg.MetadataValue.md(counts_table(channels))
+        # Of all channels together: Dagster plots numbers, and no tables.
+        metadata["written"] = sum(entry["written"] for entry in channels.values())
+        metadata["lost"] = sum(sum(entry.get("lost", {}).values()) for entry in channels.values())
+        metadata["channels"] = _counts_table(channels)
     elif result.asset == "nuscenes_tables":
-        metadata |= _table_numbers(summary["counts"])
+        counts = summary["counts"]
+        metadata |= {"scenes": counts["scenes"], "keyframes": counts["samples"]}
+        metadata["boxes"] = counts["boxes"]["annotations"]
     metadata |= {name: shown for name, value in summary.items() if (shown := _shown(value)) is not None}
     # The artifact of frames or sweeps only names those of the channels.
     size = metadata.pop("bytes", None) or sum(entry.size for entry in result.artifact.entries())
@@ -92,22 +93,6 @@ def result_metadata(result: AssetResult) -> Metadata:
         "action_digest": result.action_digest,
     }
     return (_pictures(result.artifact) if result.asset == "preview" else {}) | metadata
-
-
-def _totals(channels: Mapping[str, Mapping[str, Any]]) -> dict[str, int]:
-    """Return the numbers of all channels together: Dagster plots numbers, and no tables."""
-    return {
-        "written": sum(entry["written"] for entry in channels.values()),
-        "lost": sum(sum(entry.get("lost", {}).values()) for entry in channels.values()),
-    }
-
-
-def _table_numbers(counts: Mapping[str, Any]) -> dict[str, int]:
-    return {
-        "scenes": counts["scenes"],
-        "keyframes": counts["samples"],
-        "boxes": counts["boxes"]["annotations"],
-    }
 
 
 def _pictures(preview: Artifact) -> dict[str, dg.MetadataValue[str]]:
@@ -137,9 +122,9 @@ def _shown(value: Json) -> object:
         return ", ".join(map(visible, value))
     if isinstance(value, dict):
         if set(value) == _COUNTS and isinstance(value["read"], int):
-            return dg.MetadataValue.md(counts_table({"all": value}, "messages"))
+            return _counts_table({"all": value}, "messages")
         if all(isinstance(item, int | float | str) for item in value.values()):
-            return dg.MetadataValue.md(record_table(value, ("", "")))
+            return _record_table(value, ("", ""))
     return dg.MetadataValue.json(value)
 
 
@@ -149,7 +134,7 @@ def inputs_metadata(inputs: DatasetInputs) -> Metadata:
     failed = inputs.failed.get(MAIN.name, {})
     for name, reasons in (("why_failed", failed), ("why_skipped", inputs.skipped)):
         if reasons:
-            metadata[name] = dg.MetadataValue.md(record_table(reasons, ("recording", "reason")))
+            metadata[name] = _record_table(reasons, ("recording", "reason"))
     return metadata
 
 
@@ -161,7 +146,7 @@ def dataset_metadata(summary: DatasetSummary, failed: Mapping[str, str]) -> Meta
         failed: recording that could not enter it -> why.
     """
     # People look for it first, and below twenty rows they would have to scroll.
-    why = {"failed": dg.MetadataValue.md(record_table(failed, ("recording", "reason")))} if failed else {}
+    why = {"failed": _record_table(failed, ("recording", "reason"))} if failed else {}
     metadata: Metadata = {
         "report": dg.MetadataValue.md(f"[Open the report]({page_link('report')})"),
         **why,
@@ -171,39 +156,17 @@ def dataset_metadata(summary: DatasetSummary, failed: Mapping[str, str]) -> Meta
             name: _shown(value) if value or not isinstance(value, Mapping) else dg.MetadataValue.json({})
             for name, value in summary.facts.items()
         },
-        "split_shares": dg.MetadataValue.md(split_table(summary.shares)),
+        "split_shares": _split_table(summary.shares),
         "changed": summary.changed,
     }
     if summary.files:
-        metadata["files"] = dg.MetadataValue.md(record_table(summary.files, ("way", "files")))
+        metadata["files"] = _record_table(summary.files, ("way", "files"))
     if summary.moved:
-        metadata["moved"] = dg.MetadataValue.md(moved_table(summary.moved))
+        moved = [(key, *splits) for key, splits in summary.moved.items()]
+        metadata["moved"] = _table(("recording", "was in", "is in"), moved)
     if summary.duplicates:
-        metadata["duplicates"] = dg.MetadataValue.md(
-            record_table(summary.duplicates, ("left out", "same content as"))
-        )
+        metadata["duplicates"] = _record_table(summary.duplicates, ("left out", "same content as"))
     return metadata
-
-
-def split_table(shares: Sequence[SplitShare]) -> str:
-    """Return a Markdown table with the share of each split by duration, beside the share asked for."""
-    rows = [
-        (
-            share.name,
-            share.recordings,
-            f"{share.duration_s:.1f} s",
-            f"{share.share:.1%}",
-            f"{share.asked:.1%}",
-            f"{share.deviation:+.1%}",
-        )
-        for share in shares
-    ]
-    return table(("split", "recordings", "duration", "share", "asked for", "deviation"), rows)
-
-
-def moved_table(moved: Mapping[str, tuple[str, str]]) -> str:
-    """Return a Markdown table of the recordings that moved to another split."""
-    return table(("recording", "was in", "is in"), [(key, *splits) for key, splits in moved.items()])
 
 
 @contextmanager
@@ -219,3 +182,90 @@ def _unexpected_cause(err: BagAssetsError) -> BaseException | None:
     """Return the cause of an unexpected error, whose traceback is worth showing; None for errors that say it all."""
     inner = err.errors.values() if isinstance(err, BuildFailure) else [err]
     return next((e.__cause__ for e in inner if isinstance(e, UnexpectedError)), None)
+
+
+def code_link(make: Callable[..., object]) -> Metadata:
+    """Return the metadata that names the function which decides what an asset is, or makes it, for "View code" in the web UI."""
+    code = getattr(make, "__code__", None)
+    if code is None:  # made by `functools.partial`, or not written in Python
+        return {}
+    file = Path(code.co_filename)
+    label = f"{_PACKAGE.name}/{file.relative_to(_PACKAGE)}" if file.is_relative_to(_PACKAGE) else file.name
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", category=dg.BetaWarning)
+        reference = dg.LocalFileCodeReference(
+            file_path=str(file), line_number=code.co_firstlineno, label=label
+        )
+        return {"dagster/code_references": dg.CodeReferencesMetadataValue(code_references=[reference])}
+
+
+# --- tables ------------------------------------------------------------------------------
+
+
+def _table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> dg.MarkdownMetadataValue:
+    """Return a Markdown table; columns of numbers are aligned to the right."""
+    numeric = [
+        bool(rows) and all(isinstance(row[column], int | float) for row in rows)
+        for column in range(len(header))
+    ]
+    lines = [_line(header), _line(["--:" if is_number else "---" for is_number in numeric])]
+    lines += [_line([markdown(str(value)) for value in row]) for row in rows[:_MOST_ROWS]]
+    if len(rows) > _MOST_ROWS:
+        lines.append(_line([f"… and {len(rows) - _MOST_ROWS} more", *[""] * (len(header) - 1)]))
+    return dg.MetadataValue.md("\n".join(lines))
+
+
+def _record_table(record: JsonMapping, header: tuple[str, str]) -> dg.MarkdownMetadataValue:
+    """Return a table of two columns."""
+    return _table(header, list(record.items()))
+
+
+def _counts_table(counts: Mapping[str, JsonMapping], name: str = "channel") -> dg.MarkdownMetadataValue:
+    """Return a table of the messages of each channel or topic: read, written, merged, and lost with the reason."""
+    rows = []
+    for key, entry in sorted(counts.items()):
+        lost = ", ".join(f"{number} {reason}" for reason, number in sorted(entry.get("lost", {}).items()))
+        rows.append((key, entry["read"], entry["written"], entry.get("merged", 0), lost or "none"))
+    return _table((name, "read", "written", "merged", "lost"), rows)
+
+
+def _topics_table(inventory: Artifact) -> dg.MarkdownMetadataValue:
+    """Return a table of the topics in an inventory."""
+    topics = inventory.read_json("inventory.json")["topics"]
+    rows = []
+    for topic in topics:
+        rate = "" if topic["rate_hz"] is None else f"{topic['rate_hz']:.4g} Hz"
+        rows.append((topic["name"], topic["type"], topic["count"], rate, topic["problem"] or ""))
+    return _table(("topic", "type", "messages", "rate", "problem"), rows)
+
+
+def _calibration_table(calibration: Artifact) -> dg.MarkdownMetadataValue:
+    """Return a table of the sensors in a calibration: place on the vehicle, and lens."""
+    rows = []
+    channels = Calibration.from_json(calibration.read_json("calibration.json")).channels
+    for name, sensor in sorted(channels.items()):
+        x_m, y_m, z_m = (f"{value:.3f}" for value in sensor.ego_SE3_sensor.translation)
+        camera = sensor.camera
+        lens = "" if camera is None else f"{camera.width} x {camera.height}, {camera.model}"
+        rows.append((name, sensor.frame, f"{x_m}, {y_m}, {z_m}", sensor.source, lens))
+    return _table(("channel", "frame", "x, y, z in the ego frame (m)", "from", "camera"), rows)
+
+
+def _line(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(cells) + " |"
+
+
+def _split_table(shares: Sequence[SplitShare]) -> dg.MarkdownMetadataValue:
+    """Return a Markdown table with the share of each split by duration, beside the share asked for."""
+    rows = [
+        (
+            share.name,
+            share.recordings,
+            f"{share.duration_s:.1f} s",
+            f"{share.share:.1%}",
+            f"{share.asked:.1%}",
+            f"{share.deviation:+.1%}",
+        )
+        for share in shares
+    ]
+    return _table(("split", "recordings", "duration", "share", "asked for", "deviation"), rows)

@@ -301,18 +301,14 @@ class RunPool:
     def _drop(self, run_id: str, problem: str | None) -> None:
         active = self._active.pop(run_id)
         stopped = problem is not None and self.interrupted
-        if stopped and active.is_ours:
-            self._settle(run_id)
+        run = self.instance.get_run_by_id(run_id) if problem is not None and active.is_ours else None
+        has_failed = run is not None and run.status == dg.DagsterRunStatus.FAILURE
+        if run is not None and has_failed and stopped:
+            # Dagster's own launcher reports a failure of a run that we cancelled if it was only starting.
+            self.instance.report_run_canceled(run, "The build that launched it was interrupted.")
         begun, ended = active.progress.begun, active.progress.ended
         left = {key: assets for key, assets in active.batch.items() if key not in begun and key != DATASET}
-        if (
-            begun
-            and left
-            and problem is not None
-            and active.is_ours
-            and not stopped
-            and self._has_failed(run_id)
-        ):
+        if begun and left and has_failed and not stopped:
             # Its worker died with one recording, which failed; the others get another run.
             self._waiting.append(left)
         else:
@@ -323,16 +319,6 @@ class RunPool:
             unfinished -= {DATASET}  # the recordings failed, and the datasets are yet to be made without them
         for key in unfinished:
             self._conclude(key, EndedRun(run_id, problem, stopped, seconds))
-
-    def _has_failed(self, run_id: str) -> bool:
-        run = self.instance.get_run_by_id(run_id)
-        return run is not None and run.status == dg.DagsterRunStatus.FAILURE
-
-    def _settle(self, run_id: str) -> None:
-        """Record a run that we cancelled as CANCELED: Dagster's own launcher reports a failure if it was only starting."""
-        run = self.instance.get_run_by_id(run_id)
-        if run is not None and run.status == dg.DagsterRunStatus.FAILURE:
-            self.instance.report_run_canceled(run, "The build that launched it was interrupted.")
 
     def _conclude(self, key: str, ended: EndedRun) -> None:
         self.ended[key] = ended

@@ -8,7 +8,7 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, suppress
 from functools import partial
 from importlib import import_module
@@ -20,18 +20,17 @@ import dagster as dg
 from bagassets.decode.loading import load_built_in
 from bagassets.defs.batches import batch_of
 from bagassets.defs.connections import kept_open, share_migrations
-from bagassets.defs.dagster_private import RUN_MODULES
+from bagassets.defs.dagster_private import RUN_MODULES, capture_interrupts, check_captured_interrupt
 from bagassets.defs.databases import database_errors_explained
 from bagassets.defs.exclusive import ASKS_PER_LOOK, exclusive, holder_has_ended
 from bagassets.defs.fence import run_has_ended
 from bagassets.defs.orphaned_runs import end_orphaned_runs, report_ended
 from bagassets.defs.own_location import know_installed_modules
+from bagassets.defs.partitions import PARTITION_TAG
 from bagassets.defs.pending_work import rehearse
 from bagassets.defs.runs import (
-    capture_interrupts,
     dotenv_variables,
     execute_run,
-    is_interrupted,
     open_instance,
     preload_definitions,
     read_settings,
@@ -48,7 +47,6 @@ from bagassets.trace import name_process, span
 
 __all__ = ["end_worker", "execute", "preload", "recover", "report_lost"]
 
-_PARTITION_TAG = "dagster/partition"
 _POLL_S = 0.5
 _UNTIL_IDLE = (True,)  # a step after which the server waits until no job is at work
 
@@ -127,21 +125,26 @@ def execute(args: JsonObject) -> JsonObject:
         HOLDERS.name, HOLDERS.has_ended = run_id, partial(run_has_ended, instance)
         instance.add_run_tags(run_id, RunWorker.here(run_id).tags() | args.get("tags", {}))
 
-        def is_wanted(asked: int) -> bool:
-            if asked == 0:
-                message = f"Waiting for another run of {run.tags[_PARTITION_TAG]} to end."
-                instance.report_engine_event(message, dagster_run=run)
-            if asked % ASKS_PER_LOOK:
-                return True
-            if holder_has_ended(instance, Path(args["locks"]), run.tags[_PARTITION_TAG]):
-                return False
-            current = instance.get_run_by_id(run_id)  # the web UI cancels a starting run without a signal
-            return current is not None and not current.is_finished
-
-        partition_key = run.tags.get(_PARTITION_TAG)
+        partition_key, locks = run.tags.get(PARTITION_TAG), Path(args["locks"])
         name_process(f"worker: {partition_key or _describe(run)}")
         stack.enter_context(span("run", run_id=run_id))
-        _take_turn(Path(args["locks"]), partition_key, run_id, stack, is_wanted)
+        if partition_key is not None:
+
+            def keep_waiting(asked: int) -> bool:
+                if asked == 0:
+                    message = f"Waiting for another run of {partition_key} to end."
+                    instance.report_engine_event(message, dagster_run=run)
+                if asked % ASKS_PER_LOOK == 0:
+                    if holder_has_ended(instance, locks, partition_key):
+                        return False
+                    current = instance.get_run_by_id(
+                        run_id
+                    )  # the web UI cancels a starting run without a signal
+                    if current is None or current.is_finished:
+                        return False
+                return not (check_captured_interrupt() or cancel_requested())
+
+            stack.enter_context(exclusive(locks, partition_key, keep_waiting=keep_waiting, holder=run_id))
         stack.enter_context(kept_open(instance, run_id))
         return execute_run(instance, run_id, cancel_requested=cancel_requested).as_json()
 
@@ -231,16 +234,3 @@ def _describe(run: dg.DagsterRun) -> str:
         more = f" and {len(recordings) - 1} more" if len(recordings) > 1 else ""
         return recordings[0] + more
     return ", ".join(sorted(key.to_user_string() for key in run.asset_selection or ())) or run.job_name
-
-
-def _take_turn(
-    locks: Path, partition_key: str | None, run_id: str, stack: ExitStack, is_wanted: Callable[[int], bool]
-) -> None:
-    """Wait until no other run works on the partition, or this one is to end."""
-    if partition_key is None:
-        return
-
-    def keep_waiting(asked: int) -> bool:
-        return is_wanted(asked) and not (is_interrupted() or cancel_requested())
-
-    stack.enter_context(exclusive(locks, partition_key, keep_waiting=keep_waiting, holder=run_id))

@@ -31,7 +31,6 @@ from bagassets.defs.dagster_private import (
     SerializableErrorInfo,
     WorkerStatus,
     capture_interrupts,
-    check_captured_interrupt,
     compute_logs,
     core_execute_run,
     get_env_var_dict,
@@ -47,14 +46,12 @@ __all__ = [
     "CodeLocation",
     "RunOutcome",
     "StepError",
-    "capture_interrupts",
     "create_job_run",
     "create_run",
     "dotenv_variables",
     "execute_run",
     "fail_if_lost",
     "failure_of",
-    "is_interrupted",
     "location_variables",
     "mark_canceling",
     "open_instance",
@@ -171,9 +168,8 @@ def failure_of(instance: dg.DagsterInstance, run: dg.DagsterRun) -> str | None:
     """Return why a run failed or was cancelled: the error of its first failed step, or the reason why it was ended."""
     for entry in instance.all_logs(run.run_id, of_type=dg.DagsterEventType.STEP_FAILURE):
         event = entry.get_dagster_event()
-        data = event.step_failure_data
-        if data.error_source != ErrorSource.INTERRUPT:
-            return _step_error(event.step_key or "", data.error).message
+        if event.step_failure_data.error_source != ErrorSource.INTERRUPT:
+            return _step_error(event).message
     message = None
     for entry in instance.all_logs(run.run_id, of_type=_BAD_ENDS):
         message = entry.get_dagster_event().message
@@ -216,11 +212,6 @@ def preload_definitions(module: str) -> None:
             repository = value.get_repository_def()
             if repository.asset_graph.executable_asset_keys:
                 repository.get_implicit_job_def_for_assets(repository.asset_graph.executable_asset_keys)
-
-
-def is_interrupted() -> bool:
-    """Return whether a signal arrived under `capture_interrupts` and was not yet raised."""
-    return check_captured_interrupt()
 
 
 def create_run(
@@ -324,7 +315,6 @@ def execute_run(
     run_id: str,
     *,
     cancel_requested: Callable[[], bool] = lambda: False,
-    on_event: Callable[[dg.DagsterEvent], None] = lambda _event: None,
 ) -> RunOutcome:
     """Execute a run in this process and return how it ended; a failed step is no error here.
 
@@ -335,7 +325,6 @@ def execute_run(
         instance: the instance that holds the run.
         run_id: a run in state NOT_STARTED or STARTING.
         cancel_requested: called when an interrupt arrived.
-        on_event: called with each event after it was recorded.
 
     Raises:
         BagAssetsError: there is no such run, or it has no code location.
@@ -351,8 +340,7 @@ def execute_run(
             events = core_execute_run(
                 recon_job_from_origin(run.job_code_origin), run, instance, inject_env_vars=True
             )
-            for event in follower.follow(events):
-                on_event(event)
+            follower.follow(events)
             follower.settle()
     ended = instance.get_run_by_id(run_id)
     status = ended.status if ended is not None else dg.DagsterRunStatus.FAILURE
@@ -383,14 +371,13 @@ class _Follower:
             or bool(self._instance.all_logs(self._run_id, of_type=dg.DagsterEventType.RUN_CANCELING))
         )
 
-    def follow(self, events: Generator[dg.DagsterEvent, None, None]) -> Iterator[dg.DagsterEvent]:
-        """Yield the events, steering the generator on the way."""
+    def follow(self, events: Generator[dg.DagsterEvent, None, None]) -> None:
+        """Execute the run, by taking its events, and steer the generator on the way."""
         has_started = False
         # Dagster has recorded the interrupt by the time it raises it.
         with suppress(dg.DagsterExecutionInterruptedError, KeyboardInterrupt):
             event = next(events, None)
             while event is not None:
-                yield event
                 kind = event.event_type
                 has_started = has_started or kind == dg.DagsterEventType.PIPELINE_START
                 if not has_started and self.is_cancel_wanted():
@@ -402,7 +389,10 @@ class _Follower:
                     events.close()
                     break
                 if kind == dg.DagsterEventType.STEP_FAILURE:
-                    self._note_failure(event)
+                    if event.step_failure_data.error_source == ErrorSource.INTERRUPT:
+                        self._mark_cancelling()
+                    else:
+                        self.failures.append(_step_error(event))
                 if self._is_retry_of_interrupt(event):
                     self._mark_cancelling()
                     event = events.throw(dg.DagsterExecutionInterruptedError("The run was interrupted."))
@@ -424,13 +414,6 @@ class _Follower:
         if run is not None and run.status not in good and self.is_cancel_wanted():
             self._instance.report_run_canceled(run, "The run was cancelled.")
 
-    def _note_failure(self, event: dg.DagsterEvent) -> None:
-        data = event.step_failure_data
-        if data.error_source == ErrorSource.INTERRUPT:
-            self._mark_cancelling()
-        else:
-            self.failures.append(_step_error(event.step_key or "", data.error))
-
     def _mark_cancelling(self) -> None:
         """Mark the run as CANCELING: Dagster reads this next to tell a cancelled run from a failed one."""
         run = self._instance.get_run_by_id(self._run_id)
@@ -448,11 +431,11 @@ class _Follower:
         return self.is_cancel_wanted()
 
 
-def _step_error(step: str, error: SerializableErrorInfo | None) -> StepError:
+def _step_error(failed: dg.DagsterEvent) -> StepError:
     """Return the error that the step's own code raised, without Dagster's wrappers."""
-    if error is None:
+    step, raised = failed.step_key or "", failed.step_failure_data.error
+    if raised is None:
         return StepError(step, "", "The step failed and gave no error.")
-    raised = error
     while (cause := raised.cause) is not None and str(raised.cls_name).startswith(_WRAPPERS):
         raised = cause
     name = raised.cls_name or ""

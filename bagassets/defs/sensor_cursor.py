@@ -3,6 +3,7 @@
 import json
 from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from bagassets.recordings.digest import RecordingStat
 from bagassets.store.canonical import digest_json
@@ -14,8 +15,7 @@ MOST_TRIES = 3
 RETRY_S = 60.0
 
 
-@dataclass(frozen=True)
-class Request:
+class Request(NamedTuple):
     """A run that was requested.
 
     Attributes:
@@ -69,8 +69,7 @@ class Cursor:
 
     def text(self) -> str:
         """Return the cursor as text."""
-        asked = {key: [request.what, request.tries, request.at_s] for key, request in self.asked.items()}
-        return json.dumps({**self.__dict__, "asked": asked}, sort_keys=True)
+        return json.dumps(self.__dict__, sort_keys=True)
 
     # --- settling ------------------------------------------------------------------------
 

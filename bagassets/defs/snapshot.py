@@ -8,7 +8,7 @@ import dagster as dg
 
 from bagassets.build.named_files import files_beside, named_files
 from bagassets.build.plan import Plan
-from bagassets.defs.events import database_place
+from bagassets.defs.events import event_database
 from bagassets.defs.instance_plan import workspace_fingerprint
 from bagassets.defs.workspace import Workspace
 from bagassets.formats.dataset_build import dataset_code_versions, dataset_folders
@@ -32,7 +32,8 @@ class Snapshot:
         self._recipe = workspace.recipe
         self._fingerprints: list[str] | None = None
         recipe_file = Path(workspace.recipe_file).absolute()
-        database = database_place(instance)
+        # Where the events of assets are: the file of SQLite, or the URL of PostgreSQL; other databases have neither.
+        database = event_database(instance) or getattr(instance.event_log_storage, "postgres_url", None)
         config = dagster_home(recipe_file, self._recipe) / "dagster.yaml"
         # If a variable names the database, it may be another one next time.
         if database is None or "env:" in config.read_text("utf-8"):
@@ -51,7 +52,7 @@ class Snapshot:
             folders=[str(path) for path in folders],
             beside=[str(path) for path in beside],
             bag_root=str(self._recipe.bags.root),
-            database=database,
+            database=str(database),
             partitions=workspace.names.partitions,
             artifacts=str(self._recipe.store_path / "artifacts"),
         )

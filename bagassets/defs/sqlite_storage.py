@@ -7,14 +7,13 @@ when its `dagster.yaml` names this storage.
 """
 
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
 import dagster as dg
-from sqlalchemy.engine import Connection
 
 from bagassets.defs.dagster_private import (
     ASSET_EVENTS,
@@ -54,9 +53,12 @@ class ProjectEventLogStorage(SqliteEventLogStorage):
                 stored = connection.execute(self.prepare_insert_event(event))
                 event_id = stored.inserted_primary_key[0]  # type: ignore[index]  # of an insert never None
                 if event.dagster_event.asset_key is not None:
-                    with self._holding(connection):
+                    self._thread.connection = connection
+                    try:
                         self.store_asset_event(event, event_id)
                         self.store_asset_event_tags([event], [event_id])
+                    finally:
+                        self._thread.connection = None
             self._thread.event_id = event_id
 
     @property
@@ -90,14 +92,6 @@ class ProjectEventLogStorage(SqliteEventLogStorage):
     def is_run_sharded(self) -> bool:
         """Ids of events grow from run to run."""
         return False
-
-    @contextmanager
-    def _holding(self, connection: Connection) -> Iterator[None]:
-        self._thread.connection = connection
-        try:
-            yield
-        finally:
-            self._thread.connection = None
 
     @cached_property
     def _thread(self) -> threading.local:

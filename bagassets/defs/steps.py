@@ -72,10 +72,15 @@ def all_recordings(
     Raises:
         StoreError: an artifact is not in the store.
     """
-    recorded = recorded_states(context.instance, workspace.names, [asset])[asset]
-    live = live_partitions(context.instance, workspace.names)
+    versions = _versions(context.instance, workspace.names, asset)
+    return {key: workspace.store.artifact(version) for key, version in versions.items()}
+
+
+def _versions(instance: dg.DagsterInstance, names: Naming, asset: AssetName) -> dict[str, str]:
+    """Return partition key -> data version of an asset, of the recordings that are registered."""
+    recorded = recorded_states(instance, names, [asset])[asset]
     return {
-        key: workspace.store.artifact(recorded[key].data_version) for key in sorted(live & recorded.keys())
+        key: recorded[key].data_version for key in sorted(live_partitions(instance, names) & recorded.keys())
     }
 
 
@@ -160,9 +165,7 @@ def follow_recordings(
     def follow(context: dg.SensorEvaluationContext, **_resources: object) -> dg.SensorResult:
         workspace: Workspace = getattr(context.resources, resource_key)
         with errors_explained():
-            recorded = recorded_states(context.instance, workspace.names, [upstream])[upstream]
-            live = live_partitions(context.instance, workspace.names)
-        now = digest_json({key: recorded[key].data_version for key in sorted(live & recorded.keys())})
+            now = digest_json(_versions(context.instance, workspace.names, upstream))
         runs = context.instance.get_runs(dg.RunsFilter(statuses=ACTIVE))
         busy = any(key in (run.asset_selection or ()) for run in runs)
         if now == context.cursor or busy:

@@ -85,36 +85,17 @@ def record_touched(
             if digest.digest != recorded.data_version:
                 continue
             if stat != recorded.stat:
-                _record(instance, workspace.names.key("bag"), recording, stat, digest)
+                instance.report_runless_asset_event(
+                    dg.AssetMaterialization(
+                        workspace.names.key("bag"),
+                        description="Recorded without a run: only the time of its files had changed.",
+                        partition=recording.key,
+                        metadata=bag_metadata(recording, stat, digest),
+                        tags={DATA_VERSION: digest.digest, CODE_VERSION: BAG_CODE_VERSION},
+                    )
+                )
             same[key] = seconds
     return same
-
-
-def _record(
-    instance: dg.DagsterInstance,
-    bag: dg.AssetKey,
-    recording: RecordingFiles,
-    stat: RecordingStat,
-    digest: RecordingDigest,
-) -> None:
-    instance.report_runless_asset_event(
-        dg.AssetMaterialization(
-            bag,
-            description="Recorded without a run: only the time of its files had changed.",
-            partition=recording.key,
-            metadata=bag_metadata(recording, stat, digest),
-            tags={DATA_VERSION: digest.digest, CODE_VERSION: BAG_CODE_VERSION},
-        )
-    )
-
-
-def _threads(jobs: int) -> int:
-    """Return how many recordings are read at a time.
-
-    If all processors may be used, it is more than there are: recordings of one size then end together, where the last one alone
-    would leave processors idle.
-    """
-    return jobs * _SHARE_A_PROCESSOR if jobs >= (os.cpu_count() or 1) > 1 else max(1, jobs)
 
 
 class _Reading:
@@ -135,7 +116,10 @@ class _Reading:
     ) -> Generator[tuple[str, RecordingStat, RecordingDigest, float], None, None]:
         """Yield key, status before, digest and seconds of each recording that could be read, as soon as it has been."""
         ended: SimpleQueue[Future[_Read]] = SimpleQueue()
-        with ThreadPoolExecutor(_threads(jobs)) as pool:
+        # If all processors may be used, more are read at a time than there are: recordings of one size then end together,
+        # where the last one alone would leave processors idle.
+        threads = jobs * _SHARE_A_PROCESSOR if jobs >= (os.cpu_count() or 1) > 1 else max(1, jobs)
+        with ThreadPoolExecutor(threads) as pool:
             keys = {pool.submit(self._digest, recording): key for key, recording in self._recordings.items()}
             for future in keys:
                 future.add_done_callback(ended.put)
@@ -154,7 +138,10 @@ class _Reading:
         while True:
             now_s = time.monotonic()
             if now_s >= self._show_s:
-                on_event(Event("reading", message=self._told()))
+                number = count_text(len(self._recordings), "recording")
+                share = min(1.0, self._read / max(1, self._bytes))
+                said = f"Reading {number} whose time changed, {readable_bytes(self._bytes)}: {share:.0%}"
+                on_event(Event("reading", message=said))
                 self._show_s = now_s + _SHOW_EVERY_S
             with suppress(Empty):
                 return ended.get(timeout=self._show_s - now_s)
@@ -170,8 +157,3 @@ class _Reading:
             self._read += read
         if self._stopped.is_set():
             raise CancelledError
-
-    def _told(self) -> str:
-        number = count_text(len(self._recordings), "recording")
-        share = min(1.0, self._read / max(1, self._bytes))
-        return f"Reading {number} whose time changed, {readable_bytes(self._bytes)}: {share:.0%}"

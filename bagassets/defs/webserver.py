@@ -5,6 +5,7 @@ import asyncio
 import logging
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
+from functools import partial
 
 import uvicorn
 from dagster import DagsterInstance, deserialize_value
@@ -51,7 +52,7 @@ _PAGE_HEADERS = {
 def main() -> None:
     """Serve until a shutdown message arrives through the pipe."""
     parser = argparse.ArgumentParser(parents=[listening_options()])
-    parser.add_argument("--instance-ref", required=True, type=_instance_ref)
+    parser.add_argument("--instance-ref", required=True, type=partial(deserialize_value, as_type=InstanceRef))
     parser.add_argument("--workspace", required=True)
     parser.add_argument("--shutdown-pipe", required=True, type=int)
     options = parser.parse_args()
@@ -62,10 +63,6 @@ def main() -> None:
         get_possibly_temporary_instance_for_cli("bagassets ui", options.instance_ref, _LOG) as instance,
     ):
         _serve(instance, options)
-
-
-def _instance_ref(text: str) -> InstanceRef:
-    return deserialize_value(text, InstanceRef)
 
 
 def _serve(instance: DagsterInstance, options: argparse.Namespace) -> None:

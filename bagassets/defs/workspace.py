@@ -9,10 +9,10 @@ import dagster as dg
 from pydantic import Field, PrivateAttr
 
 from bagassets.build.recording_assets import RecordingAssets
-from bagassets.defs.events import recorded_artifact
+from bagassets.defs.events import recorded_partition
 from bagassets.defs.naming import AssetName, Naming
 from bagassets.defs.projects import note_instance, note_project
-from bagassets.errors import BagAssetsError, RecordingError
+from bagassets.errors import BagAssetsError, RecordingError, StoreError
 from bagassets.formats.catalogue import recording_assets
 from bagassets.freshness.fingerprints import recipe_fingerprint
 from bagassets.recipe import Recipe, load_recipe, where_in
@@ -23,14 +23,9 @@ from bagassets.store.artifact import Artifact
 from bagassets.store.store import Store
 from bagassets.store.users import note_user
 
-__all__ = ["Workspace", "index_of"]
+__all__ = ["Workspace"]
 
 T = TypeVar("T")
-
-
-def index_of(recipe: Recipe) -> DigestIndex:
-    """Return the index of digests, for file systems without extended attributes."""
-    return DigestIndex.of(recipe)
 
 
 class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get it itself, not a value
@@ -89,7 +84,7 @@ class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get
     @property
     def index(self) -> DigestIndex:
         """Digests of recordings whose file system has no extended attributes."""
-        return index_of(self.recipe)
+        return DigestIndex.of(self.recipe)
 
     def discover(self) -> Discovery:
         """Look for recordings below the bag root (file names and sizes only).
@@ -139,4 +134,10 @@ class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get
         Raises:
             StoreError: the asset is not materialized, or its artifact is not in the store.
         """
-        return recorded_artifact(context.instance, self.names, self.store, asset, context.partition_key)
+        key, names = context.partition_key, self.names
+        recorded = recorded_partition(context.instance, names, asset, key)
+        if recorded is None:
+            raise StoreError(
+                f"{key}: {names.key(asset).to_user_string()} is not materialized for this recording; materialize it first."
+            )
+        return self.store.artifact(recorded.data_version)

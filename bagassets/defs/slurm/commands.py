@@ -1,6 +1,5 @@
 """Slurm's commands, and what they answer."""
 
-import getpass
 import re
 import subprocess
 from collections.abc import Collection, Sequence
@@ -9,7 +8,7 @@ from pathlib import Path
 
 from bagassets.errors import BagAssetsError
 
-__all__ = ["JobState", "SlurmError", "cancel_job", "job_states", "submit_job", "user_name"]
+__all__ = ["JobState", "SlurmError", "cancel_job", "job_states", "submit_job"]
 
 _ANSWER_S = 60.0
 # What the commands print when trying again later makes sense.
@@ -126,11 +125,6 @@ def cancel_job(job_id: str) -> None:
         SlurmError: Slurm refuses, or does not answer.
     """
     _run(["scancel", job_id])
-
-
-def user_name() -> str:
-    """Return the name of the user whose jobs this process submits."""
-    return getpass.getuser()
 
 
 def _run(command: list[str], *, folder: Path | None = None, given: str | None = None) -> str:

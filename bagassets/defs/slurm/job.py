@@ -98,7 +98,11 @@ class _Workers:
                 if run is not None:
                     self._start(run)
             if not queue and len(self._active) < self._cpus and self._spec.idle_s:
-                self._take_more()
+                # One that came later than this job, and would otherwise wait for another.
+                left_s = self._spec.minutes * 60.0 - (time.monotonic() - self._began)
+                later = self._folder.take_waiting(left_s)
+                if later is not None:
+                    self._start(later)
             if queue or self._active or self._reporting:
                 busy_at = time.monotonic()
             elif time.monotonic() - busy_at >= self._spec.idle_s:
@@ -112,13 +116,6 @@ class _Workers:
                     return self._stop()
                 self._cancel()
             self._collect()
-
-    def _take_more(self) -> None:
-        """Take a run that came later than this job, and would otherwise wait for another."""
-        left_s = self._spec.minutes * 60.0 - (time.monotonic() - self._began)
-        run = self._folder.take_waiting(left_s)
-        if run is not None:
-            self._start(run)
 
     def _wait(self, longest_s: float) -> signal.Signals | None:
         """Wait until a worker ends or a signal comes, or use the time for what can wait."""

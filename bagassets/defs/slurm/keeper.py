@@ -4,8 +4,10 @@ Any number of processes may do so at the same time: the daemon, the web server, 
 spool, in Dagster's records and in Slurm, so one carries on where another has died.
 """
 
+import getpass
 import json
 import logging
+import shlex
 import sys
 import time
 from collections.abc import Iterable
@@ -14,11 +16,11 @@ from pathlib import Path
 import dagster as dg
 
 from bagassets.defs.dagster_private import WorkerStatus
-from bagassets.defs.events import in_batches
+from bagassets.defs.events import runs_of
 from bagassets.defs.orphaned_runs import report_ended
-from bagassets.defs.slurm.commands import JobState, SlurmError, cancel_job, job_states, submit_job, user_name
+from bagassets.defs.slurm.commands import JobState, SlurmError, cancel_job, job_states, submit_job
 from bagassets.defs.slurm.options import JOB_TAG, LOG_TAG, NODE_TAG, JobOptions
-from bagassets.defs.slurm.spool import JobFolder, JobSpec, Spool, SpooledRun
+from bagassets.defs.slurm.spool import JobFolder, Spool, SpooledRun
 from bagassets.defs.worker_tag import WHERE_TAG
 from bagassets.forkserver.server_files import last_lines
 from bagassets.json_types import JsonObject
@@ -177,7 +179,9 @@ class Keeper:
 
     def _still_wanted(self, job: JobFolder, runs: list[SpooledRun]) -> list[SpooledRun]:
         """Return the runs of a job that have not ended; drop the others."""
-        ended = {run.run_id for run in self._runs(one.run_id for one in runs) if run.is_finished}
+        ended = {
+            run.run_id for run in runs_of(self._instance, (one.run_id for one in runs)) if run.is_finished
+        }
         for run_id in ended:
             self._spool.drop(job, run_id)
         return [run for run in runs if run.run_id not in ended]
@@ -186,17 +190,19 @@ class Keeper:
         """Submit a job; return False if Slurm takes none at present."""
         spec = runs[0].spec
         options = JobOptions.from_json(spec.options)
+        log = str(job.log).replace("%", "%%")
         arguments = [
             *options.arguments(),
-            *(f"--job-name=bagassets-{len(runs)}", f"--output={_escaped(job.log)}", "--open-mode=append"),
+            *(f"--job-name=bagassets-{len(runs)}", f"--output={log}", "--open-mode=append"),
             *("--no-requeue", f"--chdir={spec.cwd}"),
         ]
+        command = shlex.join([spec.python or sys.executable, "-m", "bagassets.defs.slurm.job", str(job.path)])
         try:
-            job_id = submit_job(arguments, job.script(_command(spec, options, job)), Path(spec.cwd))
+            job_id = submit_job(arguments, job.script(f"{options.prefix} {command}".strip()), Path(spec.cwd))
         except SlurmError as err:
             self._refused(job, runs, err)
             return not err.is_temporary
-        job.note_submitted(job_id, user_name())
+        job.note_submitted(job_id, getpass.getuser())
         place = str(JobState(job_id, "PENDING"))
         for run in runs:
             self._instance.add_run_tags(
@@ -315,7 +321,7 @@ class Keeper:
     def _look_after(self, job: JobFolder, job_id: str, state: JobState | None) -> None:
         """Cancel a job whose runs have all ended; else tell its runs where they are."""
         run_ids = [*job.runs(), *job.begun()]
-        runs = self._runs(run_ids)
+        runs = runs_of(self._instance, run_ids)
         unfinished = [run for run in runs if not run.is_finished]
         if not unfinished:
             # One at work is about to end by itself.
@@ -333,20 +339,3 @@ class Keeper:
         for run in unfinished:
             if run.tags.get(WHERE_TAG) != str(state):
                 self._instance.add_run_tags(run.run_id, {WHERE_TAG: str(state), NODE_TAG: state.node})
-
-    def _runs(self, run_ids: Iterable[str]) -> list[dg.DagsterRun]:
-        return [
-            run
-            for batch in in_batches(list(run_ids))
-            for run in self._instance.get_runs(dg.RunsFilter(run_ids=batch))
-        ]
-
-
-def _command(spec: JobSpec, options: JobOptions, job: JobFolder) -> str:
-    quoted = "'" + str(job.path).replace("'", "'\\''") + "'"
-    python = "'" + (spec.python or sys.executable).replace("'", "'\\''") + "'"
-    return f"{options.prefix} {python} -m bagassets.defs.slurm.job {quoted}".strip()
-
-
-def _escaped(path: Path) -> str:
-    return str(path).replace("%", "%%")

@@ -13,6 +13,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
+from shlex import quote
 from typing import Self
 from uuid import uuid4
 
@@ -132,7 +133,9 @@ class JobFolder:
 
     def runs(self) -> list[str]:
         """Return the runs that it has not begun, in the order in which it begins them."""
-        return sorted(_names(self.path / "runs"), key=lambda run_id: self._order().get(run_id, 0))
+        order = (_read(self.path / "order.json") or {"order": []})["order"]
+        place = {run_id: number for number, run_id in enumerate(order)}
+        return sorted(_names(self.path / "runs"), key=lambda run_id: place.get(run_id, 0))
 
     def sizes(self) -> Iterator[tuple[str, int]]:
         """Yield path and bytes of the recordings of runs that it has not begun."""
@@ -218,20 +221,16 @@ class JobFolder:
 
     def script(self, command: str) -> str:
         """Return the batch script that executes a command, and leaves a record when it ends."""
-        record, new = self.path / _ENDED, self.path / f"{_ENDED}.new"
+        record, new = (quote(str(self.path / name)) for name in (_ENDED, f"{_ENDED}.new"))
         return (
             "#!/bin/sh\n"
             "trap : TERM  # the command gets it, too; this shell goes on, and records the end\n"
             f"{command}\n"
             "code=$?\n"
-            f'printf \'{{"code": %d, "node": "%s"}}\' "$code" "$SLURMD_NODENAME" > {_quoted(new)} '
-            f"&& mv {_quoted(new)} {_quoted(record)}\n"
+            f'printf \'{{"code": %d, "node": "%s"}}\' "$code" "$SLURMD_NODENAME" > {new} '
+            f"&& mv {new} {record}\n"
             'exit "$code"\n'
         )
-
-    def _order(self) -> dict[str, int]:
-        found = _read(self.path / "order.json") or {"order": []}
-        return {run_id: place for place, run_id in enumerate(found["order"])}
 
 
 class Spool:
@@ -364,7 +363,3 @@ def _read(path: Path) -> JsonObject | None:
 
 def _write(path: Path, value: JsonMapping) -> None:
     write_atomically(path, json.dumps(value, sort_keys=True).encode())
-
-
-def _quoted(path: Path) -> str:
-    return "'" + str(path).replace("'", "'\\''") + "'"
