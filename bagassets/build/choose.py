@@ -20,14 +20,20 @@ def choose_recordings(recordings: Mapping[str, RecordingFiles], wanted: Sequence
 
     Args:
         recordings: partition key -> recording.
-        wanted: partition keys, globs of them, paths below the bag root, or paths of files.
+        wanted: partition keys, globs of them, paths below the bag root, or paths of files; those of a part stand for its
+            series.
 
     Raises:
         SelectionError: one of them matches no recording.
     """
     chosen: set[str] = set()
     for text in wanted:
-        keys = {text} & recordings.keys() or _by_path(recordings, text) or _by_glob(recordings, text)
+        keys = (
+            {text} & recordings.keys()
+            or _by_part(recordings, text)
+            or _by_path(recordings, text)
+            or _by_glob(recordings, text)
+        )
         if not keys:
             near = get_close_matches(text, recordings, n=3)
             hint = (
@@ -62,14 +68,24 @@ def split_names(wanted: Iterable[str]) -> list[str]:
     return [name.strip() for text in wanted for name in text.split(",") if name.strip()]
 
 
+def _by_part(recordings: Mapping[str, RecordingFiles], text: str) -> set[str]:
+    return {key for key, recording in recordings.items() if recording.parts and text in recording.keys}
+
+
 def _by_path(recordings: Mapping[str, RecordingFiles], text: str) -> set[str]:
     path = Path(text).absolute()
     return {
-        key for key, recording in recordings.items() if recording.relative == text or recording.path == path
+        key
+        for key, recording in recordings.items()
+        if text in recording.names or path in {recording.path, *(part.path for part in recording.parts)}
     }
 
 
 def _by_glob(recordings: Mapping[str, RecordingFiles], text: str) -> set[str]:
     if not any(character in text for character in "*?["):
         return set()
-    return {key for key in recordings if fnmatchcase(key, text)}
+    return {
+        key
+        for key, recording in recordings.items()
+        if any(fnmatchcase(name, text) for name in recording.keys)
+    }

@@ -46,7 +46,13 @@ def dry_run_lines(pending: "PendingWork", own: "OwnWork") -> Iterator[str]:
             said = "failed before and is not retried without --retry-failed" if can_be_retried else "fails"
             yield f"{key}\n  {said}: {reason}"
     for key in pending.plan.removed:
-        yield f"{key}\n  is gone: its partition and scenes would be removed"
+        whole = pending.plan.joined_into(key)
+        gone = (
+            "is gone: its partition and scenes" if whole is None else f"is joined into {whole}: its partition"
+        )
+        yield f"{key}\n  {gone} would be removed"
+    for question in pending.plan.asked.values():
+        yield f"to be decided: {visible(question)}"
     if pending.datasets:
         yield f"dataset\n  {_dataset(pending)}"
     yield from _own_lines(own)

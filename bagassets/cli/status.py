@@ -102,6 +102,9 @@ def status(recipe: Path, bags: tuple[str, ...], show_all: bool, as_json: bool) -
 def status_json(pending: "PendingWork", own: "OwnWork", problems: Sequence[str] = ()) -> JsonObject:
     """Return all states as JSON, and the problems of installed packages."""
     bags = {key: bag for key, bag in pending.plan.bags.items() if key in pending.chosen}
+    series = pending.plan.ties.of(bags.keys())
+    if pending.plan.asked:
+        series |= {"asked": list(pending.plan.asked.values())}
     return {
         "settled": pending.is_settled and own.is_settled,
         "recordings": {
@@ -112,6 +115,7 @@ def status_json(pending: "PendingWork", own: "OwnWork", problems: Sequence[str] 
         "own": own.as_json(),
         "removed": list(pending.plan.removed),
         "excluded": dict(pending.plan.excluded),
+        **({"series": series} if series else {}),
         **({"problems": list(problems)} if problems else {}),
     }
 
@@ -190,7 +194,13 @@ def _reasons(pending: "PendingWork", listed: JsonMapping) -> Iterator[str]:
             shown = "all but bag and inventory" if state == "skipped" else ", ".join(names)
             yield f"{key}: {shown} {state}: {reason if state == 'failed' else visible(reason)}"
     for key in pending.plan.removed:
-        yield f"{key}: the recording is gone; the next build removes its partition and its scenes"
+        whole = pending.plan.joined_into(key)
+        if whole is None:
+            yield f"{key}: the recording is gone; the next build removes its partition and its scenes"
+        else:
+            yield f"{key}: joined into {whole}, whose part it is; the next build removes its partition"
     for relative, reason in pending.plan.excluded.items():
         if not reason.startswith("not matched"):
             yield f"{visible(relative)}: left out: {visible(reason)}"
+    for question in pending.plan.asked.values():
+        yield f"to be decided: {visible(question)}"

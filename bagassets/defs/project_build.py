@@ -106,6 +106,8 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
         report.outcomes = {key: BagOutcome("hit", seconds=seconds) for key, seconds in unchanged.items()}
         if not options.allow_empty:
             _refuse_empty(recipe, before.planned)
+        _tell_joined(before.plan, on_event)
+        report.remarks += tuple(Remark("", "warn", "series", one) for one in before.plan.asked.values())
         report.removed = _register(instance, workspace, before.planned)
         if before.todo or (before.datasets and not before.dataset_is_current):
             log = recipe.state / "code-server.log"
@@ -278,12 +280,25 @@ def _refuse_empty(recipe: Recipe, planned: InstancePlan) -> None:
         )
 
 
+def _tell_joined(plan: Plan, on_event: Listener) -> None:
+    """Say which recordings have become parts of a series."""
+    joined: dict[str, list[str]] = {}
+    for key in plan.removed:
+        if (whole := plan.joined_into(key)) is not None:
+            joined.setdefault(whole, []).append(key)
+    for whole, keys in joined.items():
+        on_event(Event("note", message=f"{', '.join(keys)}: joined into {whole}, which takes their place."))
+
+
 def _register(instance: dg.DagsterInstance, workspace: Workspace, planned: InstancePlan) -> tuple[str, ...]:
-    """Add partitions for new recordings, remove those of recordings that are gone, and return the removed keys."""
+    """Add partitions for new recordings, remove those of recordings that are gone, and return the keys of these.
+
+    Those that have become parts of series are not gone.
+    """
     for key in planned.plan.removed:
         remove_partition(instance, workspace.names, key)
     add_partitions(instance, workspace.names, sorted(planned.discovery.recordings.keys() - planned.live))
-    return planned.plan.removed
+    return tuple(key for key in planned.plan.removed if planned.plan.joined_into(key) is None)
 
 
 def _note_unsettled(recipe: Recipe, ended: Mapping[str, EndedRun]) -> None:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from struct import Struct
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +29,7 @@ from bagassets.recordings.recording import Recording
 from bagassets.recordings.sizes import Sizes
 from bagassets.recordings.topic import TopicSource, merge_topics, normalise_msgtype
 
-__all__ = ["Rosbag1Recording"]
+__all__ = ["BagConnection", "Rosbag1Recording", "read_summary"]
 
 _SIZE = Struct("<I")
 _TIME = Struct("<II")
@@ -49,6 +50,52 @@ class _Index:
     times_ns: NDArray[np.int64]
     positions: NDArray[np.int64]
     offsets: NDArray[np.int64]
+
+
+class BagConnection(NamedTuple):
+    """A connection of a bag; `latched` if new subscribers got its last message."""
+
+    topic: str
+    msgtype: str
+    messages: int
+    latched: bool
+
+
+def read_summary(path: Path) -> tuple[int, int, list[BagConnection]]:
+    """Return first and last log time (ns) and the connections of a bag, from the end of the file alone.
+
+    Raises:
+        DamageError: the bag has no index. On damaged bytes the library raises anything else.
+    """
+    reader = rosbag1.Reader(path)
+    with path.open("rb") as file:
+        reader.bio = file
+        file.readline()
+        header = Header.read(file, RecordType.BAGHEADER)
+        position = header.get_uint64("index_pos")
+        if not position:
+            raise DamageError("it has no index, as if the recorder had been stopped before it was done")
+        file.seek(position)
+        fields: dict[int, Header] = {}
+        for _ in range(header.get_uint32("conn_count")):
+            number = Header.read(file, RecordType.CONNECTION).get_uint32("conn")
+            fields[number] = Header.read(file)
+        chunks = [reader.read_chunk_info() for _ in range(header.get_uint32("chunk_count"))]
+    counts = dict.fromkeys(fields, 0)
+    for chunk in chunks:
+        for number, count in chunk.connection_counts.items():
+            counts[number] += count
+    connections = [
+        BagConnection(
+            normalise_topic(_text(one, "topic")),
+            normalise_msgtype(_text(one, "type")),
+            counts[number],
+            one.get("latching") == b"1",
+        )
+        for number, one in fields.items()
+    ]
+    times_ns = [(chunk.start_time, chunk.end_time - 1) for chunk in chunks if chunk.connection_counts]
+    return min((t for t, _ in times_ns), default=0), max((t for _, t in times_ns), default=0), connections
 
 
 class Rosbag1Recording(Recording):

@@ -77,6 +77,7 @@ class Topic:
         limits: bounds on definitions and messages; by default those of an empty recipe.
 
     Attributes:
+        source: the topic as the recording announces it.
         name: topic as recorded.
         msgtype: normalised type, `pkg/msg/Type`.
         count: number of messages that the recording announces.
@@ -87,6 +88,7 @@ class Topic:
     def __init__(
         self, source: TopicSource, message_definitions: Sequence[Path] = (), limits: Limits | None = None
     ) -> None:
+        self.source = source
         self.name = source.topic
         self.msgtype = source.msgtype
         self.count = source.count
