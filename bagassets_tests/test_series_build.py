@@ -1,6 +1,5 @@
 """Drives in several files, built: the truth is the same drive in one file."""
 
-
 import pytest
 
 from bagassets.propose.project import write_project

@@ -8,6 +8,7 @@ import stat
 import unicodedata
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from operator import attrgetter
 from pathlib import Path
 
 from bagassets.errors import RecordingError
@@ -102,13 +103,11 @@ def discover(bags: Bags, *, joined: bool = True) -> Discovery:
         raise RecordingError(f"{bags.root}: no such folder; correct bags.root in the recipe.")
     walk = _Walk(bags)
     walk.folder(bags.root, "", ())
-    found = []
-    for recording in sorted(walk.recordings, key=lambda recording: recording.relative):
-        reason = _exclusion(bags, recording.relative)
-        if reason is None:
-            found.append(recording)
-        else:
-            walk.excluded.append((recording.relative, reason))
+    found = sorted(walk.recordings, key=attrgetter("relative"))
+    if bags.include != ("**",) or bags.exclude:
+        reasons = {one.relative: _exclusion(bags, one.relative) for one in found}
+        walk.excluded += [(relative, reason) for relative, reason in reasons.items() if reason is not None]
+        found = [one for one in found if reasons[one.relative] is None]
     series = join_parts(bags, found, _key) if joined else Joined({one.relative: one for one in found})
     walk.excluded += series.left_out
     recordings: dict[str, RecordingFiles] = {}
@@ -253,7 +252,7 @@ class _Walk:
                     self._unreadable(within, err)
 
     def _entry(self, entry: os.DirEntry[str], relative: str, ancestors: tuple[tuple[int, int], ...]) -> None:
-        suffix = os.path.splitext(entry.name)[1]  # noqa: PTH122  (a Path per file is slow)
+        suffix = entry.name[entry.name.rfind(".") :]  # hidden files are left out
         if suffix in _BARE and not entry.is_dir():
             path, status = Path(entry.path), entry.stat()
             if (what := _special_kind(status)) is not None:
@@ -296,13 +295,19 @@ class _Walk:
 
 
 def _exclusion(bags: Bags, relative: str, *, include: bool = True) -> str | None:
-    names = (relative, whole_of(relative))  # a glob may be about the drive that it is a part of
-    if include and not any(matches(pattern, name) for pattern in bags.include for name in names if name):
+    if include and not _is_included(bags, relative):
         return "not matched by bags.include"
     for pattern in bags.exclude:
         if matches(pattern, relative):
             return f"excluded by bags.exclude ({pattern})"
     return None
+
+
+def _is_included(bags: Bags, relative: str) -> bool:
+    if any(matches(pattern, relative) for pattern in bags.include):
+        return True
+    whole = whole_of(relative)  # a glob may be about the drive that it is a part of
+    return whole is not None and any(matches(pattern, whole) for pattern in bags.include)
 
 
 def _folder_recording(folder: Path, relative: str, entries: list[os.DirEntry[str]]) -> RecordingFiles | None:
@@ -352,6 +357,10 @@ def _lacks_storage(folder: Path, entries: list[os.DirEntry[str]]) -> bool:
 def _recording_files(
     path: Path, relative: str, file_format: Format, files: list[tuple[Path, os.stat_result]]
 ) -> RecordingFiles:
+    if len(files) == 1:  # most are, and there may be thousands
+        ((_, status),) = files
+        key = _key(relative)
+        return RecordingFiles(key, relative, path, file_format, (path,), status.st_size, status.st_mtime_ns)
     size, mtime_ns = sum(s.st_size for _, s in files), max(s.st_mtime_ns for _, s in files)
     names = tuple(name for name, _ in files)
     return RecordingFiles(_key(relative), relative, path, file_format, names, size, mtime_ns)

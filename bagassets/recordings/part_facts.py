@@ -25,7 +25,7 @@ _REGULAR = 10
 _SAMPLE = 2000
 _NO_MESSAGES = "it has no messages"
 
-_Seen = dict[str, tuple[int, int, PartFacts | str]]  # name -> size, mtime (ns), what was seen
+_Seen = dict[str, tuple[int, int, PartFacts | str]]  # path -> size, mtime (ns), what was seen
 _seen: dict[str, _Seen] = {}
 
 
@@ -38,16 +38,17 @@ def facts_of_parts(parts: Sequence[RecordingFiles], state: Path | None) -> list[
     """
     group = str(parts[0].path)
     seen = _seen.setdefault(group, {})
-    if any(_lacks(seen, part) for part in parts) and state is not None:
+    fresh = _unseen(seen, parts)
+    if fresh and state is not None:
         seen.update(_load(state, group))
-    fresh = [part for part in parts if _lacks(seen, part)]
+        fresh = _unseen(seen, fresh)
     for part in fresh:
-        seen[part.path.name] = (part.size, part.mtime_ns, part_facts(part.path))
+        seen[part.relative] = (part.size, part.mtime_ns, part_facts(part.path))
     if fresh and state is not None and state.is_dir():
         changes = Changes()
         changes.put(_KIND, group, json.dumps(_as_json(seen)).encode())
         Cache(state).write(changes)
-    return [seen[part.path.name][2] for part in parts]
+    return [seen[part.relative][2] for part in parts]
 
 
 def part_facts(path: Path) -> PartFacts | str:
@@ -65,9 +66,10 @@ def part_facts(path: Path) -> PartFacts | str:
         return sentence.rpartition(": it cannot be read (")[2].partition(");")[0]
 
 
-def _lacks(seen: _Seen, part: RecordingFiles) -> bool:
-    entry = seen.get(part.path.name)
-    return entry is None or entry[:2] != (part.size, part.mtime_ns)
+def _unseen(seen: _Seen, parts: Sequence[RecordingFiles]) -> list[RecordingFiles]:
+    """Return the parts that were not looked into as they are."""
+    before = ((part, seen.get(part.relative, (-1, 0, ""))) for part in parts)
+    return [part for part, (size, mtime_ns, _) in before if part.size != size or part.mtime_ns != mtime_ns]
 
 
 # --- formats -----------------------------------------------------------------------------

@@ -7,6 +7,7 @@ their drives the same way, so names alone say nothing, and what is not sure is a
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 from typing import Literal, NamedTuple
 
@@ -81,16 +82,13 @@ class Verdict:
 
 def candidates(paths: Iterable[str]) -> Iterator[Candidate]:
     """Yield the groups of files whose names fit a series, from paths below the bag root."""
-    groups: dict[tuple[str, str, bool], list[tuple[str, int, str]]] = {}
+    groups: dict[tuple[str, bool, str], list[tuple[str, int, str]]] = {}
     for path in paths:
         found = _NUMBERED.fullmatch(path)
         if found is not None:
             stem, number, suffix = found.groups()
-            folder, slash, name = stem.rpartition("/")
-            dated = _DATED.fullmatch(name)
-            common = stem if dated is None else f"{folder}{slash}{dated[1]}"
-            groups.setdefault((common, suffix, dated is not None), []).append((stem, int(number), path))
-    for (_, suffix, is_dated), files in groups.items():
+            groups.setdefault((*_undated(stem), suffix), []).append((stem, int(number), path))
+    for (_, is_dated, suffix), files in groups.items():
         runs = list(_runs(sorted(files))) if len(files) > 1 else []
         if is_dated or len(runs) == 1:  # else a number stands twice, as in `drive_1` and `drive_01`
             for run in runs:
@@ -98,6 +96,14 @@ def candidates(paths: Iterable[str]) -> Iterator[Candidate]:
                 # Where most numbers are missing, they count something else, such as seconds.
                 if len(run) > 1 and missing < len(run):
                     yield Candidate(run[0][0] + suffix, {path: number for _, number, path in run})
+
+
+@lru_cache(maxsize=100)
+def _undated(stem: str) -> tuple[str, bool]:
+    """Return a path without the date at its end, and whether there was one."""
+    folder, slash, name = stem.rpartition("/")
+    dated = _DATED.fullmatch(name)
+    return (stem, False) if dated is None else (f"{folder}{slash}{dated[1]}", True)
 
 
 def whole_of(path: str) -> str | None:
