@@ -2,10 +2,14 @@
 
 import json
 import os
+import resource
 
 import pytest
+from mcap.writer import Writer
 
+from bagassets.assets.inventory import make_inventory
 from bagassets.recipe.model import Bags
+from bagassets.recipe.model_splits import Splits
 from bagassets.recordings import part_facts as seeing
 from bagassets.recordings.digest import recording_digest
 from bagassets.recordings.discover import bags_of_parts, discover
@@ -14,6 +18,7 @@ from bagassets.recordings.part_facts import part_facts
 from bagassets.recordings.series import Part, PartFacts, candidates, judge
 from bagassets.splits import Ties, deal
 from bagassets.store.canonical import digest_bytes, digest_json
+from bagassets_tests.pose_data import Written
 from bagassets_tests.series import write_part, write_parts
 from bagassets_tests.small_drive import START_NS
 
@@ -42,6 +47,7 @@ CASES = {
     "slow topics": ([part(0, 0, 10, period_s=4), part(1, 20, 30)], "one", ""),
     "overlap by 0.5 s": ([part(0, 0, 10), part(1, 9.5, 20)], "one", ""),
     "overlap by 5 s": ([part(0, 0, 10), part(1, 5, 20)], "asked", "d_1.bag begins 5.0 s before d_0.bag ends"),
+    "the same second": ([part(0, 0, 0.9), part(1, 0, 0.9)], "asked", "d_1.bag begins 0.9 s before d_0.bag ends"),
     "an hour apart": ([part(n, n * HOUR_S, n * HOUR_S + 20) for n in range(1, 7)], "apart", ""),
     "wrong order": ([part(0, 20, 30), part(1, 10, 20), part(2, 0, 10)], "asked", "d_1.bag begins 20.0 s before d_0.bag ends"),
     "wrong order, an hour apart": ([part(0, HOUR_S, HOUR_S + 10), part(1, 0, 10)], "apart", ""),
@@ -179,17 +185,76 @@ def test_parts_that_overlap_are_merged_by_time(tmp_path):
     assert content(cut)[0] == content(whole)[0]
 
 
-def test_a_thousand_parts_are_read_with_few_files_open(tmp_path, monkeypatch):
-    first = write_part(tmp_path / "drive_0.mcap", 0.0, 0.2)
-    for number in range(1, 1000):
-        os.link(first, tmp_path / f"drive_{number}.mcap")
-    series = {"drive": tuple(f"drive_{number}.mcap" for number in range(1000))}
-    (cut,) = discover(bags(tmp_path, series=series)).recordings.values()
+def write_strings(path, messages, *, qos=""):
+    """Write an MCAP of (topic, log time, text)."""
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start("ros2", "test")
+        schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data\n")
+        channels = {}
+        for topic, time_ns, text in messages:
+            if topic not in channels:
+                metadata = {"offered_qos_profiles": qos if topic == "/latched" else ""}
+                channels[topic] = writer.register_channel(topic, "cdr", schema, metadata)
+            data = b"\0\1\0\0" + (len(text) + 1).to_bytes(4, "little") + text.encode() + b"\0"
+            writer.add_message(channels[topic], time_ns, data, time_ns)
+        writer.finish()
+
+
+def test_a_thousand_parts_are_one_recording_of_which_few_files_are_open(tmp_path):
+    for number in range(1000):
+        times_ns = [(number * 10 + i) * 100_000_000 for i in range(10)]
+        write_strings(tmp_path / f"drive_{number}.mcap", [("/a", time_ns, "text") for time_ns in times_ns])
+    before = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (100, before[1]))
+    try:
+        (cut,) = discover(bags(tmp_path)).recordings.values()
+        with open_recording(cut) as opened:
+            times_ns = [message.log_time_ns for message in opened.messages(["/a"])]
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, before)
+    assert times_ns == [i * 100_000_000 for i in range(10_000)]
+
+
+TRANSIENT_LOCAL = ("- history: 3\n  durability: 1\n", "- history: keep_last\n  durability: transient_local\n")
+
+
+@pytest.mark.parametrize("qos", TRANSIENT_LOCAL)
+def test_latched_messages_that_recorders_repeat_at_splits_count_once(tmp_path, qos):
+    def usual(second):
+        return [("/a", second * 10**9 + i * 10**8, f"{second}") for i in range(1, 10)]
+
+    first = [("/latched", 5, "map"), ("/latched", 6, "robot"), *usual(0)]
+    # With stamps of the split; a new one, and the same again but later, are no repetitions.
+    second = [("/latched", 10**9, "map"), ("/latched", 10**9 + 1, "robot"), ("/latched", 10**9 + 2, "new")]
+    third = [("/latched", 2 * 10**9, "new"), *usual(2), *usual(3), ("/latched", 4 * 10**9, "map")]
+    for number, messages in enumerate((first, [*second, *usual(1)], third)):
+        write_strings(tmp_path / f"drive_{number}.mcap", messages, qos=qos)
+    (cut,) = discover(bags(tmp_path)).recordings.values()
     with open_recording(cut) as opened:
-        stream = opened.messages(["/cam/image_raw"])
-        next(stream)
-        # All begin at the same time, so all have to be open.
-        assert opened.topics["/odom"].count == 10_000
+        for _ in range(2):
+            found = [(m.log_time_ns, bytes(m.data)[8:-1]) for m in opened.messages(["/latched"])]
+            assert found == [(5, b"map"), (6, b"robot"), (10**9 + 2, b"new"), (4 * 10**9, b"map")]
+            assert opened.repeated == {"/latched": 3}
+    with open_recording(cut) as opened:
+        made = Written(tmp_path / "out", lambda out: make_inventory(opened, out, size=1))
+    inventory = made.artifact.read_json("inventory.json")
+    assert {topic["name"]: topic["count"] for topic in inventory["topics"]} == {"/a": 36, "/latched": 4}
+    assert inventory["notes"] == [
+        "/latched: 3 messages that the recorder repeated in later parts count once."
+    ]
+
+
+def test_the_same_text_at_the_beginning_of_a_part_counts_if_its_topic_is_not_latched(tmp_path):
+    for number in range(2):
+        messages = [
+            (topic, number * 10**9 + i * 10**8, "same") for i in range(9) for topic in ("/a", "/latched")
+        ]
+        write_strings(tmp_path / f"drive_{number}.mcap", messages)
+    (cut,) = discover(bags(tmp_path)).recordings.values()
+    with open_recording(cut) as opened:
+        assert len(list(opened.messages(["/latched"]))) == 18
+        assert not opened.repeated
 
 
 def test_an_order_that_was_given_wrong_does_not_matter_to_readers(drives):
@@ -317,8 +382,6 @@ def test_files_whose_names_fit_no_series_are_not_opened(tmp_path, monkeypatch):
 
 
 def splits(**options):
-    from bagassets.recipe.model_splits import Splits
-
     return Splits.model_validate_json(json.dumps(options))
 
 

@@ -164,7 +164,7 @@ def _compare(before: Part, part: Part) -> tuple[str, bool]:
     is_near = apart_ns <= max(_NEAR_NS, most_ns)
     if pause_ns > most_ns:
         return f"{part.name} begins {pause_ns / 1e9:.1f} s after {before.name} ends", is_near
-    if pause_ns < -_MOST_OVERLAP_NS:
+    if pause_ns < -_MOST_OVERLAP_NS or other.start_ns <= one.start_ns:
         return f"{part.name} begins {-pause_ns / 1e9:.1f} s before {before.name} ends", is_near
     if one.topics is not other.topics:
         differ = set(one.topics.items()) ^ set(other.topics.items())
