@@ -145,9 +145,7 @@ def _series(sheet: Sheet, series: Mapping[str, bool | Sequence[str]], asked: Map
     for question in asked.values():
         sheet.ask(1, "bags.series", question)
     if asked:
-        sheet.off(1, "series:")
-    for whole in asked:
-        sheet.off(2, f"{yaml_scalar(whole)}: true")
+        sheet.off(1, f"series: {{{', '.join(f'{yaml_scalar(whole)}: true' for whole in asked)}}}")
 
 
 def _rigs(groups: Sequence[Group]) -> list[RigProposal]:

@@ -138,7 +138,7 @@ def judge(parts: Sequence[Part], *, certain: bool = False) -> Verdict:
     if len(readable) < 2:
         return Verdict("apart")
     near: list[list[str]] = [[readable[0].name]]
-    reasons = []
+    reasons = [_gap_in_numbers(parts, readable)]
     for before, part in pairwise(readable):
         reason, is_near = _compare(before, part)
         reasons.append(reason)
@@ -146,7 +146,6 @@ def judge(parts: Sequence[Part], *, certain: bool = False) -> Verdict:
             near[-1].append(part.name)
         else:
             near.append([part.name])
-    reasons.append(_gap_in_numbers(parts, readable))
     if not any(reasons):
         return Verdict("one", tuple(part.name for part in readable))
     groups = tuple(tuple(group) for group in near if len(group) > 1)
