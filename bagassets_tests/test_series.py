@@ -5,10 +5,15 @@ import os
 import resource
 
 import pytest
-from mcap.writer import Writer
+from mcap.writer import CompressionType, Writer
+from pydantic import TypeAdapter
 
+from bagassets.annotations.files.find import expand, find_labels
 from bagassets.assets.inventory import make_inventory
+from bagassets.build.choose import choose_recordings
+from bagassets.errors import RecordingError
 from bagassets.recipe.model import Bags
+from bagassets.recipe.model_annotations import AnnotationFiles
 from bagassets.recipe.model_splits import Splits
 from bagassets.recordings import part_facts as seeing
 from bagassets.recordings.digest import recording_digest
@@ -188,7 +193,7 @@ def test_parts_that_overlap_are_merged_by_time(tmp_path):
 def write_strings(path, messages, *, qos=""):
     """Write an MCAP of (topic, log time, text)."""
     with path.open("wb") as stream:
-        writer = Writer(stream)
+        writer = Writer(stream, compression=CompressionType.NONE)
         writer.start("ros2", "test")
         schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data\n")
         channels = {}
@@ -203,7 +208,7 @@ def write_strings(path, messages, *, qos=""):
 
 def test_a_thousand_parts_are_one_recording_of_which_few_files_are_open(tmp_path):
     for number in range(1000):
-        times_ns = [(number * 10 + i) * 100_000_000 for i in range(10)]
+        times_ns = [(number * 3 + i) * 100_000_000 for i in range(3)]
         write_strings(tmp_path / f"drive_{number}.mcap", [("/a", time_ns, "text") for time_ns in times_ns])
     before = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (100, before[1]))
@@ -213,7 +218,7 @@ def test_a_thousand_parts_are_one_recording_of_which_few_files_are_open(tmp_path
             times_ns = [message.log_time_ns for message in opened.messages(["/a"])]
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, before)
-    assert times_ns == [i * 100_000_000 for i in range(10_000)]
+    assert times_ns == [i * 100_000_000 for i in range(3_000)]
 
 
 TRANSIENT_LOCAL = ("- history: 3\n  durability: 1\n", "- history: keep_last\n  durability: transient_local\n")
@@ -404,3 +409,72 @@ def test_pins_of_parts_hold_for_their_series_and_for_what_is_near():
         dealt = deal(KEYS, splits(pinned={"r2": split, "p1": split}), ties)
         assert (dealt["r1"], dealt["r2"], dealt["r5"]) == (split, split, split)
     assert deal(KEYS, splits(pinned={"r1": "train", "r2": "val"}), ties)["r1"] == "train"
+
+
+# --- what names a part ---------------------------------------------------------------------
+
+
+def label_sources(*entries):
+    kinds = TypeAdapter(list[AnnotationFiles])
+    return kinds.validate_json(json.dumps(entries), strict=True)
+
+
+def test_label_files_named_after_parts_are_those_of_the_drive_unless_it_has_its_own(cut):
+    (recording,) = discover(bags(cut)).recordings.values()
+    (entry,) = label_sources({"format": "boxes", "path": "{stem}.json"})
+    for number in (0, 2):
+        (cut / f"drive_{number}.json").write_text(f"[{number}]")
+    found = find_labels([entry], recording)["{stem}.json"]
+    assert [(file.name, file.path.name) for file in found.files] == [
+        ("drive_0/{stem}.json", "drive_0.json"),
+        ("drive_2/{stem}.json", "drive_2.json"),
+    ]
+    assert len(found.inputs) == 2
+    assert expand("{stem} {name} {key}", recording) == "drive drive.bag drive.bag"
+    (cut / "drive.json").write_text("[]")
+    (file,) = find_labels([entry], recording)["{stem}.json"].files
+    assert (file.name, file.path.name) == ("{stem}.json", "drive.json")
+
+
+def test_labels_whose_frames_are_counted_from_the_beginning_of_a_part_are_refused(cut):
+    (recording,) = discover(bags(cut)).recordings.values()
+    times = {"by": "topic", "topic": "/points"}
+    (entry,) = label_sources(
+        {"format": "kitti_labels", "path": "{stem}.txt", "frame": "lidar", "times": times}
+    )
+    (cut / "drive_1.txt").write_text("")
+    with pytest.raises(
+        RecordingError,
+        match=r"drive_1.txt: these labels are those of drive_1.bag, which is a part of drive.bag;",
+    ):
+        find_labels([entry], recording)
+
+
+@pytest.mark.parametrize("name", ["drive.bag", "drive_1.bag", "drive_*.bag", "drive*"])
+def test_a_recording_is_chosen_by_the_names_of_its_parts(cut, name):
+    recordings = discover(bags(cut)).recordings
+    assert choose_recordings(recordings, [name]) == {"drive.bag"}
+    assert choose_recordings(recordings, [str(cut / "drive_2.bag")]) == {"drive.bag"}
+
+
+def test_a_part_that_is_damaged_or_gone_is_named(cut):
+    (recording,) = discover(bags(cut)).recordings.values()
+    path = cut / "drive_1.bag"
+    path.write_bytes(path.read_bytes()[:-3000])
+    with pytest.raises(RecordingError, match=r"drive_1\.bag: it cannot be read"):
+        content(recording)
+    path.unlink()
+    with pytest.raises(RecordingError, match=r"drive_1\.bag: no such file; it was removed or renamed"):
+        content(recording)
+
+
+def test_a_part_that_nobody_may_read_is_looked_into_again(cut, monkeypatch):
+    monkeypatch.setattr(seeing, "_seen", {})
+
+    def refused(path):
+        raise PermissionError(13, "Permission denied", str(path))
+
+    with monkeypatch.context() as patched:
+        patched.setattr(seeing, "part_facts", refused)
+        assert len(keys(cut)) == 3
+    assert keys(cut) == ["drive.bag"]

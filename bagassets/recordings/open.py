@@ -36,8 +36,8 @@ def open_recording(
         RecordingError: it is not a readable recording; the message says what to do.
     """
     path = recording.path if isinstance(recording, RecordingFiles) else recording
+    limits = limits or Limits()
     if isinstance(recording, RecordingFiles) and recording.parts:
-        limits = limits or Limits()
         opener = partial(
             open_recording, message_definitions=message_definitions, limits=limits, on_read=on_read
         )
@@ -46,7 +46,6 @@ def open_recording(
         raise RecordingError(f"{path}: no such file; it was removed or renamed.")
     if path.is_file() and path.stat().st_size == 0:
         raise RecordingError(f"{path}: the file is empty; {advice_for(path)}.")
-    limits = limits or Limits()
     try:
         if path.is_dir():
             return Rosbag2Recording(path, message_definitions, limits, on_read)

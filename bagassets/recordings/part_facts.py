@@ -18,7 +18,7 @@ from bagassets.recordings.series import PartFacts
 
 __all__ = ["facts_of_parts", "part_facts"]
 
-_KIND = "series"
+_KIND = "series 1"
 # Fewer messages may be events, of which the rate says nothing.
 _REGULAR = 10
 # Times of so many messages show the periods of a database, which has no counts.
@@ -42,17 +42,25 @@ def facts_of_parts(parts: Sequence[RecordingFiles], state: Path | None) -> list[
     if fresh and state is not None:
         seen.update(_load(state, group))
         fresh = _unseen(seen, fresh)
+    unread: dict[str, str] = {}
     for part in fresh:
-        seen[part.relative] = (part.size, part.mtime_ns, part_facts(part.path))
-    if fresh and state is not None and state.is_dir():
+        try:
+            seen[part.relative] = (part.size, part.mtime_ns, part_facts(part.path))
+        except OSError as err:  # what is wrong now may be right next time, with the same size and time
+            unread[part.relative] = err.strerror or str(err)
+    if len(fresh) > len(unread) and state is not None and state.is_dir():
         changes = Changes()
         changes.put(_KIND, group, json.dumps(_as_json(seen)).encode())
         Cache(state).write(changes)
-    return [seen[part.relative][2] for part in parts]
+    return [unread[part.relative] if part.relative in unread else seen[part.relative][2] for part in parts]
 
 
 def part_facts(path: Path) -> PartFacts | str:
-    """Return topics and times of a file, or a clause that says why they cannot be read."""
+    """Return topics and times of a file, or a clause that says why they cannot be read.
+
+    Raises:
+        OSError: the file cannot be opened or read at the moment.
+    """
     readers: dict[str, Callable[[Path], PartFacts | str]] = {
         ".bag": _of_bag,
         ".mcap": _of_mcap,
@@ -61,6 +69,8 @@ def part_facts(path: Path) -> PartFacts | str:
     try:
         refuse_pointer(path)
         return readers[path.suffix](path)
+    except OSError:
+        raise
     except Exception as err:  # noqa: BLE001  (whatever the libraries raise on damaged bytes)
         sentence = str(unreadable(path, err))
         return sentence.rpartition(": it cannot be read (")[2].partition(");")[0]

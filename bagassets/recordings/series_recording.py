@@ -54,7 +54,7 @@ class SeriesRecording(Recording):
         for number, part in enumerate(parts):
             with open_part(part) as opened:
                 sources += [topic.source for topic in opened.topics.values()]
-            facts = part_facts(part)
+            facts = _facts(part)
             if isinstance(facts, PartFacts):
                 self._parts.append((facts.start_ns, number, part))
                 self._latched |= facts.latched
@@ -114,6 +114,13 @@ class SeriesRecording(Recording):
 
     def close(self) -> None:
         """Do nothing: parts are open during reads only."""
+
+
+def _facts(part: Path) -> PartFacts | str:
+    try:
+        return part_facts(part)
+    except OSError as err:
+        return err.strerror or str(err)
 
 
 def _push(
