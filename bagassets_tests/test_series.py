@@ -33,9 +33,7 @@ LATER = {"/odom": "nav_msgs/msg/Odometry"}
 
 
 def part(number, begin_s, end_s, topics=TOPICS, latched=("/tf_static",), period_s=0.1):
-    facts = PartFacts(
-        topics, frozenset(latched), round(begin_s * 1e9), round(end_s * 1e9), round(period_s * 1e9)
-    )
+    facts = PartFacts(topics, latched, round(begin_s * 1e9), round(end_s * 1e9), round(period_s * 1e9))
     return Part(f"d_{number}.bag", number, facts)
 
 
@@ -91,10 +89,6 @@ def test_of_two_drives_in_one_row_of_numbers_each_stays_in_one_split():
     assert verdict.near == (("d_0.bag", "d_1.bag"), ("d_2.bag", "d_3.bag"))
 
 
-def test_what_the_user_says_needs_no_look():
-    assert judge([broken(0), broken(1)], certain=True).parts == ("d_0.bag", "d_1.bag")
-
-
 DATED = [f"car_2024-01-0{day}-10-0{minute}-00_{minute}.bag" for day in (1, 2) for minute in (0, 1, 2)]
 
 
@@ -147,7 +141,7 @@ def test_topics_and_times_are_those_that_a_reader_finds(drives):
             types = {name: topic.msgtype for name, topic in opened.topics.items()}
         assert facts.topics == types
         assert (facts.start_ns, facts.end_ns) == (times[0], times[-1])
-        assert facts.latched == ({"/tf_static"} & types.keys())
+        assert facts.latched == sorted({"/tf_static"} & types.keys())
         assert facts.period_ns == pytest.approx(0.1e9, rel=0.25) or len(times) < 200
 
 

@@ -2,14 +2,21 @@
 
 import json
 import shutil
+from bisect import bisect_right
+from contextlib import ExitStack
 
 import dagster as dg
 import pytest
+from mcap.writer import Writer
 
 from bagassets.defs.naming import Naming
 from bagassets.defs.partitions import add_partitions
 from bagassets.formats.dataset_lock import read_lock
 from bagassets.propose.project import write_project
+from bagassets.recipe.load import parse_recipe
+from bagassets.recordings.open import open_recording
+from bagassets.sample.drive import Target, write_recordings
+from bagassets.sample.recipe import sample_recipe
 from bagassets_tests.in_process import QUICK, build, survey
 from bagassets_tests.series import write_part, write_parts
 from bagassets_tests.small_drive import RECIPE, START_NS
@@ -76,16 +83,19 @@ def test_parts_that_were_built_alone_are_joined_by_an_upgrade_and_their_old_keys
     assert report.succeeded
     assert not report.removed
     assert {key for key, _ in runs if key} == {"drive.bag"}
-    kinds = [event.kind for event in events]
-    (note,) = [event.message for event in events if event.kind == "note"]
-    assert note == "drive_0.bag, drive_1.bag, drive_2.bag: joined into drive.bag, which takes their place."
-    assert kinds.index("note") < kinds.index("started")
+    told = [event.message for event in events if "joined" in event.message]
+    assert [event.kind for event in events].index("planned") < [event.kind for event in events].index(
+        "started"
+    )
+    assert [text.splitlines()[0] for text in told] == [
+        "drive_0.bag, drive_1.bag, drive_2.bag: joined into drive.bag, as its parts."
+    ]
     lock = lock_of(tmp_path)
     assert dict(lock.splits) == {"drive.bag": "val", "other.bag": "train"}
     assert list(lock_of(tmp_path, "second").bags) == ["drive.bag"]
     _, runs = build(recipe_file, monkeypatch, on_event=events.append)
     assert not runs
-    assert kinds.count("note") == 1
+    assert len([event for event in events if "joined" in event.message]) == 1
     assert survey(recipe_file, bags=("drive_1.bag",)).chosen == {"drive.bag"}
 
 
@@ -156,3 +166,41 @@ def test_the_sensor_makes_one_run_of_the_parts_once_all_are_quiet(tmp_path):
         shutil.copy(late, parts[2])
         assert "drive.bag" in scanned.scan()
         assert scanned.live == {"drive.bag"}
+
+
+def cut_mcap(whole, cuts_s, folder):
+    """Write the messages of an MCAP as parts in another folder."""
+    folder.mkdir(parents=True)
+    with ExitStack() as stack:
+        recording = stack.enter_context(open_recording(whole))
+        messages = list(recording.messages(list(recording.topics)))
+        start_ns, number, writer = messages[0].log_time_ns, -1, None
+        for message in messages:
+            if bisect_right(cuts_s, (message.log_time_ns - start_ns) / 1e9) != number:
+                number += 1
+                writer = Writer(stack.enter_context((folder / f"{whole.stem}_{number}.mcap").open("wb")))
+                writer.start("ros2", "test")
+                stack.callback(writer.finish)
+                channels = {}
+            if message.topic not in channels:
+                text = recording.topics[message.topic].definition.text.encode()
+                schema = writer.register_schema(message.msgtype, "ros2msg", text)
+                channels[message.topic] = writer.register_channel(message.topic, "cdr", schema)
+            channel, time_ns = channels[message.topic], message.log_time_ns
+            writer.add_message(channel, time_ns, bytes(message.data), time_ns)
+
+
+@pytest.mark.long
+def test_revolutions_of_packets_are_whole_across_the_borders_of_parts(tmp_path):
+    cuts_s = (0.37, 0.74)  # within a revolution
+    write_recordings([Target(tmp_path / "whole" / "drive.mcap", "mcap")], profile="tas", duration_s=1.2)
+    cut_mcap(tmp_path / "whole" / "drive.mcap", cuts_s, tmp_path / "cut")
+    made = {}
+    for name in ("whole", "cut"):
+        text = sample_recipe(root=str(tmp_path / name), throughput=True)
+        assert "velodyne_packets, deskew: true" in text
+        text = text.replace("length_s: 20", "length_s: 20\n  min_length_s: 0")
+        recipe = parse_recipe(text, tmp_path / f"{name}.state" / "recipe.yaml")
+        made[name] = {one.asset: one.artifact for one in build_of(recipe, "drive.mcap").build()}
+    for asset in ("sweeps", "frames", "nuscenes_tables"):
+        assert made["cut"][asset].digest == made["whole"][asset].digest

@@ -70,16 +70,14 @@ class Event:
         kind: `planning` now and then while many recordings are planned, `reading` while recordings are read whose
             time changed, `planned` once, then `started`, `done`, `failed` or `stopped` for a recording, or for the
             dataset (with an empty key); in between `where`, when its launcher says where it waits or is executed, or
-            its run how far it has come. `note` for a sentence about recordings. `own` before runs of the user's own assets, whose keys then say what is made.
+            its run how far it has come. `own` before runs of the user's own assets, whose keys then say what is made.
         key: partition key.
         message: why it failed, where it is, what is planned, or how far planning or reading is.
         sizes: for `planned`, recording that needs a run -> bytes; for `own`, one entry for each run.
         share: for `where`, how much of the recording the present pass has read, 0 to 1, if its run says so.
     """
 
-    kind: Literal[
-        "planning", "reading", "planned", "note", "own", "started", "where", "done", "failed", "stopped"
-    ]
+    kind: Literal["planning", "reading", "planned", "own", "started", "where", "done", "failed", "stopped"]
     key: str = ""
     message: str = ""
     sizes: Mapping[str, int] = field(default_factory=dict)

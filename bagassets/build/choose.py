@@ -28,12 +28,7 @@ def choose_recordings(recordings: Mapping[str, RecordingFiles], wanted: Sequence
     """
     chosen: set[str] = set()
     for text in wanted:
-        keys = (
-            {text} & recordings.keys()
-            or _by_part(recordings, text)
-            or _by_path(recordings, text)
-            or _by_glob(recordings, text)
-        )
+        keys = {text} & recordings.keys() or _by_path(recordings, text) or _by_glob(recordings, text)
         if not keys:
             near = get_close_matches(text, recordings, n=3)
             hint = (
@@ -68,24 +63,17 @@ def split_names(wanted: Iterable[str]) -> list[str]:
     return [name.strip() for text in wanted for name in text.split(",") if name.strip()]
 
 
-def _by_part(recordings: Mapping[str, RecordingFiles], text: str) -> set[str]:
-    return {key for key, recording in recordings.items() if recording.parts and text in recording.keys}
-
-
 def _by_path(recordings: Mapping[str, RecordingFiles], text: str) -> set[str]:
     path = Path(text).absolute()
     return {
         key
         for key, recording in recordings.items()
-        if text in recording.names or path in {recording.path, *(part.path for part in recording.parts)}
+        if any(text in {one.relative, one.key} or path == one.path for one in (recording, *recording.parts))
     }
 
 
 def _by_glob(recordings: Mapping[str, RecordingFiles], text: str) -> set[str]:
     if not any(character in text for character in "*?["):
         return set()
-    return {
-        key
-        for key, recording in recordings.items()
-        if any(fnmatchcase(name, text) for name in recording.keys)
-    }
+    named = {key: (key, *(part.key for part in recording.parts)) for key, recording in recordings.items()}
+    return {key for key, names in named.items() if any(fnmatchcase(name, text) for name in names)}

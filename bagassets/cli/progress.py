@@ -62,8 +62,6 @@ class LinesProgress(SilentProgress):
             if event.kind not in self._announced:
                 echo(event.message, err=self._err)
             self._announced.add(event.kind)
-        elif event.kind == "note":
-            echo(event.message, err=self._err)
         elif event.kind == "planned":
             self._total = len(event.sizes)
             if self._total:
@@ -113,9 +111,6 @@ class LiveProgress(SilentProgress):
             self._sizes = dict(event.sizes)
             self._began = now
             if event.message and self._live is not None:
-                print_lines(self._live.console, event.message)
-        elif event.kind == "note":
-            if self._live is not None:
                 print_lines(self._live.console, event.message)
         elif event.kind == "own":
             self._sizes, self._done, self._failed = dict(event.sizes), set(), 0

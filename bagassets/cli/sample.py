@@ -8,7 +8,7 @@ from bagassets.cli.terminal import echo
 
 __all__ = ["sample"]
 
-_FORMATS = {".bag": "ros1", ".mcap": "mcap", ".db3": "ros2", "": "ros2"}
+_FORMATS = {".bag": "ros1", ".mcap": "mcap", "": "ros2"}
 
 
 @click.command(
@@ -16,7 +16,6 @@ _FORMATS = {".bag": "ros1", ".mcap": "mcap", ".db3": "ros2", "": "ros2"}
 Examples:
   bagassets sample drive.mcap
   bagassets sample drive.bag --seed 7 --compression lz4
-  bagassets sample drive.bag --parts 3                  # drive_0.bag, drive_1.bag, drive_2.bag
   bagassets sample big --profile tas --duration 20      # a ROS 2 folder, 90 MB per second
   bagassets sample drive.mcap --odd projection-only     # K of CameraInfo is zero, as rectified cameras send it
   bagassets sample drive.mcap --recipe-out recipe.yaml && bagassets build"""
@@ -26,8 +25,7 @@ Examples:
     "--format",
     "file_format",
     type=click.Choice(["ros1", "ros2", "mcap"]),
-    help="Default: by the suffix: .bag is ros1, .mcap is mcap, none is ros2 (a folder with a database), .db3 is that "
-    "database alone.",
+    help="Default: by the suffix: .bag is ros1, .mcap is mcap, none is ros2 (a folder with a database).",
 )
 @click.option(
     "--compression",
@@ -54,13 +52,6 @@ Examples:
     help="Duration in seconds; default: that of the profile.",
 )
 @click.option(
-    "--parts",
-    type=click.IntRange(1, 10_000),
-    default=1,
-    metavar="N",
-    help="Split the drive into N files as recorders do: PATH_0, PATH_1, ….",
-)
-@click.option(
     "--odd",
     multiple=True,
     metavar="NAME",
@@ -79,7 +70,6 @@ def sample(
     profile: str,
     seed: int,
     duration: float | None,
-    parts: int,
     odd: tuple[str, ...],
     recipe_out: Path | None,
 ) -> None:
@@ -106,7 +96,7 @@ def sample(
     length_s = PROFILES[profile].duration_s if duration is None else duration
     with click.progressbar(length=1000, label=f"Writing {path}") as bar:
         write_recordings(
-            [Target(path, kind, compression, parts)],  # type: ignore[arg-type]  # click checked the choices
+            [Target(path, kind, compression)],  # type: ignore[arg-type]  # click checked the choices
             seed,
             profile,
             length_s,

@@ -102,9 +102,6 @@ def status(recipe: Path, bags: tuple[str, ...], show_all: bool, as_json: bool) -
 def status_json(pending: "PendingWork", own: "OwnWork", problems: Sequence[str] = ()) -> JsonObject:
     """Return all states as JSON, and the problems of installed packages."""
     bags = {key: bag for key, bag in pending.plan.bags.items() if key in pending.chosen}
-    series = pending.plan.ties.of(bags.keys())
-    if pending.plan.asked:
-        series |= {"asked": list(pending.plan.asked.values())}
     return {
         "settled": pending.is_settled and own.is_settled,
         "recordings": {
@@ -115,7 +112,7 @@ def status_json(pending: "PendingWork", own: "OwnWork", problems: Sequence[str] 
         "own": own.as_json(),
         "removed": list(pending.plan.removed),
         "excluded": dict(pending.plan.excluded),
-        **({"series": series} if series else {}),
+        **({"asked": dict(pending.plan.asked)} if pending.plan.asked else {}),
         **({"problems": list(problems)} if problems else {}),
     }
 

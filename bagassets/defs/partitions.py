@@ -16,7 +16,7 @@ from bagassets.defs.events import all_assets
 from bagassets.defs.naming import Naming
 from bagassets.errors import RecordingError
 from bagassets.recipe.model import Bags
-from bagassets.recordings.discover import Discovery, discover
+from bagassets.recordings.discover import discover
 
 __all__ = [
     "ACTIVE",
@@ -83,19 +83,15 @@ class RecordingPartitions(dg.DynamicPartitionsDefinition):
         if is_registered or self.bags is None or not isinstance(store, dg.DagsterInstance):
             super().validate_partition_key(partition_key, context)
             return
-        discovery = discover(self.bags)
-        if partition_key not in discovery.recordings:
-            raise RecordingError(_no_such_recording(partition_key, self.bags, discovery))
+        recordings = discover(self.bags).recordings
+        if partition_key not in recordings:
+            raise RecordingError(_no_such_recording(partition_key, self.bags, list(recordings)))
         _register(store, str(self.name), [partition_key])
 
 
-def _no_such_recording(key: str, bags: Bags, discovery: Discovery) -> str:
-    known = list(discovery.recordings)
-    whole = next((whole for whole, parts in discovery.former_keys.items() if key in parts), None)
+def _no_such_recording(key: str, bags: Bags, known: list[str]) -> str:
     near = get_close_matches(key, known, n=1)
-    if whole is not None:
-        hint = f"it is a part of {whole}."
-    elif near:
+    if near:
         hint = f"did you mean {near[0]}?"
     elif known:
         more = f" and {len(known) - _MOST_NAMED} more" if len(known) > _MOST_NAMED else ""

@@ -106,7 +106,6 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
         report.outcomes = {key: BagOutcome("hit", seconds=seconds) for key, seconds in unchanged.items()}
         if not options.allow_empty:
             _refuse_empty(recipe, before.planned)
-        _tell_joined(before.plan, on_event)
         report.remarks += tuple(Remark("", "warn", "series", one) for one in before.plan.asked.values())
         report.removed = _register(instance, workspace, before.planned)
         if before.todo or (before.datasets and not before.dataset_is_current):
@@ -115,8 +114,8 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
                 RunPool(instance, workspace.names, options.jobs, on_event, log, own.location)
             )
             sizes = {key: before.planned.discovery.recordings[key].size for key in before.todo}
-            space = _disk_space(before, workspace, options)
-            on_event(Event("planned", sizes=sizes, message=space))
+            told = [*_joined(before.plan), _disk_space(before, workspace, options)]
+            on_event(Event("planned", sizes=sizes, message="\n".join(filter(None, told))))
             going_on = _going_on(instance, workspace.names, before.datasets)
             followed = {key for keys in going_on.values() for key in keys}
             todo = {key: assets for key, assets in before.todo.items() if key not in followed}
@@ -280,14 +279,13 @@ def _refuse_empty(recipe: Recipe, planned: InstancePlan) -> None:
         )
 
 
-def _tell_joined(plan: Plan, on_event: Listener) -> None:
-    """Say which recordings have become parts of a series."""
+def _joined(plan: Plan) -> list[str]:
+    """Return sentences about the recordings that become parts of series."""
     joined: dict[str, list[str]] = {}
     for key in plan.removed:
         if (whole := plan.joined_into(key)) is not None:
             joined.setdefault(whole, []).append(key)
-    for whole, keys in joined.items():
-        on_event(Event("note", message=f"{', '.join(keys)}: joined into {whole}, which takes their place."))
+    return [f"{', '.join(keys)}: joined into {whole}, as its parts." for whole, keys in joined.items()]
 
 
 def _register(instance: dg.DagsterInstance, workspace: Workspace, planned: InstancePlan) -> tuple[str, ...]:

@@ -239,7 +239,7 @@ class Bags(Model):
     message_definitions: tuple[Path, ...] = Field(
         (), description="Folders of .msg files for recordings without type definitions."
     )
-    series: dict[str, bool | tuple[str, ...]] = Field(
+    series: dict[str, bool | Annotated[tuple[str, ...], Field(min_length=2)]] = Field(
         {},
         description="Drives in several files: path of the whole drive below the root -> paths of its parts in order, `true` for "
         "the numbered files beside it (`drive.bag: true` joins drive_0.bag, drive_1.bag, …), or `false` to keep these apart; "
@@ -264,22 +264,6 @@ class Bags(Model):
         bags = self.model_copy()
         bags._state = state  # noqa: SLF001  (its own)
         return bags
-
-    @model_validator(mode="after")
-    def _several_parts(self) -> Self:
-        used: dict[str, str] = {}
-        for name, parts in self.series.items():
-            if isinstance(parts, bool):
-                continue
-            if len(parts) < 2:
-                raise FieldValueError(("series", name), "a series has two files or more, or is true or false")
-            for number, part in enumerate(parts):
-                if part in used:
-                    raise FieldValueError(
-                        ("series", name, number), f"{part} is a part of {used[part]} already"
-                    )
-                used[part] = name
-        return self
 
 
 class Scenes(Model):

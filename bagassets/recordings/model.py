@@ -70,11 +70,6 @@ class RecordingFiles:
         """Its path below the bag root, and those of its parts: globs may be about any of them."""
         return (self.relative, *(part.relative for part in self.parts))
 
-    @property
-    def keys(self) -> tuple[str, ...]:
-        """Its partition key, and those that its parts would have alone."""
-        return (self.key, *(part.key for part in self.parts))
-
 
 class Message(Protocol):
     """A decoded message, or a message inside one: an object with the fields of its type.

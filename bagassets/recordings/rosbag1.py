@@ -6,12 +6,12 @@ than reading the file. Headers of one connection differ in their time only (http
 """
 
 import os
+from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from struct import Struct
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,7 @@ from bagassets.recordings.recording import Recording
 from bagassets.recordings.sizes import Sizes
 from bagassets.recordings.topic import TopicSource, merge_topics, normalise_msgtype
 
-__all__ = ["BagConnection", "Rosbag1Recording", "read_summary"]
+__all__ = ["Rosbag1Recording", "read_summary"]
 
 _SIZE = Struct("<I")
 _TIME = Struct("<II")
@@ -50,52 +50,6 @@ class _Index:
     times_ns: NDArray[np.int64]
     positions: NDArray[np.int64]
     offsets: NDArray[np.int64]
-
-
-class BagConnection(NamedTuple):
-    """A connection of a bag; `latched` if new subscribers got its last message."""
-
-    topic: str
-    msgtype: str
-    messages: int
-    latched: bool
-
-
-def read_summary(path: Path) -> tuple[int, int, list[BagConnection]]:
-    """Return first and last log time (ns) and the connections of a bag, from the end of the file alone.
-
-    Raises:
-        DamageError: the bag has no index. On damaged bytes the library raises anything else.
-    """
-    reader = rosbag1.Reader(path)
-    with path.open("rb") as file:
-        reader.bio = file
-        file.readline()
-        header = Header.read(file, RecordType.BAGHEADER)
-        position = header.get_uint64("index_pos")
-        if not position:
-            raise DamageError("it has no index, as if the recorder had been stopped before it was done")
-        file.seek(position)
-        fields: dict[int, Header] = {}
-        for _ in range(header.get_uint32("conn_count")):
-            number = Header.read(file, RecordType.CONNECTION).get_uint32("conn")
-            fields[number] = Header.read(file)
-        chunks = [reader.read_chunk_info() for _ in range(header.get_uint32("chunk_count"))]
-    counts = dict.fromkeys(fields, 0)
-    for chunk in chunks:
-        for number, count in chunk.connection_counts.items():
-            counts[number] += count
-    connections = [
-        BagConnection(
-            normalise_topic(_text(one, "topic")),
-            normalise_msgtype(_text(one, "type")),
-            counts[number],
-            one.get("latching") == b"1",
-        )
-        for number, one in fields.items()
-    ]
-    times_ns = [(chunk.start_time, chunk.end_time - 1) for chunk in chunks if chunk.connection_counts]
-    return min((t for t, _ in times_ns), default=0), max((t for _, t in times_ns), default=0), connections
 
 
 class Rosbag1Recording(Recording):
@@ -179,7 +133,7 @@ class _IndexReader(rosbag1.Reader):
             MessageDefinition(MessageDefinitionFormat.MSG, _text(fields, "message_definition")),
             "",
             0,
-            ConnectionExtRosbag1(None, None),
+            ConnectionExtRosbag1(None, int(fields.get("latching") == b"1")),
             self,
         )
 
@@ -262,6 +216,35 @@ class _IndexReader(rosbag1.Reader):
             return decompress(packed, compression, unpacked_bytes)
         except TooLargeError:
             raise DamageError(f"the chunk at byte {position} holds more than it announces") from None
+
+
+class _EnoughRead(Exception):  # noqa: N818  (no error)
+    """The index at the end of the file was read; that of each chunk is not wanted."""
+
+
+class _SummaryReader(_IndexReader):
+    def read_chunk(self) -> Chunk:
+        raise _EnoughRead(list(self.connections), list(self.chunk_infos))
+
+
+def read_summary(path: Path, limits: Limits) -> tuple[list[Connection], Counter[int], int, int]:
+    """Return connections, connection -> messages, and first and last log time (ns), from the end of the file alone.
+
+    Raises:
+        DamageError: the index contradicts itself. On damaged bytes the library raises anything else.
+    """
+    reader = _SummaryReader(path, limits, None)
+    connections: list[Connection] = []
+    chunks: list[ChunkInfo] = []
+    try:
+        reader.open()
+    except _EnoughRead as found:
+        connections, chunks = found.args
+    counts: Counter[int] = Counter()
+    for chunk in chunks:
+        counts.update(chunk.connection_counts)
+    start_ns = min((chunk.start_time for chunk in chunks), default=0)
+    return connections, counts, start_ns, max((chunk.end_time for chunk in chunks), default=1) - 1
 
 
 def _text(header: Header, name: str) -> str:

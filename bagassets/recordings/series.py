@@ -24,8 +24,7 @@ _PERIODS = 3
 _NEAR_NS = 60 * _SECOND_NS
 
 
-@dataclass(frozen=True, slots=True)
-class PartFacts:
+class PartFacts(NamedTuple):
     """What tells whether a file goes on where another ends.
 
     Attributes:
@@ -37,7 +36,7 @@ class PartFacts:
     """
 
     topics: Mapping[str, str]
-    latched: frozenset[str]
+    latched: Sequence[str]
     start_ns: int
     end_ns: int
     period_ns: int
@@ -123,17 +122,11 @@ def _runs(files: Sequence[tuple[str, int, str]]) -> Iterator[list[tuple[str, int
     yield run
 
 
-def judge(parts: Sequence[Part], *, certain: bool = False) -> Verdict:
+def judge(parts: Sequence[Part]) -> Verdict:
     """Return whether files, in the order of their numbers, are one drive.
 
     One that cannot be read ends the drive if it is the last: it may be still in the making.
-
-    Args:
-        parts: files whose names fit a series.
-        certain: the user has said that they are one, whatever is in them.
     """
-    if certain:
-        return Verdict("one", tuple(part.name for part in parts))
     readable = [part for part in parts if isinstance(part.facts, PartFacts)]
     if len(readable) < 2:
         return Verdict("apart")
@@ -165,9 +158,9 @@ def _compare(before: Part, part: Part) -> tuple[str, bool]:
         return f"{part.name} begins {pause_ns / 1e9:.1f} s after {before.name} ends", is_near
     if pause_ns < -_MOST_OVERLAP_NS or other.start_ns <= one.start_ns:
         return f"{part.name} begins {-pause_ns / 1e9:.1f} s before {before.name} ends", is_near
-    if one.topics is not other.topics:
-        differ = set(one.topics.items()) ^ set(other.topics.items())
-        names = sorted({name for name, _ in differ} - one.latched - other.latched)
+    if one.topics != other.topics:
+        differ = one.topics.items() ^ other.topics.items()
+        names = sorted({name for name, _ in differ}.difference(one.latched, other.latched))
         if names:
             more = f" and {len(names) - 1} more" if len(names) > 1 else ""
             return f"{before.name} and {part.name} differ in topic {names[0]}{more}", is_near

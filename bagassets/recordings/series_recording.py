@@ -49,7 +49,7 @@ class SeriesRecording(Recording):
         self._open_part = open_part
         self._checks_content = False
         self._parts: list[tuple[int, int, Path]] = []
-        self._latched: frozenset[str] = frozenset()
+        self._latched: set[str] = set()
         sources: list[TopicSource] = []
         for number, part in enumerate(parts):
             with open_part(part) as opened:
@@ -57,7 +57,7 @@ class SeriesRecording(Recording):
             facts = _facts(part)
             if isinstance(facts, PartFacts):
                 self._parts.append((facts.start_ns, number, part))
-                self._latched |= facts.latched
+                self._latched.update(facts.latched)
             elif any(topic.count for topic in opened.topics.values()):
                 raise RecordingError(f"{part}: it cannot be read as a part of {path.name} ({facts}).")
         self._parts.sort()

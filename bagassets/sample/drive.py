@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bagassets.sample.oddities.catalogue import ODDITIES
-from bagassets.sample.recorder import Compression, Recorder, RecordingFormat, open_recorder
+from bagassets.sample.recorder import Compression, RecordingFormat, open_recorder
 from bagassets.sample.rig import cameras
 from bagassets.sample.schedule import Event, drive_events
 from bagassets.sample.throughput import throughput_cameras, throughput_events
@@ -49,12 +49,11 @@ PROFILES = {
 
 @dataclass(frozen=True)
 class Target:
-    """A recording to write; in several parts of equal duration, it is named as recorders do that split: NAME_0, NAME_1 and so on."""
+    """A recording to write."""
 
     path: Path
     format: RecordingFormat
     compression: Compression = "none"
-    parts: int = 1
 
 
 def drive_start_ns(seed: int) -> int:
@@ -92,34 +91,12 @@ def write_recordings(
     for name in odd:
         events = ODDITIES[name](events, truth)
     with ExitStack() as stack:
-        recorders = [_Parts(one, truth, length_s, stack) for one in targets]
+        recorders = [open_recorder(one.path, one.format, one.compression, stack) for one in targets]
         for event in events:
-            for parts in recorders:
-                recorder = parts.at(event.log_time_ns)
+            for recorder in recorders:
                 recorder.write_raw(event.topic, event.msgtype, event.log_time_ns, event.payload(recorder))
             progress(truth.seconds(event.log_time_ns))
     return truth
-
-
-class _Parts:
-    """The parts of a recording, one open at a time."""
-
-    def __init__(self, target: Target, truth: Truth, length_s: float, stack: ExitStack) -> None:
-        self._target, self._truth, self._part_s = target, truth, length_s / target.parts
-        self._number, self._stack = -1, stack.enter_context(ExitStack())
-        self.at(truth.start_ns)
-
-    def at(self, log_time_ns: int) -> Recorder:
-        """Return the recorder for a message; times ascend."""
-        number = int(self._truth.seconds(log_time_ns) / self._part_s)
-        number = max(self._number, 0, min(number, self._target.parts - 1))
-        if number != self._number:
-            self._stack.close()
-            self._number, one = number, self._target
-            name = f"{one.path.stem}_{number}{one.path.suffix}" if one.parts > 1 else one.path.name
-            path = one.path.with_name(name)
-            self._recorder = open_recorder(path, one.format, one.compression, self._stack)
-        return self._recorder
 
 
 def _events(kind: Profile, truth: Truth, seed: int, length_s: float) -> Iterator[Event]:

@@ -4,7 +4,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Literal, Protocol
 
 import lz4.frame
@@ -23,7 +22,7 @@ __all__ = ["COMPRESSIONS", "Compression", "Recorder", "RecordingFormat", "open_r
 RecordingFormat = Literal["ros1", "ros2", "mcap"]
 Compression = Literal["none", "lz4", "bz2", "zstd"]
 
-# Compressions of each format; ros2 is a folder with an sqlite3 database or, named .db3, the database alone.
+# Compressions of each format; ros2 is a folder with an sqlite3 database.
 COMPRESSIONS: dict[RecordingFormat, tuple[Compression, ...]] = {
     "ros1": ("none", "lz4", "bz2"),
     "ros2": ("none", "zstd"),
@@ -105,10 +104,6 @@ def _roslz4(data: bytes) -> bytes:
 class _Ros2Recorder(_Recorder):
     def __init__(self, path: Path, compression: Compression, stack: ExitStack) -> None:
         super().__init__(ros1=False)
-        if path.suffix == ".db3":  # without the folder around it
-            folder = Path(stack.enter_context(TemporaryDirectory(dir=path.parent))) / path.stem
-            stack.callback(_move_database, folder, path)
-            path = folder
         writer = Rosbag2Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3)
         if compression == "zstd":
             writer.set_compression(CompressionMode.MESSAGE, CompressionFormat.ZSTD)
@@ -117,10 +112,6 @@ class _Ros2Recorder(_Recorder):
     def _add(self, topic: str, msgtype: str) -> Callable[[int, bytes | bytearray], None]:
         connection = self._writer.add_connection(topic, msgtype, typestore=self.messages.store)
         return lambda log_time_ns, data: self._writer.write(connection, log_time_ns, bytes(data))
-
-
-def _move_database(folder: Path, path: Path) -> None:
-    next(folder.glob("*.db3")).rename(path)
 
 
 class _McapRecorder(_Recorder):
@@ -157,10 +148,10 @@ def open_recorder(
     Raises:
         RecordingError: something is there already, or the format has no such compression.
     """
-    known = ("none",) if path.suffix == ".db3" else COMPRESSIONS[file_format]
-    if compression not in known:
+    if compression not in COMPRESSIONS[file_format]:
+        known = ", ".join(COMPRESSIONS[file_format])
         raise RecordingError(
-            f"{path}: {file_format} recordings do not support the compression {compression}; use {', '.join(known)}."
+            f"{path}: {file_format} recordings do not support the compression {compression}; use {known}."
         )
     if path.exists():
         raise RecordingError(f"{path}: exists already; remove it or give another path.")
