@@ -3,6 +3,7 @@
 import json
 import os
 import resource
+from types import SimpleNamespace
 
 import pytest
 from mcap.writer import CompressionType, Writer
@@ -10,6 +11,7 @@ from pydantic import TypeAdapter
 
 from bagassets.annotations.files.find import expand, find_labels
 from bagassets.assets.inventory import make_inventory
+from bagassets.assets.selection import choose_rig
 from bagassets.build.choose import choose_recordings
 from bagassets.errors import RecordingError
 from bagassets.recipe.model import Bags
@@ -298,6 +300,31 @@ def test_the_answers(cut, name):
     assert not apart.asked
     assert not apart.near
     assert keys(cut, series={name: ("drive_0.bag", "drive_2.bag")}) == ["drive.bag"]
+
+
+def test_an_answer_about_files_that_are_not_there_is_named(cut):
+    discovery = discover(bags(cut, series={"drvie": True, "drive": True, "gone": False}))
+    assert list(discovery.recordings) == ["drive.bag"]
+    assert dict(discovery.excluded) == {
+        "drvie": "bags.series says that it is one drive, but there are not two numbered files of it; correct its name there"
+    }
+
+
+def test_a_part_named_twice_counts_once(cut):
+    names = ("drive_0.bag", "drive_0.bag", "drive_1.bag", "drive_2.bag")
+    (one,) = discover(bags(cut, series={"drive": names})).recordings.values()
+    assert len(one.parts) == 3
+
+
+def test_a_rig_may_match_a_part():
+    rigs = [
+        SimpleNamespace(match=("x*",)),
+        SimpleNamespace(match=("drive_0*",)),
+        SimpleNamespace(match=("**",)),
+    ]
+    recipe = SimpleNamespace(rigs=rigs)
+    assert choose_rig(recipe, "drive.bag", "drive_0.bag", "drive_1.bag") is rigs[1]
+    assert choose_rig(recipe, "drive.bag") is rigs[2]
 
 
 def test_a_series_over_folders(cut):

@@ -195,7 +195,7 @@ def bags_of_parts(paths: Sequence[Path]) -> Bags:
     """
     for path in paths:
         recording = find_one(path)
-        if path.suffix != paths[0].suffix or recording.files != (recording.path,):
+        if path.suffix != paths[0].suffix or path not in recording.files:
             raise RecordingError(f"{path}: the parts of a drive are files of one format.")
     root = Path(os.path.commonpath([path.absolute().parent for path in paths]))
     names = tuple(path.absolute().relative_to(root).as_posix() for path in paths)

@@ -12,6 +12,9 @@ from bagassets.recordings.series import Candidate, Part, Verdict, candidates, ju
 __all__ = ["Joined", "join_parts"]
 
 
+_NO_PARTS = "bags.series says that it is one drive, but there are not two numbered files of it; correct its name there"
+
+
 @dataclass
 class Joined:
     """Recordings below the bag root, with series in place of their parts.
@@ -42,7 +45,7 @@ def join_parts(bags: Bags, recordings: Sequence[RecordingFiles], key_of: Callabl
     joined = Joined({recording.relative: recording for recording in recordings})
     for name, answer in bags.series.items():
         if not isinstance(answer, bool):
-            _join_named(joined, bags.root, name, answer, key_of)
+            _join_named(joined, bags.root, name, tuple(dict.fromkeys(answer)), key_of)
     files = (path for path, one in joined.recordings.items() if one.files[0] is one.path)
     for candidate in list(candidates(files)):
         verdict = _verdict(joined, bags, candidate)
@@ -51,12 +54,17 @@ def join_parts(bags: Bags, recordings: Sequence[RecordingFiles], key_of: Callabl
         elif verdict.kind == "asked":
             joined.asked[candidate.whole] = _question(candidate, verdict.why)
             joined.near |= {path: candidate.whole for group in verdict.near for path in group}
+    wholes = {path for path, one in joined.recordings.items() if one.parts}
+    wholes |= {_without_suffix(path) for path in wholes}
+    joined.left_out += [
+        (name, _NO_PARTS) for name, answer in bags.series.items() if answer is True and name not in wholes
+    ]
     return joined
 
 
 def _verdict(joined: Joined, bags: Bags, candidate: Candidate) -> Verdict:
     whole, numbers = candidate
-    answer = bags.series.get(whole, bags.series.get(str(PurePosixPath(whole).with_suffix(""))))
+    answer = bags.series.get(whole, bags.series.get(_without_suffix(whole)))
     if answer is False:
         return Verdict("apart")
     if answer is not None:
@@ -70,6 +78,10 @@ def _verdict(joined: Joined, bags: Bags, candidate: Candidate) -> Verdict:
     if verdict.kind == "one" and whole in joined.recordings:
         return Verdict("asked", (), f"{whole} lies beside them", ((whole, *verdict.parts),))
     return verdict
+
+
+def _without_suffix(path: str) -> str:
+    return str(PurePosixPath(path).with_suffix(""))
 
 
 def _join_named(
@@ -103,7 +115,7 @@ def _join(joined: Joined, whole: str, paths: Sequence[str], key_of: Callable[[st
         whole,
         root / whole,
         parts[0].format,
-        tuple(part.path for part in parts),
+        tuple(file for part in parts for file in part.files),
         sum(part.size for part in parts),
         max(part.mtime_ns for part in parts),
         parts,
