@@ -127,50 +127,46 @@ def judge(parts: Sequence[Part]) -> Verdict:
 
     One that cannot be read ends the drive if it is the last: it may be still in the making.
     """
-    readable = [part for part in parts if isinstance(part.facts, PartFacts)]
+    readable = [(part.name, part.facts) for part in parts if isinstance(part.facts, PartFacts)]
     if len(readable) < 2:
         return Verdict("apart")
-    near: list[list[str]] = [[readable[0].name]]
-    reasons = [_gap_in_numbers(parts, readable)]
-    for before, part in pairwise(readable):
-        reason, is_near = _compare(before, part)
+    near = [[readable[0][0]]]
+    reasons = [_gap_in_numbers(parts)]
+    for before, (name, facts) in pairwise(readable):
+        reason, is_near = _compare(*before, name, facts)
         reasons.append(reason)
-        if is_near:
-            near[-1].append(part.name)
-        else:
-            near.append([part.name])
+        near += [] if is_near else [[]]
+        near[-1].append(name)
     if not any(reasons):
-        return Verdict("one", tuple(part.name for part in readable))
+        return Verdict("one", tuple(name for name, _ in readable))
     groups = tuple(tuple(group) for group in near if len(group) > 1)
     return Verdict("asked", (), next(filter(None, reasons)), groups) if groups else Verdict("apart")
 
 
-def _compare(before: Part, part: Part) -> tuple[str, bool]:
+def _compare(before: str, one: PartFacts, name: str, other: PartFacts) -> tuple[str, bool]:
     """Return why a part may not go on where the one before it ends ("" if it does), and whether both are near in time."""
-    one, other = before.facts, part.facts
-    assert isinstance(one, PartFacts)  # noqa: S101  (for the type checker)
-    assert isinstance(other, PartFacts)  # noqa: S101
     pause_ns = other.start_ns - one.end_ns
     most_ns = max(_LEAST_PAUSE_NS, _PERIODS * max(one.period_ns, other.period_ns))
     apart_ns = max(pause_ns, one.start_ns - other.end_ns)
     is_near = apart_ns <= max(_NEAR_NS, most_ns)
     if pause_ns > most_ns:
-        return f"{part.name} begins {pause_ns / 1e9:.1f} s after {before.name} ends", is_near
+        return f"{name} begins {pause_ns / 1e9:.1f} s after {before} ends", is_near
     if pause_ns < -_MOST_OVERLAP_NS or other.start_ns <= one.start_ns:
-        return f"{part.name} begins {-pause_ns / 1e9:.1f} s before {before.name} ends", is_near
+        return f"{name} begins {-pause_ns / 1e9:.1f} s before {before} ends", is_near
     if one.topics != other.topics:
         differ = one.topics.items() ^ other.topics.items()
-        names = sorted({name for name, _ in differ}.difference(one.latched, other.latched))
-        if names:
-            more = f" and {len(names) - 1} more" if len(names) > 1 else ""
-            return f"{before.name} and {part.name} differ in topic {names[0]}{more}", is_near
+        topics = sorted({topic for topic, _ in differ}.difference(one.latched, other.latched))
+        if topics:
+            more = f" and {len(topics) - 1} more" if len(topics) > 1 else ""
+            return f"{before} and {name} differ in topic {topics[0]}{more}", is_near
     return "", is_near
 
 
-def _gap_in_numbers(parts: Sequence[Part], readable: Sequence[Part]) -> str:
+def _gap_in_numbers(parts: Sequence[Part]) -> str:
     """Return which part is missing between the first and the last readable one, or cannot be read; "" if none."""
     there = {part.number: part for part in parts}
-    for number in range(parts[0].number, readable[-1].number):
+    last = max(part.number for part in parts if isinstance(part.facts, PartFacts))
+    for number in range(parts[0].number, last):
         part = there.get(number)
         if part is None:
             return f"number {number} is missing"

@@ -98,6 +98,7 @@ class SeriesRecording(Recording):
     ) -> Iterator[RawMessage]:
         """Yield the messages of a part, without those that the recorder repeated."""
         is_first = path == self._parts[0][2]
+        types = {topic: self.topics[topic].msgtype for topic in topics}
         with self._open_part(path) as part:
             if self._checks_content:
                 part.check_content()
@@ -110,7 +111,7 @@ class SeriesRecording(Recording):
                         self.repeated[topic] += 1
                         continue
                     seen[topic].add(digest)
-                yield message._replace(msgtype=self.topics[topic].msgtype)
+                yield message if message.msgtype == types[topic] else message._replace(msgtype=types[topic])
 
     def close(self) -> None:
         """Do nothing: parts are open during reads only."""
