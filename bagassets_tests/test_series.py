@@ -17,6 +17,7 @@ from bagassets.errors import RecordingError
 from bagassets.recipe.model import Bags
 from bagassets.recipe.model_annotations import AnnotationFiles
 from bagassets.recipe.model_splits import Splits
+from bagassets.recordings import join_parts
 from bagassets.recordings import part_facts as seeing
 from bagassets.recordings.digest import recording_digest
 from bagassets.recordings.discover import bags_of_parts, discover
@@ -390,6 +391,7 @@ def test_what_was_seen_of_parts_is_remembered_by_process_and_project(cut, tmp_pa
     assert len(looked) == 3
     discover(of_project)
     monkeypatch.setattr(seeing, "_seen", {})  # as in another process
+    monkeypatch.setattr(join_parts, "_judged", {})
     assert list(discover(of_project).recordings) == ["drive.bag"]
     assert len(looked) == 3
     os.utime(cut / "drive_1.bag")

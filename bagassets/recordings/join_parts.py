@@ -15,6 +15,10 @@ __all__ = ["Joined", "join_parts"]
 _NO_PARTS = "bags.series says that it is one drive, but there are not two numbered files of it; correct its name there"
 
 
+# First file -> path, size and time of each file, and what was decided: sensors look at the same files every few seconds.
+_judged: dict[str, tuple[list[tuple[str, int, int]], Verdict]] = {}
+
+
 @dataclass
 class Joined:
     """Recordings below the bag root, with series in place of their parts.
@@ -71,10 +75,14 @@ def _verdict(joined: Joined, bags: Bags, candidate: Candidate) -> Verdict:
         return Verdict("one", tuple(numbers))
     from bagassets.recordings.part_facts import facts_of_parts  # noqa: PLC0415  (most folders have no series)
 
-    facts = facts_of_parts([joined.recordings[path] for path in numbers], bags.state)
-    verdict = judge(
-        [Part(path, number, one) for (path, number), one in zip(numbers.items(), facts, strict=True)]
-    )
+    files = [joined.recordings[path] for path in numbers]
+    as_it_is = [(one.relative, one.size, one.mtime_ns) for one in files]
+    before, verdict = _judged.get(str(files[0].path), ([], Verdict("apart")))
+    if before != as_it_is:
+        facts = facts_of_parts(files, bags.state)
+        verdict = judge([Part(*named, one) for named, one in zip(numbers.items(), facts, strict=True)])
+        if not any(isinstance(one, str) for one in facts):  # those may be readable next time
+            _judged[str(files[0].path)] = as_it_is, verdict
     if verdict.kind == "one" and whole in joined.recordings:
         return Verdict("asked", (), f"{whole} lies beside them", ((whole, *verdict.parts),))
     return verdict

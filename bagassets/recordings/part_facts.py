@@ -39,10 +39,12 @@ def facts_of_parts(parts: Sequence[RecordingFiles], state: Path | None) -> list[
     """
     group = str(parts[0].path)
     seen = _seen.setdefault(group, {})
-    if _unseen(seen, parts):
-        seen.update(_load(state, group))
     unread: dict[str, str] = {}
-    for part in (fresh := _unseen(seen, parts)):
+    fresh = _unseen(seen, parts)
+    if fresh:
+        seen.update(_load(state, group))
+        fresh = _unseen(seen, fresh)
+    for part in fresh:
         try:
             seen[part.relative] = (part.size, part.mtime_ns, part_facts(part.path))
         except OSError as err:  # what is wrong now may be right next time, with the same size and time
@@ -51,7 +53,7 @@ def facts_of_parts(parts: Sequence[RecordingFiles], state: Path | None) -> list[
         changes = Changes()
         changes.put(_KIND, group, json.dumps(seen).encode())
         Cache(state).write(changes)
-    return [unread[part.relative] if part.relative in unread else seen[part.relative][2] for part in parts]
+    return [unread.get(part.relative) or seen[part.relative][2] for part in parts]
 
 
 def part_facts(path: Path) -> PartFacts | str:
@@ -77,8 +79,8 @@ def part_facts(path: Path) -> PartFacts | str:
 
 def _unseen(seen: _Seen, parts: Sequence[RecordingFiles]) -> list[RecordingFiles]:
     """Return the parts that were not looked into as they are."""
-    before = ((part, seen.get(part.relative, (-1, 0, ""))) for part in parts)
-    return [part for part, (size, mtime_ns, _) in before if part.size != size or part.mtime_ns != mtime_ns]
+    none = (-1, 0, "")
+    return [part for part in parts if seen.get(part.relative, none)[:2] != (part.size, part.mtime_ns)]
 
 
 def _load(state: Path | None, group: str) -> _Seen:
