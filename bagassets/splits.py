@@ -3,7 +3,8 @@
 from bisect import bisect_left
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Set as AbstractSet
+from dataclasses import dataclass, field
 from fractions import Fraction
 from math import ceil, floor
 
@@ -13,7 +14,7 @@ from bagassets.json_types import JsonMapping, JsonObject
 from bagassets.recipe.model_splits import Splits
 from bagassets.store.canonical import canonical_json
 
-__all__ = ["SplitShare", "deal", "moves", "shares_of"]
+__all__ = ["SplitShare", "Ties", "deal", "moves", "shares_of"]
 
 _POSITIONS = 2**64
 # Chance decides as long as no boundary between splits is off by more than this share of the recordings.
@@ -22,7 +23,31 @@ _LEEWAY = Fraction(1, 20)
 _FAR = 0.1
 
 
-def deal(keys: Iterable[str], splits: Splits) -> dict[str, str]:
+@dataclass(frozen=True)
+class Ties:
+    """What ties recordings to a split besides their keys.
+
+    Attributes:
+        near: recording -> group; those of one group lie in one split.
+        former: recording -> keys that its parts had, whose pins hold for it.
+    """
+
+    near: Mapping[str, str] = field(default_factory=dict)
+    former: Mapping[str, Sequence[str]] = field(default_factory=dict)
+
+    def pinned(self, key: str, splits: Splits) -> str | None:
+        """Return the split that the recipe gives a recording, if it does."""
+        names = (key, *self.former.get(key, ()))
+        return next((splits.pinned[name] for name in names if name in splits.pinned), None)
+
+    def of(self, keys: AbstractSet[str]) -> JsonObject:
+        """Return what is about some recordings as JSON; empty for most."""
+        near = {key: group for key, group in self.near.items() if key in keys}
+        former = {key: list(names) for key, names in self.former.items() if key in keys}
+        return {name: value for name, value in (("near", near), ("former", former)) if value}
+
+
+def deal(keys: Iterable[str], splits: Splits, ties: Ties | None = None) -> dict[str, str]:
     """Return the split of each recording of a dataset.
 
     The recipe determines the split of a pinned recording. Every other one gets a position by a hash of seed and key,
@@ -37,10 +62,21 @@ def deal(keys: Iterable[str], splits: Splits) -> dict[str, str]:
     Args:
         keys: partition keys of the recordings, in any order.
         splits: the recipe's `splits`.
+        ties: recordings that go together count as one; a pin of one of them holds for those that have none.
     """
-    keys = frozenset(keys)
-    dealt = {key: splits.pinned[key] for key in sorted(keys & splits.pinned.keys())}
-    ranked = sorted((_position(key, splits.seed), key) for key in keys - dealt.keys())
+    ties = ties or Ties()
+    groups: dict[tuple[str, bool], list[str]] = {}
+    for key in sorted(frozenset(keys)):
+        groups.setdefault((ties.near.get(key, key), key in ties.near), []).append(key)
+    dealt: dict[str, str] = {}
+    ranked = []
+    for group in groups.values():
+        pins = {key: pin for key in group if (pin := ties.pinned(key, splits)) is not None}
+        if pins:
+            dealt |= {key: pins.get(key, next(iter(pins.values()))) for key in group}
+        else:
+            ranked.append((_position(group[0], splits.seed), group))
+    ranked.sort()
     names = sorted(name for name, share in splits.shares.items() if share > 0)
     pinned = Counter(dealt.values())
     cuts = _cuts(
@@ -49,7 +85,7 @@ def deal(keys: Iterable[str], splits: Splits) -> dict[str, str]:
         [pinned[name] for name in names],
     )
     for name, first, last in zip(names, cuts[:-1], cuts[1:], strict=True):
-        dealt |= {key: name for _, key in ranked[first:last]}
+        dealt |= {key: name for _, group in ranked[first:last] for key in group}
     return dict(sorted(dealt.items()))
 
 

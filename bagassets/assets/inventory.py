@@ -127,7 +127,7 @@ def make_inventory(recording: Recording, out: ArtifactWriter, *, size: int) -> J
 def _refuse_shortfall(recording: Recording, logs: dict[str, TopicLog]) -> None:
     """Raise if there are fewer messages than the recording's own index announces: nothing is lost silently."""
     for name, info in sorted(recording.topics.items()):
-        if logs[name].count < info.count:
+        if logs[name].count + recording.repeated[name] < info.count:
             raise RecordingError(
                 f"{recording.path}: topic {name}: {logs[name].count} of {info.count} messages were found, which the "
                 f"recording's own index announces; {advice_for(recording.path)}."
@@ -195,7 +195,10 @@ def _notes(recording: Recording, topics: list[JsonObject]) -> list[str]:
         name, offset = topic["name"], topic["header_offset_s"]
         if topic["problem"] is not None:
             notes.append(f"{name} cannot be decoded: {topic['problem']}.")
-        announced = recording.topics[name].count
+        repeated = recording.repeated[name]
+        if repeated:
+            notes.append(f"{name}: {repeated} messages that the recorder repeated in later parts count once.")
+        announced = recording.topics[name].count - repeated
         if announced != topic["count"]:
             notes.append(f"{name}: the recording announces {announced} messages and holds {topic['count']}.")
         if topic["unordered_stamps"]:

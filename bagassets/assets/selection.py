@@ -7,10 +7,10 @@ from bagassets.recordings.inventory import Inventory
 __all__ = ["choose_rig", "present_channels", "skip_reason"]
 
 
-def choose_rig(recipe: Recipe, relative: str) -> Rig | None:
-    """Return the first rig whose globs match the path below the bag root."""
+def choose_rig(recipe: Recipe, *names: str) -> Rig | None:
+    """Return the first rig whose globs match the path of a recording below the bag root, or that of one of its parts."""
     for rig in recipe.rigs:
-        if any(matches(pattern, relative) for pattern in rig.match):
+        if any(matches(pattern, name) for pattern in rig.match for name in names):
             return rig
     return None
 

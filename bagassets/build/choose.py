@@ -20,7 +20,8 @@ def choose_recordings(recordings: Mapping[str, RecordingFiles], wanted: Sequence
 
     Args:
         recordings: partition key -> recording.
-        wanted: partition keys, globs of them, paths below the bag root, or paths of files.
+        wanted: partition keys, globs of them, paths below the bag root, or paths of files; those of a part stand for its
+            series.
 
     Raises:
         SelectionError: one of them matches no recording.
@@ -65,11 +66,14 @@ def split_names(wanted: Iterable[str]) -> list[str]:
 def _by_path(recordings: Mapping[str, RecordingFiles], text: str) -> set[str]:
     path = Path(text).absolute()
     return {
-        key for key, recording in recordings.items() if recording.relative == text or recording.path == path
+        key
+        for key, recording in recordings.items()
+        if any(text in {one.relative, one.key} or path == one.path for one in (recording, *recording.parts))
     }
 
 
 def _by_glob(recordings: Mapping[str, RecordingFiles], text: str) -> set[str]:
     if not any(character in text for character in "*?["):
         return set()
-    return {key for key in recordings if fnmatchcase(key, text)}
+    named = {key: (key, *(part.key for part in recording.parts)) for key, recording in recordings.items()}
+    return {key for key, names in named.items() if any(fnmatchcase(name, text) for name in names)}

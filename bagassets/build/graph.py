@@ -167,7 +167,7 @@ class Graph:
     @cached_property
     def rig(self) -> Rig | None:
         """The rig that made the recording."""
-        return choose_rig(self.assets.recipe, self.recording.relative)
+        return choose_rig(self.assets.recipe, *self.recording.names)
 
     def inputs_above(self, node: Node) -> RecordingInputs:
         """Return the inputs of one node: what is known of the nodes that it depends on, and nothing else."""

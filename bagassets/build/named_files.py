@@ -22,5 +22,5 @@ def files_beside(recipe: Recipe, recording: RecordingFiles) -> list[Path]:
     """Return the paths of a recording's label files, and the paths where some might appear."""
     if not any(rig.annotation_files for rig in recipe.rigs):
         return []
-    rig = choose_rig(recipe, recording.relative)
+    rig = choose_rig(recipe, *recording.names)
     return [] if rig is None else label_paths(rig, recording)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, Self
 from bagassets.json_types import Json, JsonObject
 from bagassets.recordings.digest import RecordingStat
 from bagassets.recordings.model import Format
+from bagassets.splits import Ties
 
 if TYPE_CHECKING:
     from bagassets.store.artifact import Artifact
@@ -185,11 +186,19 @@ class Plan:
         bags: partition key -> states of the recording.
         excluded: path below the bag root -> why the globs leave it out.
         removed: registered partition keys whose recordings are gone, except those in folders that cannot be read.
+        ties: which recordings lie in one split, and what the parts of series were called.
+        asked: path of a whole drive -> the question whether some recordings are its parts.
     """
 
     bags: Mapping[str, BagPlan]
     excluded: Mapping[str, str]
     removed: tuple[str, ...]
+    ties: Ties = field(default_factory=Ties)
+    asked: Mapping[str, str] = field(default_factory=dict)
+
+    def joined_into(self, key: str) -> str | None:
+        """Return the series that a recording has become a part of; None if it is gone."""
+        return next((whole for whole, parts in self.ties.former.items() if key in parts), None)
 
 
 def version_as_input(data_version: str) -> str:

@@ -17,6 +17,7 @@ from bagassets.freshness.plan_cache import PlanCache, RecordingFingerprint, reco
 from bagassets.recordings.digest import DigestIndex, RecordingStat, stat_files, stored_digest
 from bagassets.recordings.discover import Discovery
 from bagassets.recordings.model import RecordingFiles
+from bagassets.splits import Ties
 from bagassets.store.store import Store
 
 __all__ = ["Planner", "Planning"]
@@ -202,7 +203,10 @@ class Planning:
             self._before.keys() - unchanged - settled.keys(),
         )
         ordered = {key: bags[key] for key in recordings}
-        return Plan(ordered, dict(self.discovery.excluded), self.discovery.removed(self.registered)), recorded
+        found = self.discovery
+        ties = Ties(found.near, found.former_keys)
+        removed = found.removed(self.registered)
+        return Plan(ordered, dict(found.excluded), removed, ties, found.asked), recorded
 
     def touched(self) -> dict[str, Recorded]:
         """Return the recordings of which only the time changed, as far as can be told without reading -> record of `bag`.

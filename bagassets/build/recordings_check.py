@@ -12,7 +12,14 @@ from bagassets.build.recording_assets import RecordingAssets
 from bagassets.errors import BagAssetsError
 from bagassets.json_types import JsonMapping, JsonObject
 from bagassets.quantities import count_text
-from bagassets.recordings.digest import DigestIndex, combined_digest, hash_file, recording_stat, stat_files
+from bagassets.recordings.digest import (
+    DigestIndex,
+    combined_digest,
+    hash_file,
+    name_in,
+    recording_stat,
+    stat_files,
+)
 from bagassets.recordings.digest_record import read_attribute
 from bagassets.recordings.discover import discover
 from bagassets.recordings.model import RecordingFiles
@@ -153,11 +160,11 @@ def _check(
         elif digest != actual:
             is_same = read_attribute(path, stat) is not None if row is None else row.same_size_and_time(stat)
             changed.append(ChangedFile(path, digest, actual, not is_same))
-        recorded[path.name] = digest or actual
+        recorded[name_in(recording, path)] = digest or actual
     if not changed:
         return CheckedRecording(key, size, tuple(unrecorded))
     try:
-        topics = _changed_topics(assets, store, recording, combined_digest(recorded))
+        topics = _changed_topics(assets, store, recording, combined_digest(recording, recorded))
         problem = None
     except BagAssetsError as err:
         topics, problem = (), f"its topics cannot be compared: {err}"

@@ -29,6 +29,7 @@ __all__ = ["convert"]
 Examples:
   bagassets convert monday.bag monday
   bagassets convert monday.mcap sequences --format vision
+  bagassets convert monday_0.bag monday_1.bag monday                   # the parts of one drive
   bagassets convert monday.bag monday --recipe monday.recipe.yaml      # once its questions are answered
   bagassets convert tuesday.bag tuesday --recipe monday/recipe.yaml    # of the same robot
 
@@ -39,30 +40,33 @@ Exit status:
     2  wrong usage, or something is to be decided first
   130  interrupted"""
 )
-@click.argument("bag", type=click.Path(exists=True, path_type=Path))
+@click.argument(
+    "bags_", metavar="BAG...", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path)
+)
 @click.argument("out", type=click.Path(path_type=Path))
 @click.option("--recipe", "recipe_file", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
               help="Convert with this recipe; its `bags`, folders and other datasets are ignored. Default: guess one.")  # fmt: skip
 @click.option("--format", "format_name", default="nuscenes", show_default=True, metavar="NAME",
               help="Format of the dataset; `bagassets formats` lists them.")  # fmt: skip
-def convert(bag: Path, out: Path, recipe_file: Path | None, format_name: str) -> int:
+def convert(bags_: tuple[Path, ...], out: Path, recipe_file: Path | None, format_name: str) -> int:
     """Convert one recording into a dataset, without a project.
 
     A recipe is guessed from the first seconds of BAG, as `bagassets init` does. OUT, a folder that must
     not exist, gets the dataset and, as OUT/recipe.yaml, the recipe; it appears when it is complete. BAG is only
-    read. For more than one recording, or to build again after a change, make a project: `bagassets init`.
+    read. Several files are the parts of one drive. For more than one recording, or to build again after a change, make a project: `bagassets init`.
 
     What cannot be guessed is listed. The recipe is then written to OUT.recipe.yaml: decide there, and convert
     again with --recipe.
     """
     from bagassets.recipe.load import parse_recipe
-    from bagassets.recordings.discover import bags_of_one
+    from bagassets.recordings.discover import bags_of_one, bags_of_parts
 
     out = out.absolute()
     if os.path.lexists(out):
         raise DatasetError(f"{out} exists already; name another folder, or move this one away.")
     kind = _format(format_name)
-    bags = bags_of_one(bag.resolve())
+    files = list(dict.fromkeys(bag.resolve() for bag in bags_))
+    bags = bags_of_one(files[0]) if len(files) == 1 else bags_of_parts(files)
     if recipe_file is not None:
         recipe, text = _read(recipe_file, kind)
         return _build(_matched(recipe, bags), bags, kind, out, text)
@@ -77,7 +81,7 @@ def convert(bag: Path, out: Path, recipe_file: Path | None, format_name: str) ->
             problems = str(err).splitlines()
     if proposal.questions or problems:
         _write_beside(beside, text)
-        _ask(proposal, problems, beside, f"bagassets convert {_quoted(bag)} {_quoted(out)}")
+        _ask(proposal, problems, beside, f"bagassets convert {' '.join(map(_quoted, (*bags_, out)))}")
         return ExitStatus.UNDECIDED
     status = _build(recipe, bags, kind, out, text)
     if status == ExitStatus.FAILED:
@@ -128,6 +132,7 @@ def _propose(bags: "Bags") -> "Proposal":
         name=recording.path.stem,
         root=bags.root,
         include=bags.include if "include" in bags.model_fields_set else (),
+        series=bags.series,
         calibrations=find_calibrations(bags.root, None, nested=False),
     )
     print_found(proposal, {})

@@ -51,7 +51,13 @@ def dry_run_lines(pending: "PendingWork", own: "OwnWork") -> Iterator[str]:
             found.append(((), key, f"  {said}: {reason}"))
     yield from (f"{told.title}\n{told.text}" for told in told_once(found))
     for key in pending.plan.removed:
-        yield f"{key}\n  is gone: its partition and scenes would be removed"
+        whole = pending.plan.joined_into(key)
+        gone = (
+            "is gone: its partition and scenes" if whole is None else f"is joined into {whole}: its partition"
+        )
+        yield f"{key}\n  {gone} would be removed"
+    for question in pending.plan.asked.values():
+        yield f"to be decided: {visible(question)}"
     if pending.datasets:
         yield f"dataset\n  {_dataset(pending)}"
     yield from _own_lines(own)

@@ -143,6 +143,7 @@ def _propose(project: Path, path: Path, look_at: int) -> "tuple[Proposal, dict[s
         name=project.name,
         root=written_root,
         include=bags.include if "include" in bags.model_fields_set else (),
+        asked=discovery.asked,
         unreadable=unreadable,
         found=len(recordings),
         digest_attributes=digest_attributes,

@@ -113,6 +113,7 @@ def status_json(pending: "PendingWork", own: "OwnWork", problems: Sequence[str] 
         "own": own.as_json(),
         "removed": list(pending.plan.removed),
         "excluded": dict(pending.plan.excluded),
+        **({"asked": dict(pending.plan.asked)} if pending.plan.asked else {}),
         **({"problems": list(problems)} if problems else {}),
     }
 
@@ -195,7 +196,13 @@ def _reasons(pending: "PendingWork", listed: JsonMapping) -> Iterator[str]:
         shown, state = told.kind
         yield f"{told.title}: {shown} {state}: {told.text if state == 'failed' else visible(told.text)}"
     for key in pending.plan.removed:
-        yield f"{key}: the recording is gone; the next build removes its partition and its scenes"
+        whole = pending.plan.joined_into(key)
+        if whole is None:
+            yield f"{key}: the recording is gone; the next build removes its partition and its scenes"
+        else:
+            yield f"{key}: joined into {whole}, whose part it is; the next build removes its partition"
     for relative, reason in pending.plan.excluded.items():
         if not reason.startswith("not matched"):
             yield f"{visible(relative)}: left out: {visible(reason)}"
+    for question in pending.plan.asked.values():
+        yield f"to be decided: {visible(question)}"

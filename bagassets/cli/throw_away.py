@@ -99,7 +99,7 @@ def _own_recipe(
     own = recipe.model_dump(mode="json", exclude_unset=True)
     unwanted = {*recipe.own_sections, "formats", "datasets"} - {"nuscenes"}
     own = {name: value for name, value in own.items() if name not in unwanted}
-    own["bags"] |= bags.model_dump(mode="json", include={"root", "include"})
+    own["bags"] |= bags.model_dump(mode="json", include={"root", "include", "series"})
     own["bags"] |= {"exclude": [], "digest_attributes": False}
     own |= {"state": str(state), "store": str(project.store)}
     own["nuscenes"] = own.get("nuscenes", {}) | {"output": str(project.dataset.with_name("nuscenes"))}

@@ -100,7 +100,7 @@ def run_checks(
     Raises:
         BagAssetsError: no rig is for this recording, or an artifact is missing.
     """
-    rig = choose_rig(workspace.recipe, recording.relative)
+    rig = choose_rig(workspace.recipe, *recording.names)
     if rig is None:
         raise RecipeError(f"{recording.relative}: no rig of the recipe matches; correct rigs[].match.")
     evidence = Evidence(workspace.recipe, rig, workspace.store, artifact)

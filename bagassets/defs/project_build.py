@@ -107,6 +107,7 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
         report.outcomes = {key: BagOutcome("hit", seconds=seconds) for key, seconds in unchanged.items()}
         if not options.allow_empty:
             _refuse_empty(recipe, before.planned)
+        report.remarks += tuple(Remark("", "warn", "series", one) for one in before.plan.asked.values())
         report.removed = _register(instance, workspace, before.planned)
         if before.todo or (before.datasets and not before.dataset_is_current):
             log = recipe.state / "code-server.log"
@@ -114,7 +115,11 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
                 RunPool(instance, workspace.names, options.jobs, on_event, log, own.location)
             )
             sizes = {key: before.planned.discovery.recordings[key].size for key in before.todo}
-            said = (before.made_again(workspace, options.jobs), _disk_space(before, workspace, options))
+            said = (
+                *_joined(before.plan),
+                before.made_again(workspace, options.jobs),
+                _disk_space(before, workspace, options),
+            )
             on_event(Event("planned", sizes=sizes, message="\n".join(filter(None, said))))
             going_on = _going_on(instance, workspace.names, before.datasets)
             followed = {key for keys in going_on.values() for key in keys}
@@ -282,12 +287,24 @@ def _refuse_empty(recipe: Recipe, planned: InstancePlan) -> None:
         )
 
 
+def _joined(plan: Plan) -> list[str]:
+    """Return sentences about the recordings that become parts of series."""
+    joined: dict[str, list[str]] = {}
+    for key in plan.removed:
+        if (whole := plan.joined_into(key)) is not None:
+            joined.setdefault(whole, []).append(key)
+    return [f"{', '.join(keys)}: joined into {whole}, as its parts." for whole, keys in joined.items()]
+
+
 def _register(instance: dg.DagsterInstance, workspace: Workspace, planned: InstancePlan) -> tuple[str, ...]:
-    """Add partitions for new recordings, remove those of recordings that are gone, and return the removed keys."""
+    """Add partitions for new recordings, remove those of recordings that are gone, and return the keys of these.
+
+    Those that have become parts of series are not gone.
+    """
     for key in planned.plan.removed:
         remove_partition(instance, workspace.names, key)
     add_partitions(instance, workspace.names, sorted(planned.discovery.recordings.keys() - planned.live))
-    return planned.plan.removed
+    return tuple(key for key in planned.plan.removed if planned.plan.joined_into(key) is None)
 
 
 def _note_unsettled(recipe: Recipe, ended: Mapping[str, EndedRun]) -> None:

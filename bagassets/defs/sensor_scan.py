@@ -67,6 +67,7 @@ class Scan:
         self._unsettled = Unsettled(workspace.recipe.state)
         self._ended: dict[str, dg.DagsterRun] = {}
         self._noted: frozenset[str] = frozenset()
+        self._joined: dict[str, str] = {}
 
     def is_worth_waiting(self, until_s: float) -> bool:
         """Return whether a run is active, or a recording may settle before `until_s`."""
@@ -83,6 +84,9 @@ class Scan:
         there = frozenset(stats) | discovery.unseen(live)
         if self._is_disk_gone(live, there, now_s):
             return []
+        self._joined = {
+            key: whole for whole, keys in discovery.former_keys.items() for key in keys if key in live
+        }
         live = self._drop_removed(live, there)
         active = active_runs(self._instance, self._names, self._datasets)
         if active and end_orphaned_runs(self._instance)[0]:
@@ -293,6 +297,8 @@ class Scan:
         writing = sorted(plan.bags.keys() - set(finished))
         failed = sorted(key for key, bag in plan.bags.items() if bag.failed is not None)
         parts = [count_text(len(plan.bags), "recording")]
+        parts += [f"{key} joined into {whole}" for key, whole in self._joined.items()]
+        parts += [f"to be decided: {len(plan.asked)} in bags.series"] if plan.asked else []
         parts += [f"waiting for {_names(writing)} to settle"] if writing else []
         parts += [f"waiting for {count_text(self._runs, 'run')}"] if self._runs else []
         parts += [f"failed: {_names(failed)}"] if failed else []

@@ -95,7 +95,7 @@ def check_bag(
         quick: run only those checks that take no time.
     """
     recording = discovery.recordings.get(bag.key)
-    rig = None if recording is None else choose_rig(recipe, recording.relative)
+    rig = None if recording is None else choose_rig(recipe, *recording.names)
     if rig is None or bag.skipped is not None:
         return
     evidence = Evidence(recipe, rig, store, _Current(bag.key, store, bag.recorded).artifact)

@@ -19,7 +19,7 @@ from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_base import DatasetSettings
 from bagassets.recipe.model_datasets import NamedDataset
 from bagassets.recipe.model_splits import Splits
-from bagassets.splits import deal
+from bagassets.splits import Ties, deal
 from bagassets.store.canonical import digest_file, digest_json
 from bagassets.store.lease import in_use
 from bagassets.store.store import Store
@@ -95,11 +95,13 @@ class DatasetInputs:
         parts: format -> recordings in the dataset, sorted by key.
         skipped: recordings that take no part -> reason.
         failed: format -> recordings whose part could not be made -> reason.
+        ties: see `Plan.ties`.
     """
 
     parts: Mapping[str, tuple[Part, ...]]
     skipped: Mapping[str, str] = field(default_factory=dict)
     failed: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    ties: Ties = field(default_factory=Ties)
 
     @property
     def digest(self) -> str:
@@ -112,13 +114,14 @@ class DatasetInputs:
                 value |= {"parts": rows, "failed": failed}
             elif rows or failed:
                 value |= {name: rows, f"{name}_failed": failed}
-        return digest_json(value)
+        keys = {part.key for parts in self.parts.values() for part in parts}
+        return digest_json(value | self.ties.of(keys))
 
     def dealt(self, splits: Splits, store: Store) -> dict[str, str]:
         """Return recording -> split, the same for all datasets."""
         contents = {part.key: part.content for parts in self.parts.values() for part in parts}
         made = {name: {part.key: part.artifact for part in parts} for name, parts in self.parts.items()}
-        return deal_contents(contents, splits, recordings_without_scenes(store, made))
+        return deal_contents(contents, splits, recordings_without_scenes(store, made), self.ties)
 
     def as_json(self) -> JsonObject:
         """Return counts for display."""
@@ -145,7 +148,10 @@ def recordings_without_scenes(store: Store, parts: Mapping[str, Mapping[str, str
 
 
 def deal_contents(
-    contents: Mapping[str, str], splits: Splits, sceneless: AbstractSet[str] = frozenset()
+    contents: Mapping[str, str],
+    splits: Splits,
+    sceneless: AbstractSet[str] = frozenset(),
+    ties: Ties | None = None,
 ) -> dict[str, str]:
     """Return recording -> split. Recordings with equal content count once and share a split.
 
@@ -155,13 +161,14 @@ def deal_contents(
         contents: recording -> digest of its content.
         splits: the recipe's `splits`.
         sceneless: recordings without scenes.
+        ties: see `deal`.
     """
     first: dict[str, str] = {}
     for key, content in sorted(contents.items()):
         first.setdefault(content, key)
-    with_scenes = deal((key for key in first.values() if key not in sceneless), splits)
+    with_scenes = deal((key for key in first.values() if key not in sceneless), splits, ties)
     pinned = splits.model_copy(update={"pinned": {**splits.pinned, **with_scenes}})
-    dealt = deal(first.values(), pinned)
+    dealt = deal(first.values(), pinned, ties)
     return {key: dealt[first[content]] for key, content in contents.items()}
 
 
@@ -204,7 +211,7 @@ def select_inputs(plan: Plan, live: frozenset[str]) -> DatasetInputs:
                 failed[kind.name][key] = reason
             elif key in live and kind.part in bag.recorded and "bag" in bag.recorded:
                 parts[kind.name].append(Part(key, bag.recorded["bag"], bag.recorded[kind.part]))
-    return DatasetInputs({name: tuple(each) for name, each in parts.items()}, skipped, failed)
+    return DatasetInputs({name: tuple(each) for name, each in parts.items()}, skipped, failed, plan.ties)
 
 
 def _failure(bag: BagPlan, part: str) -> str | None:

@@ -65,7 +65,8 @@ def report_data(
     durations_s = [(r.key, r.duration_s) for r in recordings if r.state in {"ready", "stale"}]
     shares = shares_of(durations_s, recipe.splits, dealt)
     dataset = recipe.nuscenes.output / recipe.nuscenes.version
-    idle_pins = sorted(recipe.splits.pinned.keys() - plan.bags.keys())
+    former = {key for keys in plan.ties.former.values() for key in keys}
+    idle_pins = sorted(recipe.splits.pinned.keys() - plan.bags.keys() - former)
     return ReportData(
         recipe.name, dataset, recordings, plan.excluded, shares, idle_pins, problems, checks_passed=passed
     )
@@ -112,7 +113,7 @@ def _dealt(recipe: Recipe, store: Store, plan: Plan) -> dict[str, str]:
         }
         for kind in formats()
     }
-    return deal_contents(contents, recipe.splits, recordings_without_scenes(store, parts))
+    return deal_contents(contents, recipe.splits, recordings_without_scenes(store, parts), plan.ties)
 
 
 def _tracks(recipe: Recipe, store: Store, plan: Plan) -> dict[str, Track]:

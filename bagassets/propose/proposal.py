@@ -63,6 +63,8 @@ def propose_recipe(
     name: str,
     root: Path | str,
     include: Sequence[str] = (),
+    series: Mapping[str, bool | Sequence[str]] | None = None,
+    asked: Mapping[str, str] | None = None,
     unreadable: Mapping[str, str] | None = None,
     found: int | None = None,
     digest_attributes: bool = False,
@@ -78,6 +80,8 @@ def propose_recipe(
         name: name of the project.
         root: bag root as it should be written.
         include: globs of the recordings that the project takes; none = all below the root.
+        series: the recipe's `bags.series`.
+        asked: path of a whole drive -> the question whether some recordings are its parts.
         unreadable: path below the bag root -> why that recording could not be read.
         found: number of recordings there are, if not all were looked into.
         digest_attributes: builds may store digests beside the recordings.
@@ -98,6 +102,7 @@ def propose_recipe(
     sheet.field(1, f"root: {yaml_scalar(str(root))}")
     if include:
         sheet.field(1, f"include: [{', '.join(map(yaml_scalar, include))}]")
+    _series(sheet, series or {}, asked or {})
     if digest_attributes:
         sheet.field(1, "digest_attributes: true", "digests are stored beside the recordings")
     else:
@@ -129,6 +134,18 @@ def propose_recipe(
     sheet.field(0, "nuscenes:")
     sheet.field(1, f"version: {yaml_scalar(f'v1.0-{_slug(name)}')}")
     return Proposal(sheet.text(), rigs, bare, sheet.guesses, sheet.questions)
+
+
+def _series(sheet: Sheet, series: Mapping[str, bool | Sequence[str]], asked: Mapping[str, str]) -> None:
+    if series:
+        sheet.field(1, "series:")
+    for whole, parts in series.items():
+        if not isinstance(parts, bool):
+            sheet.field(2, f"{yaml_scalar(whole)}: [{', '.join(map(yaml_scalar, parts))}]")
+    for question in asked.values():
+        sheet.ask(1, "bags.series", question)
+    if asked:
+        sheet.off(1, f"series: {{{', '.join(f'{yaml_scalar(whole)}: true' for whole in asked)}}}")
 
 
 def _rigs(groups: Sequence[Group]) -> list[RigProposal]:

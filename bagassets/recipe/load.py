@@ -226,7 +226,9 @@ def _absolute(recipe: Recipe, folder: Path) -> Recipe:
         "datasets": datasets,
     }
     store = None if recipe.store is None else (folder / recipe.store).resolve()
-    return recipe.model_copy(update=update | {"state": (folder / recipe.state).resolve(), "store": store})
+    state = (folder / recipe.state).resolve()
+    update |= {"bags": bags.with_state(state), "state": state, "store": store}
+    return recipe.model_copy(update=update)
 
 
 def _read_sections(data: JsonMapping) -> tuple[JsonObject, list[Problem]]:

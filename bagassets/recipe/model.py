@@ -270,12 +270,31 @@ class Bags(Model):
     message_definitions: tuple[Path, ...] = Field(
         (), description="Folders of .msg files for recordings without type definitions."
     )
+    series: dict[str, bool | Annotated[tuple[str, ...], Field(min_length=2)]] = Field(
+        {},
+        description="Drives in several files: path of the whole drive below the root -> paths of its parts in order, `true` for "
+        "the numbered files beside it (`drive.bag: true` joins drive_0.bag, drive_1.bag, …), or `false` to keep these apart; "
+        "default: files are joined if their numbers, topics and times leave no doubt.",
+    )
     digest_attributes: bool = Field(
         False,
         description="Store the digest of a recording with its files, as an extended attribute, so that other projects and "
         "machines need not read them to know what they are; without, builds write nothing to recordings, and keep "
         "digests in the state folder.",
     )
+
+    _state: Path | None = PrivateAttr(None)
+
+    @property
+    def state(self) -> Path | None:
+        """State folder of the project, if it is known, where what was seen of parts is remembered."""
+        return self._state
+
+    def with_state(self, state: Path) -> Self:
+        """Return it with the state folder."""
+        bags = self.model_copy()
+        bags._state = state  # noqa: SLF001  (its own)
+        return bags
 
 
 class Scenes(Model):

@@ -115,6 +115,26 @@ class Database:
                 self._on_read(self._path, position, b"")
             yield topic, log_time_ns, RefusedBytes() if data is None and size else data
 
+    def span_ns(self) -> tuple[int, int] | None:
+        """Return first and last log time; None without messages."""
+        first, last = self._connection.execute(
+            "SELECT min(timestamp), max(timestamp) FROM messages"
+        ).fetchone()
+        return None if first is None else (int(first), int(last))
+
+    def first_times(self, number: int) -> list[tuple[int, int]]:
+        """Return topic id and log time of the first messages."""
+        query = "SELECT topic_id, timestamp FROM messages ORDER BY timestamp LIMIT ?"
+        return self._connection.execute(query, [number]).fetchall()
+
+    def offered_qos(self) -> dict[int, str]:
+        """Return topic id -> offered QoS profiles as YAML; empty where the recorder kept none."""
+        columns = self._connection.execute("PRAGMA table_xinfo(topics)")
+        if not any(column[1] == "offered_qos_profiles" for column in columns):
+            return {}
+        rows = self._connection.execute("SELECT id, offered_qos_profiles FROM topics")
+        return {number: str(text) for number, text in rows}
+
     def close(self) -> None:
         """Close the file."""
         self._connection.close()

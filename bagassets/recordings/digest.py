@@ -29,7 +29,9 @@ __all__ = [
     "RecordingDigest",
     "RecordingStat",
     "assert_unchanged",
+    "combined_digest",
     "hash_file",
+    "name_in",
     "recording_digest",
     "recording_stat",
     "stat_files",
@@ -82,9 +84,9 @@ class RecordingDigest:
     """The content digest of a recording.
 
     Attributes:
-        digest: the BLAKE3 digest of a single file; of several, a digest of their sorted (name, digest).
+        digest: the BLAKE3 digest of a single file; of several, see `combined_digest`.
         size: bytes of all files.
-        files: name -> digest.
+        files: name -> digest; of a series, paths from the folder of its whole drive.
         hashed_bytes: how many bytes were read; 0 if all digests were on record.
         kept: name -> where its digest is on record.
         statuses: path and status of each file, for which the digest is valid.
@@ -134,8 +136,8 @@ def stored_digest(recording: RecordingFiles, index: DigestIndex | None = None) -
         digest = digest_on_record(path, stat, index)
         if digest is None:
             return None
-        digests[path.name] = digest
-    return combined_digest(digests)
+        digests[name_in(recording, path)] = digest
+    return combined_digest(recording, digests)
 
 
 def recording_digest(
@@ -165,6 +167,7 @@ def recording_digest(
     statuses = []
     hashed = size = 0
     for path, stat in stat_files(recording):
+        name = name_in(recording, path)
         size += stat.st_size
         digest = None if rehash else digest_on_record(path, stat, index)
         if digest is None:
@@ -173,12 +176,12 @@ def recording_digest(
                 digest = hash_file(path, before, between, hasher)
             hashed += stat.st_size
         try:
-            kept[path.name], stat = put_on_record(path, stat, digest, index)  # noqa: PLW2901  (as it is now)
+            kept[name], stat = put_on_record(path, stat, digest, index)  # noqa: PLW2901  (as it is now)
         except OSError as err:
             raise _gone(path, err) from err
-        digests[path.name] = digest
+        digests[name] = digest
         statuses.append((path, stat))
-    return RecordingDigest(combined_digest(digests), size, digests, hashed, kept, tuple(statuses))
+    return RecordingDigest(combined_digest(recording, digests), size, digests, hashed, kept, tuple(statuses))
 
 
 class HashedAlong:
@@ -267,8 +270,19 @@ def stat_files(recording: RecordingFiles) -> list[tuple[Path, os.stat_result]]:
         raise _gone(err.filename, err) from err
 
 
-def combined_digest(digests: dict[str, str]) -> str:
-    """Return the digest of a recording, given those of its files (name -> digest)."""
+def name_in(recording: RecordingFiles, path: Path) -> str:
+    """Return what a file of a recording is called among its digests."""
+    return os.path.relpath(path, recording.path.parent) if recording.parts else path.name
+
+
+def combined_digest(recording: RecordingFiles, digests: dict[str, str]) -> str:
+    """Return the digest of a recording, given those of its files (name -> digest).
+
+    That of a series is one of its parts in order, whatever they are called; that of a folder is one of its sorted (name,
+    digest); that of a single file is the file's.
+    """
+    if recording.parts:
+        return digest_json(["series", *digests.values()])
     if len(digests) == 1:
         return next(iter(digests.values()))
     return digest_json(sorted(digests.items()))

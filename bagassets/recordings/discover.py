@@ -6,18 +6,21 @@ import os
 import re
 import stat
 import unicodedata
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from operator import attrgetter
 from pathlib import Path
 
 from bagassets.errors import RecordingError
 from bagassets.recipe.model import Bags
 from bagassets.recordings.globs import literal_glob, matches, may_match_within
+from bagassets.recordings.join_parts import Joined, join_parts
 from bagassets.recordings.journals import journals_of
 from bagassets.recordings.model import METADATA, Format, RecordingFiles
 from bagassets.recordings.own_files import is_view_file
+from bagassets.recordings.series import candidates, whole_of
 
-__all__ = ["Discovery", "bags_of_one", "discover", "find_one", "matches"]
+__all__ = ["Discovery", "bags_of_one", "bags_of_parts", "discover", "find_one", "matches"]
 
 _ROS2_KEY, _HEAD_BYTES = b"rosbag2_bagfile_information", 4096
 _NO_STORAGE = "there is no .db3 or .mcap file beside its metadata.yaml; it is still being copied, or damaged"
@@ -50,11 +53,22 @@ class Discovery:
         excluded: path below the root and reason, for each recording left out and each folder that cannot be read.
         unreadable: path below the root -> a sentence, for each folder or file that cannot be read and is not in
             `bags.exclude`.
+        asked: path of a whole drive -> the question whether some recordings are its parts.
+        near: key of such a recording -> that path; until the question is answered, they lie in one split.
     """
 
     recordings: dict[str, RecordingFiles]
     excluded: list[tuple[str, str]]
     unreadable: dict[str, str] = field(default_factory=dict)
+    asked: dict[str, str] = field(default_factory=dict)
+    near: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def former_keys(self) -> dict[str, tuple[str, ...]]:
+        """Key of each series -> the keys that its parts would have alone, and had before they were joined."""
+        return {
+            key: tuple(part.key for part in one.parts) for key, one in self.recordings.items() if one.parts
+        }
 
     def unseen(self, keys: Iterable[str]) -> frozenset[str]:
         """Return those of `keys` that were not found, but may lie in a folder that cannot be read.
@@ -73,7 +87,7 @@ class Discovery:
         return tuple(sorted(set(missing) - self.unseen(missing)))
 
 
-def discover(bags: Bags) -> Discovery:
+def discover(bags: Bags, *, joined: bool = True) -> Discovery:
     """Return the recordings that the recipe's `bags` select.
 
     Hidden files and unfinished copies (`.active`, `.part`, `.tmp`) are no recordings. Folders and files that cannot be read
@@ -81,6 +95,7 @@ def discover(bags: Bags) -> Discovery:
 
     Args:
         bags: where to look, and which recordings count.
+        joined: parts of one drive are one recording; else each file is, and none is opened.
 
     Raises:
         RecordingError: the root is missing or cannot be read.
@@ -89,10 +104,16 @@ def discover(bags: Bags) -> Discovery:
         raise RecordingError(f"{bags.root}: no such folder; correct bags.root in the recipe.")
     walk = _Walk(bags)
     walk.folder(bags.root, "", ())
+    found = sorted(walk.recordings, key=attrgetter("relative"))
+    if bags.include != ("**",) or bags.exclude:
+        reasons = {one.relative: _exclusion(bags, one.relative) for one in found}
+        walk.excluded += [(relative, reason) for relative, reason in reasons.items() if reason is not None]
+        found = [one for one in found if reasons[one.relative] is None]
+    series = join_parts(bags, found, _key) if joined else Joined({one.relative: one for one in found})
+    walk.excluded += series.left_out
     recordings: dict[str, RecordingFiles] = {}
-    for recording in sorted(walk.recordings, key=lambda recording: recording.relative):
-        reason = _exclusion(bags, recording.relative)
-        if reason is not None:
+    for recording in series.recordings.values():
+        if recording.parts and (reason := _exclusion(bags, recording.relative, include=False)) is not None:
             walk.excluded.append((recording.relative, reason))
         elif recording.key in recordings:
             other = recordings[recording.key].relative
@@ -102,7 +123,11 @@ def discover(bags: Bags) -> Discovery:
         else:
             recordings[recording.key] = recording
     return Discovery(
-        dict(sorted(recordings.items())), sorted(walk.excluded), dict(sorted(walk.unreadable.items()))
+        dict(sorted(recordings.items())),
+        sorted(walk.excluded),
+        dict(sorted({**walk.unreadable, **series.broken}.items())),
+        series.asked,
+        {_key(relative): whole for relative, whole in series.near.items()},
     )
 
 
@@ -163,6 +188,22 @@ def bags_of_one(path: Path) -> Bags:
     return Bags(root=path.parent, include=(literal_glob(path.name),))
 
 
+def bags_of_parts(paths: Sequence[Path]) -> Bags:
+    """Return the `bags` of a recipe that select the files at some paths, as the parts of one drive.
+
+    Raises:
+        RecordingError: one is no recording of a single file.
+    """
+    for path in paths:
+        recording = find_one(path)
+        if path.suffix != paths[0].suffix or path not in recording.files:
+            raise RecordingError(f"{path}: the parts of a drive are files of one format.")
+    root = Path(os.path.commonpath([path.absolute().parent for path in paths]))
+    names = tuple(path.absolute().relative_to(root).as_posix() for path in paths)
+    whole = next((one.whole for one in candidates(names)), names[0])
+    return Bags(root=root, include=tuple(map(literal_glob, names)), series={whole: names})
+
+
 @dataclass
 class _Walk:
     """A walk below the bag root that collects recordings in no particular order.
@@ -212,7 +253,7 @@ class _Walk:
                     self._unreadable(within, err)
 
     def _entry(self, entry: os.DirEntry[str], relative: str, ancestors: tuple[tuple[int, int], ...]) -> None:
-        suffix = os.path.splitext(entry.name)[1]  # noqa: PTH122  (a Path per file is slow)
+        suffix = entry.name[entry.name.rfind(".") :]  # hidden files are left out
         if suffix in _BARE and not entry.is_dir():
             path, status = Path(entry.path), entry.stat()
             if (what := _special_kind(status)) is not None:
@@ -254,13 +295,20 @@ class _Walk:
         self.unreadable[relative] = f"{self.bags.root / relative}: {reason}."
 
 
-def _exclusion(bags: Bags, relative: str) -> str | None:
-    if not any(matches(pattern, relative) for pattern in bags.include):
+def _exclusion(bags: Bags, relative: str, *, include: bool = True) -> str | None:
+    if include and not _is_included(bags, relative):
         return "not matched by bags.include"
     for pattern in bags.exclude:
         if matches(pattern, relative):
             return f"excluded by bags.exclude ({pattern})"
     return None
+
+
+def _is_included(bags: Bags, relative: str) -> bool:
+    if any(matches(pattern, relative) for pattern in bags.include):
+        return True
+    whole = whole_of(relative)  # a glob may be about the drive that it is a part of
+    return whole is not None and any(matches(pattern, whole) for pattern in bags.include)
 
 
 def _folder_recording(folder: Path, relative: str, entries: list[os.DirEntry[str]]) -> RecordingFiles | None:
@@ -312,6 +360,10 @@ def _recording_files(
 ) -> RecordingFiles:
     found = dict(files)
     found |= journals_of(found)
+    if len(found) == 1:  # most are, and there may be thousands
+        ((_, status),) = files
+        key = _key(relative)
+        return RecordingFiles(key, relative, path, file_format, (path,), status.st_size, status.st_mtime_ns)
     size, mtime_ns = sum(s.st_size for s in found.values()), max(s.st_mtime_ns for s in found.values())
     return RecordingFiles(_key(relative), relative, path, file_format, tuple(sorted(found)), size, mtime_ns)
 

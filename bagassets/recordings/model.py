@@ -48,11 +48,13 @@ class RecordingFiles:
     Attributes:
         key: partition key, a readable slug of `relative`; unique below one root.
         relative: path below the bag root, with `/`.
-        path: the bag file, or the folder of a ROS 2 bag.
+        path: the bag file, or the folder of a ROS 2 bag; of a series, where the whole drive would be.
         format: ros1 (`.bag`), ros2 (folder with metadata.yaml, or a bare `.db3`), mcap (bare `.mcap`).
-        files: the files that make up the recording, sorted by name; what a killed recorder left beside them is among them.
+        files: the files that make up the recording, sorted by name, with what a killed recorder left beside them; of a series,
+            in the order of its parts.
         size: sum of their sizes in bytes.
         mtime_ns: newest modification time of any of them.
+        parts: of a series, its parts in order, each as the recording that it would be alone.
     """
 
     key: str
@@ -62,6 +64,12 @@ class RecordingFiles:
     files: tuple[Path, ...]
     size: int
     mtime_ns: int
+    parts: tuple["RecordingFiles", ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Its path below the bag root, and those of its parts: globs may be about any of them."""
+        return (self.relative, *(part.relative for part in self.parts))
 
 
 class Message(Protocol):

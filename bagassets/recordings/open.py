@@ -1,6 +1,7 @@
 """Opening a recording, whatever its format."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from bagassets.errors import BagAssetsError, RecordingError
@@ -12,6 +13,7 @@ from bagassets.recordings.model import OnRead, RecordingFiles
 from bagassets.recordings.recording import Recording
 from bagassets.recordings.rosbag1 import Rosbag1Recording
 from bagassets.recordings.rosbag2 import Rosbag2Recording
+from bagassets.recordings.series_recording import SeriesRecording
 
 __all__ = ["open_recording"]
 
@@ -34,11 +36,23 @@ def open_recording(
         RecordingError: it is not a readable recording; the message says what to do.
     """
     path = recording.path if isinstance(recording, RecordingFiles) else recording
+    limits = limits or Limits()
+    if isinstance(recording, RecordingFiles) and recording.parts:
+        opener = partial(
+            open_recording, message_definitions=message_definitions, limits=limits, on_read=on_read
+        )
+        return SeriesRecording(
+            path,
+            recording.format,
+            [part.path for part in recording.parts],
+            opener,
+            message_definitions,
+            limits,
+        )
     if not path.exists():
         raise RecordingError(f"{path}: no such file; it was removed or renamed.")
     if path.is_file() and path.stat().st_size == 0:
         raise RecordingError(f"{path}: the file is empty; {advice_for(path)}.")
-    limits = limits or Limits()
     try:
         if path.is_dir():
             return Rosbag2Recording(path, message_definitions, limits, on_read)

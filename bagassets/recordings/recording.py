@@ -1,6 +1,7 @@
 """An open recording of any file format: its topics, its messages in order, and views of some of its topics."""
 
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Self
@@ -23,12 +24,16 @@ class Recording(ABC):
         path: the bag file, or the folder of a ROS 2 bag.
         file_format: the format of its files.
         topics: its topics, sorted by name.
+
+    Attributes:
+        repeated: topic -> messages that were left out as repeated by the recorder, in the last pass.
     """
 
     def __init__(self, path: Path, file_format: Format, topics: Mapping[str, Topic]) -> None:
         self.path = path
         self.format = file_format
         self.topics = topics
+        self.repeated: Counter[str] = Counter()
 
     @abstractmethod
     def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:

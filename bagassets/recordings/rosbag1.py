@@ -6,6 +6,7 @@ than reading the file. Headers of one connection differ in their time only (http
 """
 
 import os
+from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from io import BytesIO
@@ -28,7 +29,7 @@ from bagassets.recordings.recording import Recording
 from bagassets.recordings.sizes import Sizes
 from bagassets.recordings.topic import TopicSource, merge_topics, normalise_msgtype
 
-__all__ = ["Rosbag1Recording"]
+__all__ = ["Rosbag1Recording", "read_summary"]
 
 _SIZE = Struct("<I")
 _TIME = Struct("<II")
@@ -133,7 +134,7 @@ class _IndexReader(rosbag1.Reader):
             MessageDefinition(MessageDefinitionFormat.MSG, _text(fields, "message_definition")),
             "",
             0,
-            ConnectionExtRosbag1(None, None),
+            ConnectionExtRosbag1(None, int(fields.get("latching") == b"1")),
             self,
         )
 
@@ -216,6 +217,35 @@ class _IndexReader(rosbag1.Reader):
             return decompress(packed, compression, unpacked_bytes)
         except TooLargeError:
             raise DamageError(f"the chunk at byte {position} holds more than it announces") from None
+
+
+class _EnoughRead(Exception):  # noqa: N818  (no error)
+    """The index at the end of the file was read; that of each chunk is not wanted."""
+
+
+class _SummaryReader(_IndexReader):
+    def read_chunk(self) -> Chunk:
+        raise _EnoughRead(list(self.connections), list(self.chunk_infos))
+
+
+def read_summary(path: Path, limits: Limits) -> tuple[list[Connection], Counter[int], int, int]:
+    """Return connections, connection -> messages, and first and last log time (ns), from the end of the file alone.
+
+    Raises:
+        DamageError: the index contradicts itself. On damaged bytes the library raises anything else.
+    """
+    reader = _SummaryReader(path, limits, None)
+    connections: list[Connection] = []
+    chunks: list[ChunkInfo] = []
+    try:
+        reader.open()
+    except _EnoughRead as found:
+        connections, chunks = found.args
+    counts: Counter[int] = Counter()
+    for chunk in chunks:
+        counts.update(chunk.connection_counts)
+    start_ns = min((chunk.start_time for chunk in chunks), default=0)
+    return connections, counts, start_ns, max((chunk.end_time for chunk in chunks), default=1) - 1
 
 
 def _text(header: Header, name: str) -> str:

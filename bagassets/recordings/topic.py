@@ -81,6 +81,7 @@ class Topic:
         limits: bounds on definitions and messages; by default those of an empty recipe.
 
     Attributes:
+        source: the topic as the recording announces it.
         name: topic as recorded.
         msgtype: normalised type, `pkg/msg/Type`.
         count: number of messages that the recording announces.
@@ -91,6 +92,7 @@ class Topic:
     def __init__(
         self, source: TopicSource, message_definitions: Sequence[Path] = (), limits: Limits | None = None
     ) -> None:
+        self.source = source
         self.name = source.topic
         self.msgtype = source.msgtype
         self.count = source.count

@@ -163,7 +163,7 @@ class Watcher:
             may be finished.
         """
         now_s, wall_s = time.monotonic(), time.time()
-        discovery = discover(self._bags)
+        discovery = discover(self._bags, joined=False)  # parts are hashed one by one, as they are finished
         for sentence in discovery.unreadable.values():
             self._report_once(WatchEvent("problem", sentence))
         due: list[tuple[float, str, RecordingFiles]] = []

@@ -192,7 +192,7 @@ class SlurmRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
         if stale:  # copied from the run that this one repeats
             self._instance.add_run_tags(run.run_id, stale)
         self._spool.make()
-        sizes = {str(one.path): one.size for one in recordings}
+        sizes = {str(part.path): part.size for one in recordings for part in one.parts or (one,)}
         seconds = self._seconds(len(keys), sum(sizes.values()))
         waiting = SpooledRun(run.run_id, spec, seconds, time.time(), max(1, len(keys)), sizes)
         self._spool.put(waiting)

@@ -11,7 +11,9 @@ __all__ = ["inside", "unmet_condition"]
 Point = Sequence[float]
 
 
-def unmet_condition(wanted: NamedDataset, rig: str, key: str, scene: JsonMapping) -> str | None:
+def unmet_condition(
+    wanted: NamedDataset, rig: str, key: str, scene: JsonMapping, former: Sequence[str] = ()
+) -> str | None:
     """Return a clause about the first condition that a scene does not meet; None if it belongs to the dataset.
 
     Args:
@@ -19,10 +21,11 @@ def unmet_condition(wanted: NamedDataset, rig: str, key: str, scene: JsonMapping
         rig: name of the rig that made the recording.
         key: partition key of the recording.
         scene: facts about the scene.
+        former: keys that the parts of a series had alone.
     """
     if wanted.rigs and rig not in wanted.rigs:
         return f"made by rig {rig}"
-    if wanted.recordings and not _matches(key, wanted.recordings):
+    if wanted.recordings and not any(_matches(one, wanted.recordings) for one in (key, *former)):
         return "not one of the recordings"
     if wanted.scenes and not _matches(scene["name"], wanted.scenes):
         return "not one of the scenes"

@@ -39,7 +39,8 @@ def select(
     for part in parts:
         tables = store.artifact(part.artifact)
         facts = _scene_facts(recipe, store, plan, part, tables)
-        unmet = [unmet_condition(wanted, facts["rig"], part.key, scene) for scene in facts["scenes"]]
+        former = plan.ties.former.get(part.key, ())
+        unmet = [unmet_condition(wanted, facts["rig"], part.key, scene, former) for scene in facts["scenes"]]
         kept = [scene for scene, why in zip(facts["scenes"], unmet, strict=True) if why is None]
         left_out.update(why for why in unmet if why is not None)
         if not kept:

@@ -1,0 +1,139 @@
+"""Joining files into series: as the recipe says, and where it says nothing, as far as their names and content are sure."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+
+from bagassets.quantities import count_text
+from bagassets.recipe.model import Bags
+from bagassets.recordings.model import RecordingFiles
+from bagassets.recordings.series import Candidate, Part, Verdict, candidates, judge
+
+__all__ = ["Joined", "join_parts"]
+
+
+_NO_PARTS = "bags.series says that it is one drive, but there are not two numbered files of it; correct its name there"
+
+
+# First file -> path, size and time of each file, and what was decided: sensors look at the same files every few seconds.
+_judged: dict[str, tuple[list[tuple[str, int, int]], Verdict]] = {}
+
+
+@dataclass
+class Joined:
+    """Recordings below the bag root, with series in place of their parts.
+
+    Attributes:
+        recordings: path below the bag root -> recording.
+        asked: path of a whole drive -> the question whether some files are its parts.
+        near: path of a recording -> path of the whole drive in question; those of one lie in one split.
+        broken: path of a series that lacks parts -> what to do.
+        left_out: path and reason of recordings that belong to a broken one.
+    """
+
+    recordings: dict[str, RecordingFiles]
+    asked: dict[str, str] = field(default_factory=dict)
+    near: dict[str, str] = field(default_factory=dict)
+    broken: dict[str, str] = field(default_factory=dict)
+    left_out: list[tuple[str, str]] = field(default_factory=list)
+
+
+def join_parts(bags: Bags, recordings: Sequence[RecordingFiles], key_of: Callable[[str], str]) -> Joined:
+    """Join the parts of series.
+
+    Args:
+        bags: has the user's answers.
+        recordings: what was found, each file for itself.
+        key_of: returns the partition key for a path below the bag root.
+    """
+    joined = Joined({recording.relative: recording for recording in recordings})
+    for name, answer in bags.series.items():
+        if not isinstance(answer, bool):
+            _join_named(joined, bags.root, name, tuple(dict.fromkeys(answer)), key_of)
+    files = (path for path, one in joined.recordings.items() if one.files[0] == one.path)
+    for candidate in list(candidates(files)):
+        verdict = _verdict(joined, bags, candidate)
+        if verdict.kind == "one":
+            _join(joined, candidate.whole, verdict.parts, key_of)
+        elif verdict.kind == "asked":
+            joined.asked[candidate.whole] = _question(candidate, verdict.why)
+            joined.near |= {path: candidate.whole for group in verdict.near for path in group}
+    wholes = {path for path, one in joined.recordings.items() if one.parts}
+    wholes |= {_without_suffix(path) for path in wholes}
+    joined.left_out += [
+        (name, _NO_PARTS) for name, answer in bags.series.items() if answer is True and name not in wholes
+    ]
+    return joined
+
+
+def _verdict(joined: Joined, bags: Bags, candidate: Candidate) -> Verdict:
+    whole, numbers = candidate
+    answer = bags.series.get(whole, bags.series.get(_without_suffix(whole)))
+    if answer is False:
+        return Verdict("apart")
+    if answer is not None:
+        return Verdict("one", tuple(numbers))
+    from bagassets.recordings.part_facts import facts_of_parts  # noqa: PLC0415  (most folders have no series)
+
+    files = [joined.recordings[path] for path in numbers]
+    as_it_is = [(one.relative, one.size, one.mtime_ns) for one in files]
+    before, verdict = _judged.get(str(files[0].path), ([], Verdict("apart")))
+    if before != as_it_is:
+        facts = facts_of_parts(files, bags.state)
+        verdict = judge([Part(*named, one) for named, one in zip(numbers.items(), facts, strict=True)])
+        if not any(isinstance(one, str) for one in facts):  # those may be readable next time
+            _judged[str(files[0].path)] = as_it_is, verdict
+    if verdict.kind == "one" and whole in joined.recordings:
+        return Verdict("asked", (), f"{whole} lies beside them", ((whole, *verdict.parts),))
+    return verdict
+
+
+def _without_suffix(path: str) -> str:
+    return str(PurePosixPath(path).with_suffix(""))
+
+
+def _join_named(
+    joined: Joined, root: Path, name: str, files: Sequence[str], key_of: Callable[[str], str]
+) -> None:
+    """Join the files that the recipe names; without one of them, nothing is made of the others."""
+    suffix = PurePosixPath(files[0]).suffix
+    whole = name if name.endswith(suffix) else name + suffix
+    found = [path for path in files if path in joined.recordings]
+    problem = ""
+    if missing := [path for path in files if path not in joined.recordings]:
+        more = f" and {count_text(len(missing) - 1, 'more part')}" if missing[1:] else ""
+        problem = f"{missing[0]}{more} of bags.series cannot be found"
+    elif odd := [path for path in found if joined.recordings[path].path.suffix != suffix or not suffix]:
+        problem = f"{odd[0]} of bags.series is no file of the format of {files[0]}"
+    if not problem:
+        _join(joined, whole, files, key_of)
+        return
+    for path in found:
+        del joined.recordings[path]
+        joined.left_out.append((path, f"part of {whole}, of which {problem}"))
+    joined.left_out.append((whole, f"{problem}; copy it there, or correct bags.series"))
+    joined.broken[whole] = f"{root / whole}: {problem}; copy it there, or correct bags.series."
+
+
+def _join(joined: Joined, whole: str, paths: Sequence[str], key_of: Callable[[str], str]) -> None:
+    parts = tuple(joined.recordings.pop(path) for path in paths)
+    root = Path(str(parts[0].path).removesuffix(parts[0].relative))
+    joined.recordings[whole] = RecordingFiles(
+        key_of(whole),
+        whole,
+        root / whole,
+        parts[0].format,
+        tuple(file for part in parts for file in part.files),
+        sum(part.size for part in parts),
+        max(part.mtime_ns for part in parts),
+        parts,
+    )
+
+
+def _question(candidate: Candidate, why: str) -> str:
+    names = list(candidate.numbers)
+    shown = " and ".join(names) if len(names) == 2 else f"{names[0]} to {names[-1]} ({len(names)} files)"
+    return (
+        f"{shown}: parts of one drive, or drives of their own? {why}. Say `{candidate.whole}: true` (one) or `false` in "
+        "bags.series; until then they are apart, in one split."
+    )

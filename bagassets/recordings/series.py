@@ -1,0 +1,175 @@
+"""Which recordings are the parts of one drive: what their names, topics and times say.
+
+Recorders split long drives into `STEM_0`, `STEM_1`, …; `rosbag record` gives each part a date of its own. Other people number
+their drives the same way, so names alone say nothing, and what is not sure is a question to the user.
+"""
+
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
+from typing import Literal, NamedTuple
+
+__all__ = ["Candidate", "Part", "PartFacts", "Verdict", "candidates", "judge", "whole_of"]
+
+_NUMBERED = re.compile(r"(?s)(.+)_([0-9]{1,6})(\.bag|\.mcap|\.db3)")
+_DATED = re.compile(r"(?s)(.*?)_?[0-9]{4}(?:-[0-9]{2}){5}")
+_SECOND_NS = 1_000_000_000
+# Threads of a recorder hand over messages late, so parts may overlap a little.
+_MOST_OVERLAP_NS = _SECOND_NS
+_LEAST_PAUSE_NS = 2 * _SECOND_NS
+_PERIODS = 3
+# Drives so near in time show the same place and the same objects, whether they are one or not.
+_NEAR_NS = 60 * _SECOND_NS
+
+
+class PartFacts(NamedTuple):
+    """What tells whether a file goes on where another ends.
+
+    Attributes:
+        topics: topic -> type.
+        latched: topics whose messages hold until the next one, so that later parts need not have any.
+        start_ns: log time of its first message.
+        end_ns: log time of its last message.
+        period_ns: the longest period of a regular topic; 0 if there is none.
+    """
+
+    topics: Mapping[str, str]
+    latched: Sequence[str]
+    start_ns: int
+    end_ns: int
+    period_ns: int
+
+
+class Part(NamedTuple):
+    """A file that may be part of a series: name and number, and its facts or why there are none."""
+
+    name: str
+    number: int
+    facts: PartFacts | str
+
+
+class Candidate(NamedTuple):
+    """Files whose names fit a series.
+
+    Attributes:
+        whole: path of the whole drive, below the bag root.
+        numbers: path of each file below the bag root -> its number, in order.
+    """
+
+    whole: str
+    numbers: dict[str, int]
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What is to be done with files whose names fit a series.
+
+    Attributes:
+        kind: `one` drive, `apart`, or `asked`: apart until the user says what they are.
+        parts: names of the files that are one drive, in order.
+        why: if asked, why they may not be one drive.
+        near: if asked, groups of names that must not lie in different splits.
+    """
+
+    kind: Literal["one", "apart", "asked"]
+    parts: tuple[str, ...] = ()
+    why: str = ""
+    near: tuple[tuple[str, ...], ...] = ()
+
+
+def candidates(paths: Iterable[str]) -> Iterator[Candidate]:
+    """Yield the groups of files whose names fit a series, from paths below the bag root."""
+    groups: dict[tuple[str, bool, str], list[tuple[str, int, str]]] = {}
+    for path in paths:
+        found = _NUMBERED.fullmatch(path)
+        if found is not None:
+            stem, number, suffix = found.groups()
+            groups.setdefault((*_undated(stem), suffix), []).append((stem, int(number), path))
+    for (_, is_dated, suffix), files in groups.items():
+        runs = list(_runs(sorted(files))) if len(files) > 1 else []
+        if is_dated or len(runs) == 1:  # else a number stands twice, as in `drive_1` and `drive_01`
+            for run in runs:
+                missing = run[-1][1] - run[0][1] + 1 - len(run)
+                # Where most numbers are missing, they count something else, such as seconds.
+                if len(run) > 1 and missing < len(run):
+                    yield Candidate(run[0][0] + suffix, {path: number for _, number, path in run})
+
+
+@lru_cache(maxsize=100)
+def _undated(stem: str) -> tuple[str, bool]:
+    """Return a path without the date at its end, and whether there was one."""
+    folder, slash, name = stem.rpartition("/")
+    dated = _DATED.fullmatch(name)
+    return (stem, False) if dated is None else (f"{folder}{slash}{dated[1]}", True)
+
+
+def whole_of(path: str) -> str | None:
+    """Return the path of the whole drive that a file is a part of, by its name; None if it can be no part."""
+    found = _NUMBERED.fullmatch(path)
+    return None if found is None else found[1] + found[3]
+
+
+def _runs(files: Sequence[tuple[str, int, str]]) -> Iterator[list[tuple[str, int, str]]]:
+    """Yield runs of files with ascending numbers; the dates of `rosbag record` tell several drives apart."""
+    run: list[tuple[str, int, str]] = []
+    for one in files:
+        if run and one[1] <= run[-1][1]:
+            yield run
+            run = []
+        run.append(one)
+    yield run
+
+
+def judge(parts: Sequence[Part]) -> Verdict:
+    """Return whether files, in the order of their numbers, are one drive.
+
+    One that cannot be read ends the drive if it is the last: it may be still in the making.
+    """
+    readable = [(part.name, part.facts) for part in parts if isinstance(part.facts, PartFacts)]
+    if len(readable) < 2:
+        return Verdict("apart")
+    near = [[readable[0][0]]]
+    reasons = [_gap_in_numbers(parts)]
+    for before, (name, facts) in pairwise(readable):
+        reason, is_near = _compare(*before, name, facts)
+        reasons.append(reason)
+        near += [] if is_near else [[]]
+        near[-1].append(name)
+    if not any(reasons):
+        return Verdict("one", tuple(name for name, _ in readable))
+    groups = tuple(tuple(group) for group in near if len(group) > 1)
+    return Verdict("asked", (), next(filter(None, reasons)), groups) if groups else Verdict("apart")
+
+
+def _compare(before: str, one: PartFacts, name: str, other: PartFacts) -> tuple[str, bool]:
+    """Return why a part may not go on where the one before it ends ("" if it does), and whether both are near in time."""
+    pause_ns = other.start_ns - one.end_ns
+    most_ns = max(_LEAST_PAUSE_NS, _PERIODS * max(one.period_ns, other.period_ns))
+    apart_ns = max(pause_ns, one.start_ns - other.end_ns)
+    is_near = apart_ns <= max(_NEAR_NS, most_ns)
+    if pause_ns > most_ns:
+        return f"{name} begins {pause_ns / 1e9:.1f} s after {before} ends", is_near
+    if pause_ns < -_MOST_OVERLAP_NS or other.start_ns <= one.start_ns:
+        return f"{name} begins {-pause_ns / 1e9:.1f} s before {before} ends", is_near
+    if one.topics != other.topics:
+        differ = one.topics.items() ^ other.topics.items()
+        topics = sorted({topic for topic, _ in differ}.difference(one.latched, other.latched))
+        if topics:
+            more = f" and {len(topics) - 1} more" if len(topics) > 1 else ""
+            return f"{before} and {name} differ in topic {topics[0]}{more}", is_near
+    return "", is_near
+
+
+def _gap_in_numbers(parts: Sequence[Part]) -> str:
+    """Return which part is missing between the first and the last readable one, or cannot be read; "" if none."""
+    there = {part.number: part for part in parts}
+    last = max(part.number for part in parts if isinstance(part.facts, PartFacts))
+    for number in range(parts[0].number, last):
+        part = there.get(number)
+        if part is None:
+            return f"number {number} is missing"
+        if isinstance(part.facts, str):
+            return f"{part.name} cannot be read ({part.facts})"
+    return ""
