@@ -41,9 +41,7 @@ class ActionPair:
             "channel": self.channel or None,
             "now": _with_digest(self.now),
             "last": _with_digest(self.last),
-            "changes": [
-                {"group": c.group, "name": c.name, "before": c.before, "now": c.now} for c in self.changes
-            ],
+            "changes": [vars(change) for change in self.changes],
         }
 
 
@@ -122,12 +120,10 @@ def _actions_now(node: Node) -> dict[str, JsonMapping]:
 
 
 def _actions_of(store: Store, digest: str | None) -> dict[str, JsonMapping]:
-    action = None if digest is None else store.action(digest)
-    return {} if action is None else _with_channels(store, action)
-
-
-def _with_channels(store: Store, action: JsonMapping) -> dict[str, JsonMapping]:
     """Return the actions of an asset's channels by name, or the action itself under "" if it has none."""
+    action = None if digest is None else store.action(digest)
+    if action is None:
+        return {}
     channels = action["params"].get("actions") if action["step"].endswith("_index") else None
     if not channels:
         return {"": action}

@@ -4,10 +4,8 @@ The store is not changed: new artifacts are made in a scratch folder and compare
 """
 
 from collections.abc import Collection, Iterator
-from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from uuid import uuid4
 
 from bagassets.build.execute import run_again
 from bagassets.build.graph import Graph, Node
@@ -16,9 +14,8 @@ from bagassets.errors import BagAssetsError
 from bagassets.json_types import JsonObject
 from bagassets.recordings.digest import DigestIndex, recording_digest, recording_stat, stored_digest
 from bagassets.recordings.discover import discover
-from bagassets.store.action import Action
 from bagassets.store.artifact import Artifact
-from bagassets.store.store import Outcome, Pending, Store
+from bagassets.store.store import Outcome, Store
 
 __all__ = ["KnownAction", "Rebuilt", "Scratch", "known_actions", "rebuild"]
 
@@ -64,12 +61,7 @@ class Rebuilt:
 
     def as_json(self) -> JsonObject:
         """Return the result as JSON."""
-        return {
-            "action": self.action,
-            "artifact": self.artifact,
-            "differing": list(self.differing),
-            "error": self.error,
-        }
+        return asdict(self)
 
 
 def known_actions(assets: RecordingAssets, store: Store) -> Iterator[KnownAction]:
@@ -121,42 +113,8 @@ def rebuild(
     return [rebuilt.get(action) or Rebuilt(action, None, error=gone) for action in sorted(actions)]
 
 
-class Scratch:
-    """A folder in place of the store: artifacts are made there, and nothing is looked up or recorded.
-
-    Args:
-        folder: an empty folder.
-    """
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-
-    def use(self, action: Action) -> None:
-        """Know nothing."""
-
-    def lock(self, action: Action) -> AbstractContextManager[None]:  # noqa: ARG002  (as declared)
-        """Lock nothing: the folder belongs to this process."""
-        return nullcontext()
-
-    def begin(self, action: Action) -> Pending:
-        """Start an action; see `Store.begin`."""
-        return Pending(self, action)
-
-    def make_temporary_folder(self) -> Path:
-        """Create an empty subfolder."""
-        subfolder = self._folder / uuid4().hex
-        subfolder.mkdir(parents=True)
-        return subfolder
-
-    def adopt(self, folder: Path, digest: str) -> Artifact:
-        """Leave an artifact where it was made."""
-        return Artifact(digest, folder)
-
-    def record(self, action: Action, artifact: Artifact, seconds: float) -> None:
-        """Record nothing."""
-
-    def record_failure(self, action: Action, error: str, subject: Path | None = None) -> None:
-        """Record nothing."""
+class Scratch(Store):
+    """An empty folder in place of the store: nothing that was made before is known there, so everything runs again."""
 
 
 def _compare(node: Node, result: Outcome | BagAssetsError) -> Rebuilt:
