@@ -96,7 +96,7 @@ def find_garbage(store: Store, roots: Collection[str], used_since_s: float, now_
     recent = {record.artifact for record in records if record.used_s >= used_since_s}
     needed = _closure(store, {*roots, *recent}, by_artifact)
     garbage = []
-    for folder in _artifacts(store):
+    for folder in sorted((store.root / "artifacts").glob("*/*")):
         if folder.name in needed:
             continue
         made_by = by_artifact.get(folder.name, [])
@@ -210,10 +210,6 @@ def _records(store: Store) -> Iterator[Record]:
             action = record["action"]
             inputs = tuple(str(digest) for digest in action["inputs"].values())
             yield Record(path, str(action["step"]), str(record["artifact"]), inputs, path.stat().st_mtime)
-
-
-def _artifacts(store: Store) -> Iterator[Path]:
-    yield from sorted((store.root / "artifacts").glob("*/*"))
 
 
 def _size(folder: Path) -> int:
