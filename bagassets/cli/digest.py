@@ -129,19 +129,12 @@ def _digested(recording: "RecordingFiles", index: "DigestIndex | None", *, rehas
 def _verified(recording: "RecordingFiles", index: "DigestIndex | None") -> JsonObject:
     from bagassets.recordings.digest_check import check_digests
 
-    wrong = list(check_digests(recording, index))
     return {
         "path": str(recording.path),
         "size": recording.size,
         "disagreements": [
-            {
-                "path": str(w.path),
-                "where": w.where,
-                "recorded": w.recorded,
-                "actual": w.actual,
-                "message": str(w),
-            }
-            for w in wrong
+            {**vars(wrong), "path": str(wrong.path), "message": str(wrong)}
+            for wrong in check_digests(recording, index)
         ],
     }
 
