@@ -157,17 +157,12 @@ class Cache:
             PlanNeeded: the file cannot be read, or was written by another version.
         """
         try:
-            connection = open_read_only(self.path)
+            with closing(open_read_only(self.path)) as connection:
+                if connection.execute(_VERSION).fetchone() != (_FORMAT,):
+                    raise PlanNeeded(f"{self.path}: written by another version")
+                yield connection
         except sqlite3.Error as err:
             raise PlanNeeded(f"{self.path}: {err}") from err
-        with closing(connection):
-            try:
-                version = connection.execute(_VERSION).fetchone()
-            except sqlite3.Error as err:
-                raise PlanNeeded(f"{self.path}: {err}") from err
-            if version != (_FORMAT,):
-                raise PlanNeeded(f"{self.path}: written by another version")
-            yield connection
 
     def _opened(self) -> sqlite3.Connection:
         """Open the file for writing, and create it if it is missing.
