@@ -22,6 +22,7 @@ from bagassets.forkserver.protocol import FirstJob, Message
 from bagassets.forkserver.server_files import ServerFiles
 from bagassets.forkserver.spec import ServerSpec
 from bagassets.forkserver.worker import load_function
+from bagassets.freshness.fingerprints import signature
 from bagassets.json_types import JsonObject
 from bagassets.lock_files import LockFile
 
@@ -117,7 +118,7 @@ class Server:
         on_ready()
         _LOG.info("serving %s, stamp %s", ", ".join(self._spec.modules) or "nothing ahead", self._files.stamp)
         try:
-            while not self._is_done():
+            while self._listener is not None or self._jobs:
                 due = None if self._can_wait and self._is_at_work() else self._later
                 ready = self._selector.select(0.0 if due is not None else _TICK_S)
                 for key, _ in ready:
@@ -194,9 +195,6 @@ class Server:
             return not self._lock.is_in_place
         except OSError:
             return False  # a file server that does not answer for a while
-
-    def _is_done(self) -> bool:
-        return self._listener is None and not self._jobs
 
     def _on_sigterm(self, *_: object) -> None:
         self._end_requested = True  # for the loop, which may be anywhere now
@@ -430,16 +428,10 @@ class LoadedSources:
         installed = {Path(sysconfig.get_path(name)).resolve() for name in ("stdlib", "purelib", "platlib")}
         ignored = installed | set(map(Path, others))
         files = {Path(name) for m in list(sys.modules.values()) if (name := getattr(m, "__file__", None))}
-        self._seen = {file: _signature(file) for file in files if ignored.isdisjoint({file, *file.parents})}
+        self._seen = {
+            file: signature(file)[:2] for file in files if ignored.isdisjoint({file, *file.parents})
+        }
 
     def changed(self) -> list[Path]:
         """Return the files that changed since they were loaded."""
-        return sorted(file for file, seen in self._seen.items() if _signature(file) != seen)
-
-
-def _signature(file: Path) -> tuple[int, int]:
-    try:
-        stat = file.stat()
-    except OSError:
-        return (-1, -1)
-    return stat.st_size, stat.st_mtime_ns
+        return sorted(file for file, seen in self._seen.items() if signature(file)[:2] != seen)
