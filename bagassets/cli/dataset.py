@@ -159,7 +159,7 @@ def _number(number: int, what: str) -> str:
 def _bag_text(bag: "BagDiff", *, has_samples: bool) -> str:
     if bag.change in {"added", "removed"}:
         only = bag.after or bag.before
-        return "" if only is None else _of_bag(only)
+        return "" if only is None else ", ".join([*_numbers(only.counts), f"split {only.split}"])
     if bag.before is None or bag.after is None:
         return ""
     if bag.change == "renamed":
@@ -174,10 +174,6 @@ def _bag_text(bag: "BagDiff", *, has_samples: bool) -> str:
     elif has_samples and not bag.scenes:
         what.append("the same samples")
     return ", ".join(what) or "the same content, made into other tables"
-
-
-def _of_bag(bag: "LockedBag") -> str:
-    return ", ".join([*_numbers(bag.counts), f"split {bag.split}"])
 
 
 def _scene_text(scene: "SceneDiff") -> str:

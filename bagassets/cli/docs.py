@@ -230,10 +230,8 @@ def find_pages() -> dict[str, Path]:
 
 def _page_title(page: Path) -> str:
     """Return the first heading of a page."""
-    for line in page.read_text(encoding="utf-8").splitlines():
-        if line.startswith("# "):
-            return line.removeprefix("# ")
-    return page.stem
+    lines = page.read_text(encoding="utf-8").splitlines()
+    return next((line.removeprefix("# ") for line in lines if line.startswith("# ")), page.stem)
 
 
 def _in_checkout() -> list[Path]:

@@ -103,6 +103,7 @@ def _check(recipe: "Recipe", store: "Store", *, report_only: bool, as_json: bool
             else:
                 store.forget(damage.digest)
         remove_damaged(spoiled)
+    status = ExitStatus.FOUND if damages or spoiled else 0
     if as_json:
         echo_lines(
             json.dumps(
@@ -123,7 +124,7 @@ def _check(recipe: "Recipe", store: "Store", *, report_only: bool, as_json: bool
                 indent=1,
             )
         )
-        return ExitStatus.FOUND if damages or spoiled else 0
+        return status
     for damage in damages:
         of = f" ({names[damage.digest]})" if damage.digest in names else ""
         echo(f"damaged  {damage}{of}")
@@ -131,12 +132,12 @@ def _check(recipe: "Recipe", store: "Store", *, report_only: bool, as_json: bool
         echo(f"dataset  {spoiled_file}")
     if len(spoiled) > _MOST_SHOWN:
         echo(f"dataset  and {count_text(len(spoiled) - _MOST_SHOWN, 'more file')}")
-    if not damages and not spoiled:
-        echo("Store and datasets are intact.")
-        return 0
     done = "Nothing was changed." if report_only else "Removed; the next `bagassets build` makes them again."
-    echo(f"Damage: {len(damages)} in the store, {len(spoiled)} in datasets. {done}", err=True)
-    return ExitStatus.FOUND
+    if status:
+        echo(f"Damage: {len(damages)} in the store, {len(spoiled)} in datasets. {done}", err=True)
+    else:
+        echo("Store and datasets are intact.")
+    return status
 
 
 def _check_recordings(recipe: "Recipe", store: "Store", *, as_json: bool) -> int:

@@ -23,7 +23,6 @@ from bagassets.forkserver.server_files import ServerFiles
 from bagassets.forkserver.spec import ServerSpec
 from bagassets.forkserver.worker import load_function
 from bagassets.freshness.fingerprints import signature
-from bagassets.json_types import JsonObject
 from bagassets.lock_files import LockFile
 
 __all__ = ["Server"]
@@ -50,7 +49,7 @@ class Server:
         self._connections: set[Connection] = set()
         self._jobs: dict[str, Job] = {}
         self._owners: dict[str, Connection] = {}
-        self._held_back: dict[str, tuple[str, Message]] = {}  # reporting job -> lost job and its event
+        self._held_back: dict[str, Message] = {}  # reporting job -> event of the lost one
         self._done_once: set[str] = set()
         self._count = 0
         self._last_use = self._last_job = self._last_age_check = time.monotonic()
@@ -366,9 +365,10 @@ class Server:
 
     def _on_note(self, job: Job) -> None:
         for facts in job.listen():
-            self._send_event(job.id, {"event": "note", "job": job.id, "note": facts})
+            if job.id in self._owners:
+                self._owners[job.id].send({"event": "note", "job": job.id, "note": facts})
         if job.is_done:  # nobody has to wait for the end of its process
-            self._send_end(job.id, job.describe_end(0))
+            self._send_end(job.describe_end(0))
         if job.lines.is_closed:
             self._selector.unregister(job.channel)
 
@@ -396,23 +396,16 @@ class Server:
             request = {**job.request, "function": reporter, "args": args, "on_lost": None, "detached": True}
             reporting = self._start(request)
             reporting.kill_at = time.monotonic() + _LOST_GRACE_S
-            self._held_back[reporting.id] = (job.id, event)
+            self._held_back[reporting.id] = event
         else:
-            self._send_end(job.id, event)
-        held_back = self._held_back.pop(job.id, None)
-        if held_back is not None:
-            lost_id, lost_event = held_back
-            self._send_end(lost_id, lost_event)
+            self._send_end(event)
+        if job.id in self._held_back:
+            self._send_end(self._held_back.pop(job.id))
         del self._jobs[job.id]
 
-    def _send_end(self, job_id: str, event: JsonObject) -> None:
+    def _send_end(self, event: Message) -> None:
         """Send the last event of a job, unless it has been sent; a client that goes meanwhile has nothing to cancel."""
-        owner = self._owners.pop(job_id, None)
-        if owner is not None:
-            owner.send(event)
-
-    def _send_event(self, job_id: str, event: JsonObject) -> None:
-        owner = self._owners.get(job_id)
+        owner = self._owners.pop(event["job"], None)
         if owner is not None:
             owner.send(event)
 
