@@ -3,12 +3,12 @@
 A subcommand is imported when it is called, so `bagassets --help` imports none.
 """
 
-import errno
 import gc
 import importlib
 import os
 import sys
 from collections.abc import Sequence
+from errno import EACCES, EDQUOT, EEXIST, EISDIR, ENAMETOOLONG, ENOENT, ENOSPC, ENOTDIR, EPERM, EROFS
 from typing import TYPE_CHECKING
 
 import click
@@ -54,20 +54,7 @@ _MODULES = {"decoders": "plugins", "formats": "plugins"}
 _GC_THRESHOLD = 100_000
 
 # Errors of the file system that a path given by the user can cause; any other is a defect.
-_REFUSALS = frozenset(
-    {
-        errno.EACCES,
-        errno.EDQUOT,
-        errno.EEXIST,
-        errno.EISDIR,
-        errno.ENAMETOOLONG,
-        errno.ENOENT,
-        errno.ENOSPC,
-        errno.ENOTDIR,
-        errno.EPERM,
-        errno.EROFS,
-    }
-)
+_REFUSALS = {EACCES, EDQUOT, EEXIST, EISDIR, ENAMETOOLONG, ENOENT, ENOSPC, ENOTDIR, EPERM, EROFS}
 
 
 class LazyGroup(click.Group):

@@ -1,6 +1,5 @@
 """`bagassets verify`: check that store and recordings are intact and that actions are reproducible."""
 
-import json
 import random
 import sys
 from collections import defaultdict
@@ -11,7 +10,7 @@ import click
 
 from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.options import recipe_option
-from bagassets.cli.terminal import echo, echo_lines
+from bagassets.cli.terminal import echo, echo_json, echo_lines
 from bagassets.errors import BagAssetsError
 from bagassets.json_types import JsonObject
 from bagassets.quantities import count_text, readable_bytes
@@ -105,24 +104,21 @@ def _check(recipe: "Recipe", store: "Store", *, report_only: bool, as_json: bool
         remove_damaged(spoiled)
     status = ExitStatus.FOUND if damages or spoiled else 0
     if as_json:
-        echo_lines(
-            json.dumps(
-                {
-                    "damaged": [
-                        {
-                            "kind": d.kind,
-                            "digest": d.digest,
-                            "step": d.step,
-                            "what": names.get(d.digest),
-                            "reasons": list(d.reasons),
-                        }
-                        for d in damages
-                    ],
-                    "datasets": [{"path": str(d.path), "reason": d.reason} for d in spoiled],
-                    "taken_out": not report_only,
-                },
-                indent=1,
-            )
+        echo_json(
+            {
+                "damaged": [
+                    {
+                        "kind": d.kind,
+                        "digest": d.digest,
+                        "step": d.step,
+                        "what": names.get(d.digest),
+                        "reasons": list(d.reasons),
+                    }
+                    for d in damages
+                ],
+                "datasets": [{"path": str(d.path), "reason": d.reason} for d in spoiled],
+                "taken_out": not report_only,
+            }
         )
         return status
     for damage in damages:
@@ -164,7 +160,7 @@ def _check_recordings(recipe: "Recipe", store: "Store", *, as_json: bool) -> int
         sys.stdout.flush()
     wrong = sum(not recording.is_sound for recording in checked)
     if as_json:
-        echo_lines(json.dumps({"recordings": [recording.as_json() for recording in checked]}, indent=1))
+        echo_json({"recordings": [recording.as_json() for recording in checked]})
         return ExitStatus.FOUND if wrong else 0
     size = sum(recording.size for recording in checked)
     advice = (
@@ -242,7 +238,7 @@ def _rebuild(
                 echo(f"{outcome['result']:<9}  {action}" + _details(outcome))
     different = sum(outcome["result"] != "same" for outcome in outcomes)
     if as_json:
-        echo_lines(json.dumps({"seed": seed, "environment": environment, "actions": outcomes}, indent=1))
+        echo_json({"seed": seed, "environment": environment, "actions": outcomes})
     else:
         how = " ".join(f"{name}={value!r}" for name, value in sorted(environment.items()))
         echo(
