@@ -81,25 +81,22 @@ def execute(graph: Graph, *, threads: int | None = None) -> Iterator[AssetResult
     """
     keep_freed_memory()
     graph.lookup = graph.store.use  # the collector must spare what this run uses
-    with in_use(graph.store.root):
-        yield from _results(graph, encoder_threads() if threads is None else threads)
-
-
-def _results(graph: Graph, threads: int) -> Iterator[AssetResult | Skipped]:
+    threads = encoder_threads() if threads is None else threads
     failed: dict[str, BagAssetsError] = {}
-    for batch in _batches(graph):
-        for node in _make_batch(graph, batch, threads):
-            if node.outcome is not None:
-                yield _result(node, node.outcome)
-            elif node.error is not None:
-                failed[node.name] = node.error
-    selection = graph.node(SELECTION)
-    if selection.skipped is not None:
-        yield Skipped(selection.skipped)
-    elif selection.error is not None:
-        raise selection.error
-    if failed:
-        raise BuildFailure(failed, graph.recording.path)
+    with in_use(graph.store.root):
+        for batch in _batches(graph):
+            for node in _make_batch(graph, batch, threads):
+                if node.outcome is not None:
+                    yield _result(node, node.outcome)
+                elif node.error is not None:
+                    failed[node.name] = node.error
+        selection = graph.node(SELECTION)
+        if selection.skipped is not None:
+            yield Skipped(selection.skipped)
+        elif selection.error is not None:
+            raise selection.error
+        if failed:
+            raise BuildFailure(failed, graph.recording.path)
 
 
 def _batches(graph: Graph) -> Iterator[Sequence[AnyAsset]]:
@@ -265,9 +262,8 @@ def run_pass(
     """
     path = recording.path
     pending: dict[str, Pending] = {}
-    errors: dict[str, BagAssetsError] = {}
     extractors: dict[str, ChannelExtractor] = {}
-    summaries: dict[str, Summary] = {}
+    ended: dict[str, Summary | BagAssetsError] = {}
     channels = {node.name: node.channel for node in nodes}
     try:
         with encoders(threads) as pool:
@@ -277,23 +273,20 @@ def run_pass(
                 try:
                     extractors[node.name] = _extractor(graph, node, recording, pending[node.name].out, pool)
                 except Exception as err:  # noqa: BLE001  (any error costs one channel only)
-                    errors[node.name] = explained_error(err, path, node.channel)
-            _feed(recording, extractors, errors, channels)
+                    ended[node.name] = explained_error(err, path, node.channel)
+            _feed(recording, extractors, ended, channels)
             for name, extractor in extractors.items():
-                if name not in errors:
+                if name not in ended:
                     try:
-                        summaries[name] = extractor.finish()
+                        ended[name] = extractor.finish()
                     except Exception as err:  # noqa: BLE001  (as above)
-                        errors[name] = explained_error(err, path, channels[name])
+                        ended[name] = explained_error(err, path, channels[name])
         graph.source.verify_unchanged()
     except BaseException:
         for unfinished in pending.values():
             unfinished.discard()
         raise
-    return {
-        name: _finish_channel(running, summaries.get(name), errors.get(name), store, path)
-        for name, running in pending.items()
-    }
+    return {name: _finish_channel(running, ended[name], store, path) for name, running in pending.items()}
 
 
 def _extractor(
@@ -308,7 +301,7 @@ def _extractor(
 def _feed(
     recording: Recording,
     extractors: Mapping[str, ChannelExtractor],
-    errors: dict[str, BagAssetsError],
+    ended: dict[str, Summary | BagAssetsError],
     channels: Mapping[str, str],
 ) -> None:
     """Pass each message to the extractors of its topic; an extractor that fails gets no more messages."""
@@ -320,25 +313,23 @@ def _feed(
         return
     for message in recording.messages(sorted(listeners)):
         for name, extractor in listeners[message.topic]:
-            if name in errors:
+            if name in ended:
                 continue
             try:
                 extractor.add(message)
             except Exception as err:  # noqa: BLE001  (as above)
-                errors[name] = explained_error(err, recording.path, channels[name])
+                ended[name] = explained_error(err, recording.path, channels[name])
 
 
 def _finish_channel(
-    running: Pending, summary: Summary | None, error: BagAssetsError | None, store: Store, path: Path
+    running: Pending, ended: Summary | BagAssetsError, store: Store, path: Path
 ) -> Outcome | BagAssetsError:
-    if error is None and summary is not None:
+    if not isinstance(ended, BagAssetsError):
         try:
-            return running.commit(summary)
+            return running.commit(ended)
         except StoreError as err:  # a full disk: the other channels are kept
             return err
     running.discard()
-    if error is None:
-        raise TypeError("a channel has neither a summary nor an error")
-    if not error.transient:
-        store.record_failure(running.action, str(error), path)
-    return error
+    if not ended.transient:
+        store.record_failure(running.action, str(ended), path)
+    return ended

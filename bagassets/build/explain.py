@@ -15,6 +15,8 @@ from bagassets.store.store import Store
 
 __all__ = ["ActionPair", "Explanation", "explain_asset"]
 
+_SHOWN = ("data_version", "code_version", "run_id", "cached")  # of what is recorded
+
 
 @dataclass(frozen=True)
 class ActionPair:
@@ -73,14 +75,7 @@ class Explanation:
             "asset": self.asset,
             **self.state.as_json(),
             "code_version": self.code_version,
-            "recorded": None
-            if last is None
-            else {
-                "data_version": last.data_version,
-                "code_version": last.code_version,
-                "run_id": last.run_id,
-                "cached": last.cached,
-            },
+            "recorded": last and {name: getattr(last, name) for name in _SHOWN},
             "actions": [pair.as_json() for pair in self.actions],
         }
 

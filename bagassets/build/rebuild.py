@@ -14,7 +14,6 @@ from bagassets.errors import BagAssetsError
 from bagassets.json_types import JsonObject
 from bagassets.recordings.digest import DigestIndex, recording_digest, recording_stat, stored_digest
 from bagassets.recordings.discover import discover
-from bagassets.store.artifact import Artifact
 from bagassets.store.store import Outcome, Store
 
 __all__ = ["KnownAction", "Rebuilt", "Scratch", "known_actions", "rebuild"]
@@ -121,14 +120,10 @@ def _compare(node: Node, result: Outcome | BagAssetsError) -> Rebuilt:
     action = node.known_action.digest
     if isinstance(result, BagAssetsError):
         return Rebuilt(action, None, error=str(result))
-    differing = () if node.artifact is None else _differing_files(node.artifact, result.artifact)
-    return Rebuilt(action, result.artifact.digest, differing)
-
-
-def _differing_files(before: Artifact, now: Artifact) -> tuple[str, ...]:
-    if before.digest == now.digest:
-        return ()
+    now, before = result.artifact, node.artifact
+    if before is None or before.digest == now.digest:
+        return Rebuilt(action, now.digest)
     old = {entry.path: entry.digest for entry in before.entries()}
     new = {entry.path: entry.digest for entry in now.entries()}
     names = sorted(name for name in old.keys() | new.keys() if old.get(name) != new.get(name))
-    return tuple(names) or ("the summary",)
+    return Rebuilt(action, now.digest, tuple(names) or ("the summary",))
