@@ -4,14 +4,13 @@ The store is not changed: new artifacts are made in a scratch folder and compare
 """
 
 from collections.abc import Collection, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 from bagassets.build.execute import run_again
 from bagassets.build.graph import Graph, Node
 from bagassets.build.recording_assets import RecordingAssets
 from bagassets.errors import BagAssetsError
-from bagassets.json_types import JsonObject
 from bagassets.recordings.digest import DigestIndex, recording_digest, recording_stat, stored_digest
 from bagassets.recordings.discover import discover
 from bagassets.store.store import Outcome, Store
@@ -57,10 +56,6 @@ class Rebuilt:
     artifact: str | None
     differing: tuple[str, ...] = ()
     error: str | None = None
-
-    def as_json(self) -> JsonObject:
-        """Return the result as JSON."""
-        return asdict(self)
 
 
 def known_actions(assets: RecordingAssets, store: Store) -> Iterator[KnownAction]:

@@ -2,7 +2,7 @@
 
 import random
 import sys
-from collections import defaultdict
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -223,15 +223,13 @@ def _rebuild(
         )
     seed = random.SystemRandom().randrange(10**6) if seed is None else seed
     chosen = random.Random(seed).sample(known, min(number, len(known)))
-    by_key: dict[str, list[KnownAction]] = defaultdict(list)
-    for action in chosen:
-        by_key[action.key].append(action)
     environment = other_environment()
     outcomes: list[JsonObject] = []
-    for key, actions in sorted(by_key.items()):
-        made = rebuild_elsewhere(recipe_file, key, [a.action for a in actions], environment)
+    for key, of_key in groupby(sorted(chosen), lambda action: action.key):
+        actions = list(of_key)
+        made = rebuild_elsewhere(recipe_file, key, [action.action for action in actions], environment)
         again = {result["action"]: result for result in made}
-        for action in sorted(actions):
+        for action in actions:
             outcome = _outcome(action, again[action.action])
             outcomes.append(outcome)
             if not as_json:
@@ -250,11 +248,8 @@ def _rebuild(
 
 
 def _outcome(known: "KnownAction", again: JsonObject) -> JsonObject:
-    result = "failed" if again["artifact"] is None else "same"
-    if again["artifact"] is not None and again["artifact"] != known.artifact:
-        result = "different"
     return {
-        "result": result,
+        "result": {None: "failed", known.artifact: "same"}.get(again["artifact"], "different"),
         "recording": known.key,
         "step": known.step,
         "channel": known.channel or None,

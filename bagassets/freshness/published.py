@@ -147,9 +147,7 @@ class Publication:
         try:
             with self._cache.kept_open():
                 for part, names in links.items():
-                    lines = (
-                        None if suspects is None else self._trusted_lines(part, before.get(part), suspects)
-                    )
+                    lines = self._trusted_lines(part, before.get(part), suspects)
                     if lines is None:
                         lines = [_line_of(root, name) for name in sorted(names())]
                         lists[part] = self._put_list(changes, part, lines, before.get(part, ()))
@@ -242,10 +240,10 @@ class Publication:
         return [line for piece in pieces for line in piece.splitlines(keepends=True)]
 
     def _trusted_lines(
-        self, part: str, sizes: list[int] | None, suspects: frozenset[str]
+        self, part: str, sizes: list[int] | None, suspects: frozenset[str] | None
     ) -> list[bytes] | None:
-        """Return the list of a part if it is still valid; None if there is none, or it names a suspect."""
-        if sizes is None:
+        """Return the list of a part if it is still valid; None if there is none, or it names a suspect, or any may be one."""
+        if sizes is None or suspects is None:
             return None
         try:
             lines = self._lines(part, sizes)
