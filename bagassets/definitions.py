@@ -10,13 +10,6 @@ from pathlib import Path
 from bagassets.defs.location import build_definitions
 
 _FALLBACKS = (Path("recipe.yaml"), Path("build/demo/recipe.yaml"))
+_recipe = os.environ.get("BAGASSETS_RECIPE") or next(filter(Path.is_file, _FALLBACKS), _FALLBACKS[0])
 
-
-def _recipe_file() -> Path:
-    named = os.environ.get("BAGASSETS_RECIPE")
-    if named:
-        return Path(named)
-    return next((path for path in _FALLBACKS if path.is_file()), _FALLBACKS[0])
-
-
-defs = build_definitions(_recipe_file())
+defs = build_definitions(Path(_recipe))

@@ -13,7 +13,6 @@ _INVISIBLE = re.compile(
     "[\x00-\x1f\x7f-\x9f\xad\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb\ufffe\uffff"
     "\ud800-\udfff\U000e0000-\U000e0fff]"
 )
-_SHORT = {"\n": "\\n", "\r": "\\r", "\t": "\\t"}
 
 # Inside a word an underscore is literal; anywhere else it may begin or end emphasis.
 _MARKDOWN = re.compile(r"[\\`*\[\]<>&|~!#@$^]|(?<![^\W_])_|_(?![^\W_])|:(?=//)|(?<=www)\.")
@@ -33,13 +32,7 @@ def visible(text: str) -> str:
 
 
 def _spelled(found: re.Match[str]) -> str:
-    char = found.group()
-    code = ord(char)
-    if char in _SHORT:
-        return _SHORT[char]
-    if code < 0x100:
-        return f"\\x{code:02x}"
-    return f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
+    return found.group().encode("unicode_escape").decode("ascii")
 
 
 def terminal(text: str) -> str:

@@ -9,7 +9,8 @@ import json
 import os
 import threading
 import time
-from contextlib import AbstractContextManager, nullcontext, suppress
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
 
 __all__ = ["VARIABLE", "event", "name_process", "span"]
@@ -27,7 +28,7 @@ def span(name: str, **facts: object) -> AbstractContextManager[None]:
         facts: JSON values that identify what is worked on.
     """
     folder = os.environ.get(VARIABLE)
-    return _NOTHING if not folder else _Span(folder, name, facts)
+    return _NOTHING if not folder else _recorded(folder, name, facts)
 
 
 def name_process(name: str) -> None:
@@ -42,30 +43,19 @@ def event(phase: str, name: str, **fields: object) -> None:
         _append(folder, {"ph": phase, "name": name, "ts": time.monotonic_ns() / 1000, **fields})
 
 
-class _Span(AbstractContextManager[None]):
-    """A span whose begin and end are written as one event when it ends."""
-
-    def __init__(self, folder: str, name: str, facts: dict[str, object]) -> None:
-        self._folder = folder
-        self._name = name
-        self._facts = facts
-
-    def __enter__(self) -> None:
-        self._start_ns = time.monotonic_ns()
-
-    def __exit__(self, *exc: object) -> None:
-        duration_ns = time.monotonic_ns() - self._start_ns
-        facts = self._facts if exc[0] is None else {**self._facts, "error": str(exc[1])}
-        _append(
-            self._folder,
-            {
-                "ph": "X",
-                "name": self._name,
-                "ts": self._start_ns / 1000,
-                "dur": duration_ns / 1000,
-                "args": facts,
-            },
-        )
+@contextmanager
+def _recorded(folder: str, name: str, facts: dict[str, object]) -> Iterator[None]:
+    """Record a span, whose begin and end are written as one event when it ends."""
+    start_ns = time.monotonic_ns()
+    try:
+        yield
+    except BaseException as err:
+        facts["error"] = str(err)
+        raise
+    finally:
+        duration_ns = time.monotonic_ns() - start_ns
+        times = {"ts": start_ns / 1000, "dur": duration_ns / 1000}
+        _append(folder, {"ph": "X", "name": name, **times, "args": facts})
 
 
 def _append(folder: str, fields: dict[str, object]) -> None:

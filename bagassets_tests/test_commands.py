@@ -26,7 +26,7 @@ LEAVES = {name: command for name, command in all_commands() if not isinstance(co
 def test_the_overview_says_what_the_command_says(name):
     command = root.get_command(click.Context(root), name)
     assert command is not None
-    assert " ".join(command.help.partition("\n\n")[0].split()) == COMMANDS[name][1]
+    assert " ".join(command.help.partition("\n\n")[0].split()) == COMMANDS[name]
 
 
 @pytest.mark.parametrize("name", LEAVES)

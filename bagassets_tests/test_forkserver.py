@@ -124,7 +124,7 @@ def test_a_client_that_goes_as_it_is_sent_its_result_does_no_harm():
     server, ours, theirs = object.__new__(Server), *socket.socketpair()
     job = SimpleNamespace(
         id="1", label="x", is_done=True, lines=SimpleNamespace(is_closed=False), listen=list,
-        describe_end=lambda _: {"event": "finished"}, cancel=None,
+        describe_end=lambda _: {"event": "finished", "job": "1"}, cancel=None,
     )  # fmt: skip
     with selectors.DefaultSelector() as selector:
         owner = Connection(ours, selector, server._on_message, server._on_close)

@@ -14,14 +14,14 @@ from bagassets.assets.asset import AnyAsset, Inputs, Summary
 from bagassets.assets.channel import ChannelExtractor
 from bagassets.build.graph import SELECTION, Graph, Node
 from bagassets.build.process import encoder_threads, encoders, keep_freed_memory
-from bagassets.build.run_action import Target, run_action
+from bagassets.build.run_action import run_action
 from bagassets.build.unexpected import explained_error
 from bagassets.errors import BagAssetsError, StoreError
 from bagassets.escaping import visible
 from bagassets.recordings.recording import Recording
 from bagassets.store.artifact import Artifact, ArtifactWriter
 from bagassets.store.lease import in_use
-from bagassets.store.store import Outcome, Pending
+from bagassets.store.store import Outcome, Pending, Store
 from bagassets.trace import span
 
 __all__ = ["AssetResult", "BuildFailure", "Skipped", "execute", "run_again", "run_pass"]
@@ -81,25 +81,22 @@ def execute(graph: Graph, *, threads: int | None = None) -> Iterator[AssetResult
     """
     keep_freed_memory()
     graph.lookup = graph.store.use  # the collector must spare what this run uses
-    with in_use(graph.store.root):
-        yield from _results(graph, encoder_threads() if threads is None else threads)
-
-
-def _results(graph: Graph, threads: int) -> Iterator[AssetResult | Skipped]:
+    threads = encoder_threads() if threads is None else threads
     failed: dict[str, BagAssetsError] = {}
-    for batch in _batches(graph):
-        for node in _make_batch(graph, batch, threads):
-            if node.outcome is not None:
-                yield _result(node, node.outcome)
-            elif node.error is not None:
-                failed[node.name] = node.error
-    selection = graph.node(SELECTION)
-    if selection.skipped is not None:
-        yield Skipped(selection.skipped)
-    elif selection.error is not None:
-        raise selection.error
-    if failed:
-        raise BuildFailure(failed, graph.recording.path)
+    with in_use(graph.store.root):
+        for batch in _batches(graph):
+            for node in _make_batch(graph, batch, threads):
+                if node.outcome is not None:
+                    yield _result(node, node.outcome)
+                elif node.error is not None:
+                    failed[node.name] = node.error
+        selection = graph.node(SELECTION)
+        if selection.skipped is not None:
+            yield Skipped(selection.skipped)
+        elif selection.error is not None:
+            raise selection.error
+        if failed:
+            raise BuildFailure(failed, graph.recording.path)
 
 
 def _batches(graph: Graph) -> Iterator[Sequence[AnyAsset]]:
@@ -143,24 +140,24 @@ def _make_batch(graph: Graph, batch: Sequence[AnyAsset], threads: int) -> list[N
 
 
 def run_again(
-    graph: Graph, nodes: Sequence[Node], target: Target, *, threads: int
+    graph: Graph, nodes: Sequence[Node], store: Store, *, threads: int
 ) -> dict[str, Outcome | BagAssetsError]:
     """Run the actions of nodes once more, each on the recorded artifacts of the nodes above it.
 
     Args:
         graph: the nodes of the recording; it is not changed.
         nodes: nodes of it whose actions are known.
-        target: where artifacts are made.
+        store: where artifacts are made.
         threads: number of threads that encode images.
 
     Returns:
         Name of the node -> result of its action.
     """
     channels = [node for node in nodes if node.channel]
-    made = _fill_channels(graph, channels, target, threads) if channels else {}
+    made = _fill_channels(graph, channels, store, threads) if channels else {}
     for node in nodes:
         if not node.channel:
-            made[node.name] = _run_action(graph, node, graph.inputs_above(node), target)
+            made[node.name] = _run_action(graph, node, graph.inputs_above(node), store)
     return made
 
 
@@ -186,7 +183,7 @@ def _make(graph: Graph, node: Node) -> None:
         graph.settle(node, _run_action(graph, node, graph.inputs, graph.store))
 
 
-def _run_action(graph: Graph, node: Node, inputs: Inputs, target: Target) -> Outcome | BagAssetsError:
+def _run_action(graph: Graph, node: Node, inputs: Inputs, store: Store) -> Outcome | BagAssetsError:
     path = graph.recording.path
 
     def make(out: ArtifactWriter) -> Summary:
@@ -200,7 +197,7 @@ def _run_action(graph: Graph, node: Node, inputs: Inputs, target: Target) -> Out
             raise explained_error(err, path, node.name) from err
 
     try:
-        return run_action(target, node.known_action, make, path)
+        return run_action(store, node.known_action, make, path)
     except Exception as err:  # noqa: BLE001  (as above)
         return explained_error(err, path, node.name)
 
@@ -230,20 +227,20 @@ def _write_index(node: Node, out: ArtifactWriter) -> Summary:
 
 
 def _fill_channels(
-    graph: Graph, nodes: Sequence[Node], target: Target, threads: int
+    graph: Graph, nodes: Sequence[Node], store: Store, threads: int
 ) -> dict[str, Outcome | BagAssetsError]:
     """Make channels in one pass over the recording; return node name -> result."""
     topics = {topic for node in nodes if node.use is not None for topic in node.use.topics}
     try:
         with graph.inputs.whole() as recording:
-            return run_pass(graph, recording.restrict(topics), nodes, target, threads)
+            return run_pass(graph, recording.restrict(topics), nodes, store, threads)
     except Exception as err:  # noqa: BLE001  (the recording itself is at fault: nothing was recorded)
         error = explained_error(err, graph.recording.path, "the pass over the recording")
         return {node.name: error for node in nodes}
 
 
 def run_pass(
-    graph: Graph, recording: Recording, nodes: Sequence[Node], target: Target, threads: int
+    graph: Graph, recording: Recording, nodes: Sequence[Node], store: Store, threads: int
 ) -> dict[str, Outcome | BagAssetsError]:
     """Read the topics of all channels once, and finish each channel.
 
@@ -254,7 +251,7 @@ def run_pass(
         graph: the nodes of the recording.
         recording: the opened recording.
         nodes: the channels.
-        target: where artifacts are made.
+        store: where artifacts are made.
         threads: number of threads that encode images.
 
     Returns:
@@ -265,35 +262,31 @@ def run_pass(
     """
     path = recording.path
     pending: dict[str, Pending] = {}
-    errors: dict[str, BagAssetsError] = {}
     extractors: dict[str, ChannelExtractor] = {}
-    summaries: dict[str, Summary] = {}
+    ended: dict[str, Summary | BagAssetsError] = {}
     channels = {node.name: node.channel for node in nodes}
     try:
         with encoders(threads) as pool:
             for node in nodes:
-                pending[node.name] = target.begin(node.known_action)
+                pending[node.name] = store.begin(node.known_action)
             for node in nodes:
                 try:
                     extractors[node.name] = _extractor(graph, node, recording, pending[node.name].out, pool)
                 except Exception as err:  # noqa: BLE001  (any error costs one channel only)
-                    errors[node.name] = explained_error(err, path, node.channel)
-            _feed(recording, extractors, errors, channels)
+                    ended[node.name] = explained_error(err, path, node.channel)
+            _feed(recording, extractors, ended, channels)
             for name, extractor in extractors.items():
-                if name not in errors:
+                if name not in ended:
                     try:
-                        summaries[name] = extractor.finish()
+                        ended[name] = extractor.finish()
                     except Exception as err:  # noqa: BLE001  (as above)
-                        errors[name] = explained_error(err, path, channels[name])
+                        ended[name] = explained_error(err, path, channels[name])
         graph.source.verify_unchanged()
     except BaseException:
         for unfinished in pending.values():
             unfinished.discard()
         raise
-    return {
-        name: _finish_channel(running, summaries.get(name), errors.get(name), target, path)
-        for name, running in pending.items()
-    }
+    return {name: _finish_channel(running, ended[name], store, path) for name, running in pending.items()}
 
 
 def _extractor(
@@ -308,7 +301,7 @@ def _extractor(
 def _feed(
     recording: Recording,
     extractors: Mapping[str, ChannelExtractor],
-    errors: dict[str, BagAssetsError],
+    ended: dict[str, Summary | BagAssetsError],
     channels: Mapping[str, str],
 ) -> None:
     """Pass each message to the extractors of its topic; an extractor that fails gets no more messages."""
@@ -320,25 +313,23 @@ def _feed(
         return
     for message in recording.messages(sorted(listeners)):
         for name, extractor in listeners[message.topic]:
-            if name in errors:
+            if name in ended:
                 continue
             try:
                 extractor.add(message)
             except Exception as err:  # noqa: BLE001  (as above)
-                errors[name] = explained_error(err, recording.path, channels[name])
+                ended[name] = explained_error(err, recording.path, channels[name])
 
 
 def _finish_channel(
-    running: Pending, summary: Summary | None, error: BagAssetsError | None, target: Target, path: Path
+    running: Pending, ended: Summary | BagAssetsError, store: Store, path: Path
 ) -> Outcome | BagAssetsError:
-    if error is None and summary is not None:
+    if not isinstance(ended, BagAssetsError):
         try:
-            return running.commit(summary)
+            return running.commit(ended)
         except StoreError as err:  # a full disk: the other channels are kept
             return err
     running.discard()
-    if error is None:
-        raise TypeError("a channel has neither a summary nor an error")
-    if not error.transient:
-        target.record_failure(running.action, str(error), path)
-    return error
+    if not ended.transient:
+        store.record_failure(running.action, str(ended), path)
+    return ended

@@ -15,6 +15,8 @@ from bagassets.store.store import Store
 
 __all__ = ["ActionPair", "Explanation", "explain_asset"]
 
+_SHOWN = ("data_version", "code_version", "run_id", "cached")  # of what is recorded
+
 
 @dataclass(frozen=True)
 class ActionPair:
@@ -41,9 +43,7 @@ class ActionPair:
             "channel": self.channel or None,
             "now": _with_digest(self.now),
             "last": _with_digest(self.last),
-            "changes": [
-                {"group": c.group, "name": c.name, "before": c.before, "now": c.now} for c in self.changes
-            ],
+            "changes": [vars(change) for change in self.changes],
         }
 
 
@@ -75,14 +75,7 @@ class Explanation:
             "asset": self.asset,
             **self.state.as_json(),
             "code_version": self.code_version,
-            "recorded": None
-            if last is None
-            else {
-                "data_version": last.data_version,
-                "code_version": last.code_version,
-                "run_id": last.run_id,
-                "cached": last.cached,
-            },
+            "recorded": last and {name: getattr(last, name) for name in _SHOWN},
             "actions": [pair.as_json() for pair in self.actions],
         }
 
@@ -122,12 +115,10 @@ def _actions_now(node: Node) -> dict[str, JsonMapping]:
 
 
 def _actions_of(store: Store, digest: str | None) -> dict[str, JsonMapping]:
-    action = None if digest is None else store.action(digest)
-    return {} if action is None else _with_channels(store, action)
-
-
-def _with_channels(store: Store, action: JsonMapping) -> dict[str, JsonMapping]:
     """Return the actions of an asset's channels by name, or the action itself under "" if it has none."""
+    action = None if digest is None else store.action(digest)
+    if action is None:
+        return {}
     channels = action["params"].get("actions") if action["step"].endswith("_index") else None
     if not channels:
         return {"": action}

@@ -4,21 +4,16 @@ The store is not changed: new artifacts are made in a scratch folder and compare
 """
 
 from collections.abc import Collection, Iterator
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from uuid import uuid4
 
 from bagassets.build.execute import run_again
 from bagassets.build.graph import Graph, Node
 from bagassets.build.recording_assets import RecordingAssets
 from bagassets.errors import BagAssetsError
-from bagassets.json_types import JsonObject
 from bagassets.recordings.digest import DigestIndex, recording_digest, recording_stat, stored_digest
 from bagassets.recordings.discover import discover
-from bagassets.store.action import Action
-from bagassets.store.artifact import Artifact
-from bagassets.store.store import Outcome, Pending, Store
+from bagassets.store.store import Outcome, Store
 
 __all__ = ["KnownAction", "Rebuilt", "Scratch", "known_actions", "rebuild"]
 
@@ -61,15 +56,6 @@ class Rebuilt:
     artifact: str | None
     differing: tuple[str, ...] = ()
     error: str | None = None
-
-    def as_json(self) -> JsonObject:
-        """Return the result as JSON."""
-        return {
-            "action": self.action,
-            "artifact": self.artifact,
-            "differing": list(self.differing),
-            "error": self.error,
-        }
 
 
 def known_actions(assets: RecordingAssets, store: Store) -> Iterator[KnownAction]:
@@ -121,56 +107,18 @@ def rebuild(
     return [rebuilt.get(action) or Rebuilt(action, None, error=gone) for action in sorted(actions)]
 
 
-class Scratch:
-    """A folder in place of the store: artifacts are made there, and nothing is looked up or recorded.
-
-    Args:
-        folder: an empty folder.
-    """
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-
-    def use(self, action: Action) -> None:
-        """Know nothing."""
-
-    def lock(self, action: Action) -> AbstractContextManager[None]:  # noqa: ARG002  (as declared)
-        """Lock nothing: the folder belongs to this process."""
-        return nullcontext()
-
-    def begin(self, action: Action) -> Pending:
-        """Start an action; see `Store.begin`."""
-        return Pending(self, action)
-
-    def make_temporary_folder(self) -> Path:
-        """Create an empty subfolder."""
-        subfolder = self._folder / uuid4().hex
-        subfolder.mkdir(parents=True)
-        return subfolder
-
-    def adopt(self, folder: Path, digest: str) -> Artifact:
-        """Leave an artifact where it was made."""
-        return Artifact(digest, folder)
-
-    def record(self, action: Action, artifact: Artifact, seconds: float) -> None:
-        """Record nothing."""
-
-    def record_failure(self, action: Action, error: str, subject: Path | None = None) -> None:
-        """Record nothing."""
+class Scratch(Store):
+    """An empty folder in place of the store: nothing that was made before is known there, so everything runs again."""
 
 
 def _compare(node: Node, result: Outcome | BagAssetsError) -> Rebuilt:
     action = node.known_action.digest
     if isinstance(result, BagAssetsError):
         return Rebuilt(action, None, error=str(result))
-    differing = () if node.artifact is None else _differing_files(node.artifact, result.artifact)
-    return Rebuilt(action, result.artifact.digest, differing)
-
-
-def _differing_files(before: Artifact, now: Artifact) -> tuple[str, ...]:
-    if before.digest == now.digest:
-        return ()
+    now, before = result.artifact, node.artifact
+    if before is None or before.digest == now.digest:
+        return Rebuilt(action, now.digest)
     old = {entry.path: entry.digest for entry in before.entries()}
     new = {entry.path: entry.digest for entry in now.entries()}
     names = sorted(name for name in old.keys() | new.keys() if old.get(name) != new.get(name))
-    return tuple(names) or ("the summary",)
+    return Rebuilt(action, now.digest, tuple(names) or ("the summary",))

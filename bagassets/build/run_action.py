@@ -6,42 +6,20 @@ up, puts them in place and records them.
 """
 
 from collections.abc import Callable
-from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Protocol
 
 from bagassets.errors import BagAssetsError
 from bagassets.json_types import JsonObject
 from bagassets.store.action import Action
 from bagassets.store.artifact import ArtifactWriter
-from bagassets.store.store import Outcome, Pending
+from bagassets.store.store import Outcome, Store
 
-__all__ = ["Target", "run_action"]
+__all__ = ["run_action"]
 
 Make = Callable[[ArtifactWriter], JsonObject]
 
 
-class Target(Protocol):
-    """Where artifacts are made: the store, or a scratch folder."""
-
-    def use(self, action: Action) -> Outcome | None:
-        """Return the outcome of an action if it is known; see `Store.use`."""
-        ...
-
-    def lock(self, action: Action) -> AbstractContextManager[None]:
-        """Keep other processes from running the same action; see `Store.lock`."""
-        ...
-
-    def begin(self, action: Action) -> Pending:
-        """Start an action; the caller commits or discards it."""
-        ...
-
-    def record_failure(self, action: Action, error: str, subject: Path | None = None) -> None:
-        """Record that an action failed; see `Store.record_failure`."""
-        ...
-
-
-def run_action(target: Target, action: Action, make: Make, subject: Path | None = None) -> Outcome:
+def run_action(store: Store, action: Action, make: Make, subject: Path | None = None) -> Outcome:
     """Return the known outcome of `action`, or run `make`, which writes the artifact and returns its summary.
 
     If another process is running the same action, wait for its outcome. An error of `make` is recorded under the
@@ -49,26 +27,26 @@ def run_action(target: Target, action: Action, make: Make, subject: Path | None 
     meanwhile.
 
     Args:
-        target: where the artifact is made.
+        store: where the artifact is made.
         action: the action.
         make: writes the artifact.
         subject: the recording that errors may name; see `Store.record_failure`.
     """
-    known = target.use(action)
+    known = store.use(action)
     if known is not None:
         return known
-    with target.lock(action):
-        return target.use(action) or _make(target, action, make, subject)
+    with store.lock(action):
+        return store.use(action) or _make(store, action, make, subject)
 
 
-def _make(target: Target, action: Action, make: Make, subject: Path | None) -> Outcome:
-    pending = target.begin(action)
+def _make(store: Store, action: Action, make: Make, subject: Path | None) -> Outcome:
+    pending = store.begin(action)
     try:
         summary = make(pending.out)
     except BagAssetsError as err:
         pending.discard()
         if not err.transient:
-            target.record_failure(action, str(err), subject)
+            store.record_failure(action, str(err), subject)
         raise
     except BaseException:
         pending.discard()

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 from bagassets.build.reading import followed
@@ -18,10 +19,11 @@ from bagassets.store.artifact import Artifact
 __all__ = ["MessageSource"]
 
 
+@dataclass(frozen=True)
 class MessageSource:
     """Opens just the topics that a step declared, from the cheapest place that has them.
 
-    Args:
+    Attributes:
         files: those of the recording.
         stat: sizes and times of its files when its digest was taken.
         message_definitions: folders of `.msg` files.
@@ -30,21 +32,12 @@ class MessageSource:
         what: what the whole recording is read for, for those who wait.
     """
 
-    def __init__(
-        self,
-        files: RecordingFiles,
-        stat: RecordingStat,
-        message_definitions: Sequence[Path],
-        limits: Limits,
-        on_read: OnRead | None = None,
-        what: str = "images and clouds",
-    ) -> None:
-        self.files = files
-        self._stat = stat
-        self._message_definitions = tuple(message_definitions)
-        self._limits = limits
-        self._on_read = on_read
-        self._what = what
+    files: RecordingFiles
+    stat: RecordingStat
+    message_definitions: Sequence[Path]
+    limits: Limits
+    on_read: OnRead | None = None
+    what: str = "images and clouds"
 
     def verify_unchanged(self) -> None:
         """Check that the recording is still the one that was digested.
@@ -52,7 +45,7 @@ class MessageSource:
         Raises:
             ChangedWhileReadError: it has changed; what was read from it must not be recorded.
         """
-        assert_unchanged(self.files, self._stat)
+        assert_unchanged(self.files, self.stat)
 
     @contextmanager
     def whole(self, inventory: Inventory | None = None) -> Iterator[Recording]:
@@ -62,9 +55,9 @@ class MessageSource:
             inventory: has the definitions for topics that lack one in the recording; None to look for them.
         """
         self.verify_unchanged()
-        on_read = followed(self.files, self._what, self._on_read)
+        on_read = followed(self.files, self.what, self.on_read)
         try:
-            with open_recording(self.files, self._message_definitions, self._limits, on_read) as recording:
+            with open_recording(self.files, self.message_definitions, self.limits, on_read) as recording:
                 if inventory is not None:
                     for name, topic in recording.topics.items():
                         if name in inventory.topics:
@@ -83,6 +76,6 @@ class MessageSource:
                 yield recording.restrict(names)
         else:
             with PackedRecording(
-                packed.read_json("inventory.json"), packed.path("messages.parquet"), self._limits
+                packed.read_json("inventory.json"), packed.path("messages.parquet"), self.limits
             ) as recording:
                 yield recording.restrict(names)

@@ -24,17 +24,6 @@ _PERIOD_S = 0.1
 _STAT = Path("/proc/stat")
 
 
-def _check_writable(file: Path) -> None:
-    """Check before the build that a trace can be written.
-
-    Raises:
-        BagAssetsError: the folder does not exist, or is not writable.
-    """
-    folder = file.absolute().parent
-    if file.is_dir() or not folder.is_dir() or not os.access(folder, os.W_OK):
-        raise BagAssetsError(f"{file}: the trace cannot be written there; name a file in a writable folder.")
-
-
 @contextmanager
 def recorded_trace(file: Path, state: Path) -> Iterator[None]:
     """Record the spans of this process and its workers, and write them to `file`.
@@ -48,7 +37,11 @@ def recorded_trace(file: Path, state: Path) -> Iterator[None]:
     Raises:
         BagAssetsError: the trace cannot be written.
     """
-    _check_writable(file)
+    target = file.absolute().parent
+    if (
+        file.is_dir() or not target.is_dir() or not os.access(target, os.W_OK)
+    ):  # before the build, not after it
+        raise BagAssetsError(f"{file}: the trace cannot be written there; name a file in a writable folder.")
     state.mkdir(parents=True, exist_ok=True)
     folder = Path(tempfile.mkdtemp(prefix="trace-", dir=state))
     before = os.environ.get(VARIABLE)

@@ -9,7 +9,6 @@ from bagassets.assets import track
 from bagassets.assets.ego_poses import load_trajectory
 from bagassets.build.run_action import run_action
 from bagassets.geometry.trajectory import Trajectory
-from bagassets.json_types import JsonObject
 from bagassets.recipe.model_base import Clock
 from bagassets.recordings.inventory import Inventory
 from bagassets.recordings.pack import PACK_FILE, PackedRecording
@@ -47,13 +46,8 @@ class _Stored:
         return self.artifacts[asset]
 
     @cached_property
-    def _inventory_json(self) -> JsonObject:
-        content: JsonObject = self.artifact("inventory").read_json("inventory.json")
-        return content
-
-    @cached_property
     def inventory(self) -> Inventory:
-        return Inventory.from_json(self._inventory_json)
+        return Inventory.from_json(self.artifact("inventory").read_json("inventory.json"))
 
     @cached_property
     def trajectory(self) -> Trajectory:
@@ -61,8 +55,8 @@ class _Stored:
 
     @contextmanager
     def messages(self, topics: tuple[str, ...]) -> Iterator[Recording]:
-        pack = self.artifact("inventory").path(PACK_FILE)
-        with PackedRecording(self._inventory_json, pack) as recording:
+        packed = self.artifact("inventory")
+        with PackedRecording(packed.read_json("inventory.json"), packed.path(PACK_FILE)) as recording:
             yield recording.restrict(topics)
 
 

@@ -10,7 +10,7 @@ import click
 
 from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.options import recipe_option
-from bagassets.cli.terminal import echo, echo_lines
+from bagassets.cli.terminal import echo, echo_json
 from bagassets.json_types import JsonObject
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def diff(before: Path, after: Path, recipe: Path, as_json: bool) -> int:
     one, other = load_lock(before), load_lock(after)
     found = diff_datasets(one, other, store)
     if as_json:
-        echo_lines(json.dumps({"a": _lock_json(one), "b": _lock_json(other), **_diff_json(found)}, indent=1))
+        echo_json({"a": _lock_json(one), "b": _lock_json(other), **_diff_json(found)})
     else:
         _show(one, other, found)
     return 0 if found.is_empty else ExitStatus.FOUND
@@ -112,7 +112,7 @@ def restore(lock: Path, recipe: Path, output: Path | None, as_json: bool) -> Non
     folder = default_output(found, loaded) if output is None else output.absolute()
     made = restore_dataset(found, Store(loaded.store_path), folder)
     if as_json:
-        echo_lines(json.dumps({"folder": str(made), "lock": _lock_json(found)}, indent=1))
+        echo_json({"folder": str(made), "lock": _lock_json(found)})
     else:
         echo(f"{made}: {_counts(found)}, as in {found.path}")
 
@@ -159,7 +159,7 @@ def _number(number: int, what: str) -> str:
 def _bag_text(bag: "BagDiff", *, has_samples: bool) -> str:
     if bag.change in {"added", "removed"}:
         only = bag.after or bag.before
-        return "" if only is None else _of_bag(only)
+        return "" if only is None else ", ".join([*_numbers(only.counts), f"split {only.split}"])
     if bag.before is None or bag.after is None:
         return ""
     if bag.change == "renamed":
@@ -174,10 +174,6 @@ def _bag_text(bag: "BagDiff", *, has_samples: bool) -> str:
     elif has_samples and not bag.scenes:
         what.append("the same samples")
     return ", ".join(what) or "the same content, made into other tables"
-
-
-def _of_bag(bag: "LockedBag") -> str:
-    return ", ".join([*_numbers(bag.counts), f"split {bag.split}"])
 
 
 def _scene_text(scene: "SceneDiff") -> str:

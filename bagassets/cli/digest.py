@@ -1,6 +1,5 @@
 """`bagassets digest`: print digests of recordings, and store them with the files."""
 
-import json
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from bagassets.cli.exit_status import ExitStatus
-from bagassets.cli.terminal import echo, echo_lines
+from bagassets.cli.terminal import echo, echo_json, echo_lines
 from bagassets.errors import BagAssetsError, RecordingError
 from bagassets.json_types import JsonObject
 from bagassets.quantities import count_text, readable_bytes
@@ -78,7 +77,7 @@ def digest(bags: tuple[Path, ...], recipe: Path | None, rehash: bool, verify: bo
         echo_lines(f"error: {sentence}", err=True)
     wrong = sum(len(entry.get("disagreements", ())) for entry in done)
     if as_json:
-        echo_lines(json.dumps({"recordings": done, "errors": errors}, indent=1))
+        echo_json({"recordings": done, "errors": errors})
     else:
         _summarize(done, wrong if verify else None)
     return ExitStatus.FAILED if errors else ExitStatus.FOUND if wrong else 0
@@ -129,19 +128,12 @@ def _digested(recording: "RecordingFiles", index: "DigestIndex | None", *, rehas
 def _verified(recording: "RecordingFiles", index: "DigestIndex | None") -> JsonObject:
     from bagassets.recordings.digest_check import check_digests
 
-    wrong = list(check_digests(recording, index))
     return {
         "path": str(recording.path),
         "size": recording.size,
         "disagreements": [
-            {
-                "path": str(w.path),
-                "where": w.where,
-                "recorded": w.recorded,
-                "actual": w.actual,
-                "message": str(w),
-            }
-            for w in wrong
+            {**vars(wrong), "path": str(wrong.path), "message": str(wrong)}
+            for wrong in check_digests(recording, index)
         ],
     }
 

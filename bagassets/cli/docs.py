@@ -1,6 +1,7 @@
 """`bagassets docs`: references generated from the model of the recipe, the assets and the help of commands; pages of `docs/`."""
 
 from collections.abc import Iterator
+from importlib import import_module
 from importlib.metadata import PackageNotFoundError, files
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -58,51 +59,42 @@ def docs() -> None:
     """Print documentation as Markdown: references, and pages about one subject each."""
 
 
-@docs.command(
-    epilog="""\b
-Examples:
-  bagassets docs recipe
-  bagassets docs recipe > docs/recipe.md"""
+def _add_reference(name: str, about: str, source: str, *, is_page: bool = True) -> None:
+    """Add a command that prints a reference.
+
+    Args:
+        name: of the command.
+        about: its help.
+        source: what returns the text, `module:function`.
+        is_page: there is a page with the text.
+    """
+
+    def print_reference() -> None:
+        module, _, function = source.partition(":")
+        echo_lines(getattr(import_module(module), function)(), nl=False)
+
+    kept = f"\n  bagassets docs {name} > docs/{name}.md" if is_page else ""
+    epilog = f"\b\nExamples:\n  bagassets docs {name}{kept}"
+    docs.add_command(click.Command(name, callback=print_reference, help=about, epilog=epilog))
+
+
+_add_reference(
+    "recipe",
+    "Print all fields of the recipe with type, default and meaning.",
+    "bagassets.recipe.reference:render_reference",
 )
-def recipe() -> None:
-    """Print all fields of the recipe with type, default and meaning."""
-    from bagassets.recipe.reference import render_reference
-
-    echo_lines(render_reference(), nl=False)
-
-
-@docs.command(
-    epilog="""\b
-Examples:
-  bagassets docs assets
-  bagassets docs assets > docs/assets.md"""
+_add_reference(
+    "assets",
+    "Print the assets that recordings have: what each holds and reads.",
+    "bagassets.cli.docs:asset_reference",
 )
-def assets() -> None:
-    """Print the assets that recordings have: what each holds and reads."""
-    echo_lines(asset_reference(), nl=False)
-
-
-@docs.command(
-    epilog="""\b
-Examples:
-  bagassets docs cli
-  bagassets docs cli > docs/cli.md"""
+_add_reference("cli", "Print the help of all commands.", "bagassets.cli.docs:command_reference")
+_add_reference(
+    "checks",
+    "Print the checks of recordings as a table.",
+    "bagassets.formats.checking:render_checks",
+    is_page=False,
 )
-def cli() -> None:
-    """Print the help of all commands."""
-    echo_lines(command_reference(), nl=False)
-
-
-@docs.command(
-    epilog="""\b
-Examples:
-  bagassets docs checks"""
-)
-def checks() -> None:
-    """Print the checks of recordings as a table."""
-    from bagassets.formats.checking import render_checks
-
-    echo_lines(render_checks(), nl=False)
 
 
 @docs.command(
@@ -238,10 +230,8 @@ def find_pages() -> dict[str, Path]:
 
 def _page_title(page: Path) -> str:
     """Return the first heading of a page."""
-    for line in page.read_text(encoding="utf-8").splitlines():
-        if line.startswith("# "):
-            return line.removeprefix("# ")
-    return page.stem
+    lines = page.read_text(encoding="utf-8").splitlines()
+    return next((line.removeprefix("# ") for line in lines if line.startswith("# ")), page.stem)
 
 
 def _in_checkout() -> list[Path]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from bagassets.cli.options import recipe_option
-from bagassets.cli.terminal import echo, echo_lines
+from bagassets.cli.terminal import echo, echo_json, echo_lines
 from bagassets.errors import RecipeError
 from bagassets.escaping import visible
 
@@ -78,7 +78,7 @@ def explain(bag: str, asset: str, recipe: Path, as_json: bool) -> None:
         recorded = recorded_assets(instance, workspace.names, keys[0])
         explanation = explain_asset(planner, recordings[keys[0]], recorded, asset)
     if as_json:
-        echo_lines(json.dumps(explanation.as_json(), indent=1))
+        echo_json(explanation.as_json())
         return
     for line in explanation_lines(explanation):
         echo(line)
@@ -89,9 +89,7 @@ def _print_own(asset: str, key: str, states: "Mapping[str, OwnState]", *, as_jso
     one = states[key]
     if as_json:
         value = {"key": key or None, "asset": asset, **one.as_json(), "reads": dict(one.reads)}
-        echo_lines(
-            json.dumps(value | {"recorded": None if one.recorded is None else dict(one.recorded)}, indent=1)
-        )
+        echo_json(value | {"recorded": None if one.recorded is None else dict(one.recorded)})
         return
     of_key = f" of {key}" if key else ""
     echo_lines(f"{asset}{of_key} {_predicate(one.state)}: {visible(one.reason)}")

@@ -1,6 +1,5 @@
 """`bagassets gc`: remove artifacts that nothing refers to any more."""
 
-import json
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -8,7 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from bagassets.cli.options import recipe_option
-from bagassets.cli.terminal import echo, echo_lines
+from bagassets.cli.terminal import echo, echo_json
 from bagassets.json_types import JsonObject
 from bagassets.quantities import count_text, readable_bytes
 
@@ -117,20 +116,17 @@ def gc(
             if not dry_run:
                 delete_runs(instance, runs)
     if as_json:
-        echo_lines(
-            json.dumps(
-                {
-                    "dry_run": dry_run,
-                    "artifacts": [_as_json(entry, now_s) for entry in listed],
-                    "bytes": sum(entry.size for entry in listed),
-                    "runs": runs,
-                    "spared": collected.spared,
-                    "leftovers": collected.leftovers,
-                    "projects": [str(path) for path in roots.projects],
-                    "locks": [str(path) for path in roots.locks],
-                },
-                indent=1,
-            )
+        echo_json(
+            {
+                "dry_run": dry_run,
+                "artifacts": [_as_json(entry, now_s) for entry in listed],
+                "bytes": sum(entry.size for entry in listed),
+                "runs": runs,
+                "spared": collected.spared,
+                "leftovers": collected.leftovers,
+                "projects": [str(path) for path in roots.projects],
+                "locks": [str(path) for path in roots.locks],
+            }
         )
         return
     for entry in listed:

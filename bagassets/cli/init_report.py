@@ -12,6 +12,7 @@ from bagassets.propose.commented_yaml import Question
 from bagassets.propose.proposal import Proposal
 from bagassets.propose.sensors import shown_type
 from bagassets.propose.topic_uses import TopicUse
+from bagassets.quantities import count_text
 
 __all__ = ["print_found", "print_next_steps", "print_questions"]
 
@@ -26,7 +27,7 @@ def print_found(proposal: Proposal, unreadable: Mapping[str, str]) -> None:
     for rig in proposal.rigs:
         poses = f"poses from {rig.pose.fields['source']}" if rig.pose.fields else "no poses"
         title = "One rig" if len(proposal.rigs) == 1 else f"Rig {rig.name}"
-        echo(f"{title} ({_count(len(rig.recordings), 'recording')}; {poses})")
+        echo(f"{title} ({count_text(len(rig.recordings), 'recording')}; {poses})")
         uses = rig.topic_uses
         same = printed.setdefault(
             tuple((use.topic.name, use.topic.msgtype, _becomes(use)) for use in uses), rig.name
@@ -61,11 +62,8 @@ def print_next_steps(
     """
     echo(f"Project {project}: {', '.join(written)}")
     if proposal.guesses:
-        is_one = proposal.guesses == 1
-        echo(
-            f"{_count(proposal.guesses, 'guess', 'guesses')} {'is' if is_one else 'are'} marked in recipe.yaml; "
-            f"look at {'it' if is_one else 'them'} first."
-        )
+        are, them = ("guess is", "it") if proposal.guesses == 1 else ("guesses are", "them")
+        echo(f"{proposal.guesses} {are} marked in recipe.yaml; look at {them} first.")
     if proposal.questions or problems:
         echo("To be decided in recipe.yaml before the first build:")
         print_questions(proposal)
@@ -147,7 +145,3 @@ def _named(paths: Sequence[str]) -> str:
 
 def _columns() -> int:
     return shutil.get_terminal_size((120, 24)).columns
-
-
-def _count(number: int, singular: str, plural: str | None = None) -> str:
-    return f"{number} {singular if number == 1 else plural or f'{singular}s'}"

@@ -3,12 +3,12 @@
 A subcommand is imported when it is called, so `bagassets --help` imports none.
 """
 
-import errno
 import gc
 import importlib
 import os
 import sys
 from collections.abc import Sequence
+from errno import EACCES, EDQUOT, EEXIST, EISDIR, ENAMETOOLONG, ENOENT, ENOSPC, ENOTDIR, EPERM, EROFS
 from typing import TYPE_CHECKING
 
 import click
@@ -23,79 +23,38 @@ if TYPE_CHECKING:
 
 __all__ = ["COMMANDS", "main", "root"]
 
-# Name -> module and attribute, and the line in the overview, which a test compares with the help of the command.
-COMMANDS: dict[str, tuple[str, str]] = {
-    "init": ("bagassets.cli.init:init", "Make a project folder, with a recipe proposed from recordings."),
-    "inspect": ("bagassets.cli.inspect:inspect", "Print what a recording holds."),
-    "build": (
-        "bagassets.cli.build:build",
-        "Bring all recordings and the dataset up to date, and report what was done.",
-    ),
-    "convert": (
-        "bagassets.cli.convert:convert",
-        "Convert one recording into a dataset, without a project.",
-    ),
-    "status": ("bagassets.cli.status:status", "Show what is fresh, stale, skipped or failed, and why."),
-    "explain": (
-        "bagassets.cli.explain:explain",
-        "Show what an asset of a recording is made from, and what has changed since the last time.",
-    ),
-    "check": (
-        "bagassets.cli.check:check",
-        "Run the checks of the recipe on what was built, and print the findings.",
-    ),
-    "ui": ("bagassets.cli.ui:ui", "Open the web UI of a project."),
-    "report": (
-        "bagassets.cli.report:report",
-        "Write one HTML page about the dataset: recordings, splits, checks, classes, gaps, losses, pictures, map.",
-    ),
-    "view": (
-        "bagassets.cli.view:view",
-        "Write a scene of the dataset as an MCAP file with Foxglove's message types.",
-    ),
-    "digest": (
-        "bagassets.cli.digest:digest",
-        "Print digests of recordings and store them with the files.",
-    ),
-    "watch": ("bagassets.cli.watch:watch", "Watch a folder of recordings and keep their digests up to date."),
-    "verify": (
-        "bagassets.cli.verify:verify",
-        "Check that store and recordings are intact, and that actions are reproducible.",
-    ),
-    "gc": ("bagassets.cli.gc:gc", "Remove artifacts that nothing refers to any more."),
-    "dataset": ("bagassets.cli.dataset:dataset", "Compare datasets, and restore one from its lock."),
-    "demo": ("bagassets.cli.demo:demo", "Write sample drives and build the dataset from them."),
-    "sample": ("bagassets.cli.sample:sample", "Write a synthetic drive with known ground truth."),
-    "decoders": ("bagassets.cli.plugins:decoders", "List installed decoders for your own message types."),
-    "formats": (
-        "bagassets.cli.plugins:formats",
-        "List dataset formats, and the assets of recordings that packages add.",
-    ),
-    "docs": (
-        "bagassets.cli.docs:docs",
-        "Print documentation as Markdown: references, and pages about one subject each.",
-    ),
+# Name -> the line in the overview, which a test compares with the help of the command.
+COMMANDS = {
+    "init": "Make a project folder, with a recipe proposed from recordings.",
+    "inspect": "Print what a recording holds.",
+    "build": "Bring all recordings and the dataset up to date, and report what was done.",
+    "convert": "Convert one recording into a dataset, without a project.",
+    "status": "Show what is fresh, stale, skipped or failed, and why.",
+    "explain": "Show what an asset of a recording is made from, and what has changed since the last time.",
+    "check": "Run the checks of the recipe on what was built, and print the findings.",
+    "ui": "Open the web UI of a project.",
+    "report": "Write one HTML page about the dataset: recordings, splits, checks, classes, gaps, losses, pictures, map.",
+    "view": "Write a scene of the dataset as an MCAP file with Foxglove's message types.",
+    "digest": "Print digests of recordings and store them with the files.",
+    "watch": "Watch a folder of recordings and keep their digests up to date.",
+    "verify": "Check that store and recordings are intact, and that actions are reproducible.",
+    "gc": "Remove artifacts that nothing refers to any more.",
+    "dataset": "Compare datasets, and restore one from its lock.",
+    "demo": "Write sample drives and build the dataset from them.",
+    "sample": "Write a synthetic drive with known ground truth.",
+    "decoders": "List installed decoders for your own message types.",
+    "formats": "List dataset formats, and the assets of recordings that packages add.",
+    "docs": "Print documentation as Markdown: references, and pages about one subject each.",
 }
+# Those that are not in a module of their own.
+_MODULES = {"decoders": "plugins", "formats": "plugins"}
 
 
 # Importing Dagster makes a million objects that stay: with Python's 700, a quarter of its time is spent on looking.
 _GC_THRESHOLD = 100_000
 
 # Errors of the file system that a path given by the user can cause; any other is a defect.
-_REFUSALS = frozenset(
-    {
-        errno.EACCES,
-        errno.EDQUOT,
-        errno.EEXIST,
-        errno.EISDIR,
-        errno.ENAMETOOLONG,
-        errno.ENOENT,
-        errno.ENOSPC,
-        errno.ENOTDIR,
-        errno.EPERM,
-        errno.EROFS,
-    }
-)
+_REFUSALS = {EACCES, EDQUOT, EEXIST, EISDIR, ENAMETOOLONG, ENOENT, ENOSPC, ENOTDIR, EPERM, EROFS}
 
 
 class LazyGroup(click.Group):
@@ -103,20 +62,20 @@ class LazyGroup(click.Group):
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002  (signature of click)
         """Return the names of the commands in the order of `COMMANDS`."""
-        return [name for name, (target, _) in COMMANDS.items() if _exists(target)]
+        return [name for name in COMMANDS if _exists(_module_of(name))]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Import and return one command."""
         if cmd_name not in self.list_commands(ctx):
             return None
-        module, attribute = COMMANDS[cmd_name][0].split(":")
-        command: click.Command = getattr(importlib.import_module(module), attribute)
+        module = importlib.import_module(f"bagassets.cli.{_module_of(cmd_name)}")
+        command: click.Command = getattr(module, cmd_name)
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the overview without importing anything."""
         with formatter.section("Commands"):
-            formatter.write_dl([(name, COMMANDS[name][1]) for name in self.list_commands(ctx)])
+            formatter.write_dl([(name, COMMANDS[name]) for name in self.list_commands(ctx)])
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -131,10 +90,13 @@ class LazyGroup(click.Group):
         return super().resolve_command(ctx, args)
 
 
-def _exists(target: str) -> bool:
+def _module_of(command: str) -> str:
+    return _MODULES.get(command, command)
+
+
+def _exists(module: str) -> bool:
     """Return whether the module of a command exists, without importing it."""
-    name = target.partition(":")[0].rpartition(".")[2]
-    return os.path.exists(os.path.join(os.path.dirname(__file__), f"{name}.py"))  # noqa: PTH110, PTH118, PTH120  (pathlib costs 5 ms here)
+    return os.path.exists(os.path.join(os.path.dirname(__file__), f"{module}.py"))  # noqa: PTH110, PTH118, PTH120  (pathlib costs 5 ms here)
 
 
 @click.group(

@@ -46,15 +46,9 @@ def decoders(as_json: bool) -> None:
             {"name": plugin.name, "family": plugin.family, "type": plugin.msgtype, **plugin.as_json()}
         )
     if rows:
-        lines = _table(
-            [
-                ("type", "becomes", "package", "decoder"),
-                *(
-                    (row["type"], row["family"], f"{row['distribution']} {row['version']}", row["object"])
-                    for row in rows
-                ),
-            ]
-        )
+        table = [("type", "becomes", "package", "decoder")]
+        table += [(r["type"], r["family"], f"{r['distribution']} {r['version']}", r["object"]) for r in rows]
+        lines = _table(table)
     else:
         nothing = "No decoder plug-ins are installed; `bagassets docs page decoders` lists the types that need none."
         lines = [] if problems else [nothing]

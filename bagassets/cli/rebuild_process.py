@@ -11,6 +11,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -51,7 +52,7 @@ def other_environment() -> dict[str, str]:
 def rebuild_elsewhere(
     recipe_file: Path, key: str, actions: Sequence[str], environment: dict[str, str]
 ) -> list[JsonObject]:
-    """Run actions of a recording in a separate process; return `Rebuilt.as_json` of each.
+    """Run actions of a recording in a separate process; return the fields of each `Rebuilt`.
 
     Raises:
         BagAssetsError: the process failed as a whole.
@@ -84,19 +85,12 @@ def _main() -> None:
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     request = json.load(sys.stdin)
     recipe = load_recipe(Path(request["recipe"]))
-    store = Store(recipe.store_path)
+    assets, store = recording_assets(recipe), Store(recipe.store_path)
     recipe.state.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="verify-", dir=recipe.state) as scratch:
-        made = rebuild(
-            recording_assets(recipe),
-            store,
-            request["key"],
-            request["actions"],
-            Path(scratch),
-            threads=WORKERS,
-        )
+        made = rebuild(assets, store, request["key"], request["actions"], Path(scratch), threads=WORKERS)
     with answer:
-        json.dump([result.as_json() for result in made], answer)
+        json.dump([asdict(result) for result in made], answer)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from bagassets.cli.options import recipe_option
-from bagassets.cli.terminal import echo, echo_lines
+from bagassets.cli.terminal import echo, echo_json
 from bagassets.quantities import count_text, readable_bytes
 
 __all__ = ["report"]
@@ -39,8 +39,6 @@ def report(recipe: Path, output: Path | None, no_checks: bool, as_json: bool) ->
 
     The page is self-contained, pictures included, and loads nothing. Nothing is built: the page shows the present state.
     """
-    import json
-
     from bagassets.defs.instance_plan import plan_instance
     from bagassets.defs.pending_work import open_project
     from bagassets.formats.report_data import report_data
@@ -58,7 +56,7 @@ def report(recipe: Path, output: Path | None, no_checks: bool, as_json: bool) ->
         ) as bar:
             data = report_data(workspace.recipe, workspace.store, planned.plan, checked, bar.update)
     if as_json:
-        echo_lines(json.dumps(report_json(data), indent=1))
+        echo_json(report_json(data))
         return
     path = output or recipe.absolute().parent / "report.html"
     size = write_page(path, report_page(data))

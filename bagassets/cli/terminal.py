@@ -13,7 +13,7 @@ from bagassets.escaping import terminal, visible
 if TYPE_CHECKING:
     from rich.console import Console
 
-__all__ = ["echo", "echo_lines", "print_lines", "status_of_unwritten"]
+__all__ = ["echo", "echo_json", "echo_lines", "print_lines", "status_of_unwritten"]
 
 _FULL = {errno.ENOSPC, errno.EDQUOT}
 
@@ -26,6 +26,13 @@ def echo(line: str, *, err: bool = False) -> None:
 def echo_lines(text: str, *, err: bool = False, nl: bool = True) -> None:
     """Print several lines in which no name has a line break: JSON, tables, error messages."""
     click.echo(terminal(text), err=err, nl=nl)
+
+
+def echo_json(value: object) -> None:
+    """Print a value as JSON of several lines."""
+    import json
+
+    echo_lines(json.dumps(value, indent=1))
 
 
 def print_lines(console: "Console", text: str) -> None:

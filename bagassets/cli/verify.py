@@ -1,9 +1,8 @@
 """`bagassets verify`: check that store and recordings are intact and that actions are reproducible."""
 
-import json
 import random
 import sys
-from collections import defaultdict
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +10,7 @@ import click
 
 from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.options import recipe_option
-from bagassets.cli.terminal import echo, echo_lines
+from bagassets.cli.terminal import echo, echo_json, echo_lines
 from bagassets.errors import BagAssetsError
 from bagassets.json_types import JsonObject
 from bagassets.quantities import count_text, readable_bytes
@@ -103,27 +102,25 @@ def _check(recipe: "Recipe", store: "Store", *, report_only: bool, as_json: bool
             else:
                 store.forget(damage.digest)
         remove_damaged(spoiled)
+    status = ExitStatus.FOUND if damages or spoiled else 0
     if as_json:
-        echo_lines(
-            json.dumps(
-                {
-                    "damaged": [
-                        {
-                            "kind": d.kind,
-                            "digest": d.digest,
-                            "step": d.step,
-                            "what": names.get(d.digest),
-                            "reasons": list(d.reasons),
-                        }
-                        for d in damages
-                    ],
-                    "datasets": [{"path": str(d.path), "reason": d.reason} for d in spoiled],
-                    "taken_out": not report_only,
-                },
-                indent=1,
-            )
+        echo_json(
+            {
+                "damaged": [
+                    {
+                        "kind": d.kind,
+                        "digest": d.digest,
+                        "step": d.step,
+                        "what": names.get(d.digest),
+                        "reasons": list(d.reasons),
+                    }
+                    for d in damages
+                ],
+                "datasets": [{"path": str(d.path), "reason": d.reason} for d in spoiled],
+                "taken_out": not report_only,
+            }
         )
-        return ExitStatus.FOUND if damages or spoiled else 0
+        return status
     for damage in damages:
         of = f" ({names[damage.digest]})" if damage.digest in names else ""
         echo(f"damaged  {damage}{of}")
@@ -131,12 +128,12 @@ def _check(recipe: "Recipe", store: "Store", *, report_only: bool, as_json: bool
         echo(f"dataset  {spoiled_file}")
     if len(spoiled) > _MOST_SHOWN:
         echo(f"dataset  and {count_text(len(spoiled) - _MOST_SHOWN, 'more file')}")
-    if not damages and not spoiled:
-        echo("Store and datasets are intact.")
-        return 0
     done = "Nothing was changed." if report_only else "Removed; the next `bagassets build` makes them again."
-    echo(f"Damage: {len(damages)} in the store, {len(spoiled)} in datasets. {done}", err=True)
-    return ExitStatus.FOUND
+    if status:
+        echo(f"Damage: {len(damages)} in the store, {len(spoiled)} in datasets. {done}", err=True)
+    else:
+        echo("Store and datasets are intact.")
+    return status
 
 
 def _check_recordings(recipe: "Recipe", store: "Store", *, as_json: bool) -> int:
@@ -163,7 +160,7 @@ def _check_recordings(recipe: "Recipe", store: "Store", *, as_json: bool) -> int
         sys.stdout.flush()
     wrong = sum(not recording.is_sound for recording in checked)
     if as_json:
-        echo_lines(json.dumps({"recordings": [recording.as_json() for recording in checked]}, indent=1))
+        echo_json({"recordings": [recording.as_json() for recording in checked]})
         return ExitStatus.FOUND if wrong else 0
     size = sum(recording.size for recording in checked)
     advice = (
@@ -226,22 +223,20 @@ def _rebuild(
         )
     seed = random.SystemRandom().randrange(10**6) if seed is None else seed
     chosen = random.Random(seed).sample(known, min(number, len(known)))
-    by_key: dict[str, list[KnownAction]] = defaultdict(list)
-    for action in chosen:
-        by_key[action.key].append(action)
     environment = other_environment()
     outcomes: list[JsonObject] = []
-    for key, actions in sorted(by_key.items()):
-        made = rebuild_elsewhere(recipe_file, key, [a.action for a in actions], environment)
+    for key, of_key in groupby(sorted(chosen), lambda action: action.key):
+        actions = list(of_key)
+        made = rebuild_elsewhere(recipe_file, key, [action.action for action in actions], environment)
         again = {result["action"]: result for result in made}
-        for action in sorted(actions):
+        for action in actions:
             outcome = _outcome(action, again[action.action])
             outcomes.append(outcome)
             if not as_json:
                 echo(f"{outcome['result']:<9}  {action}" + _details(outcome))
     different = sum(outcome["result"] != "same" for outcome in outcomes)
     if as_json:
-        echo_lines(json.dumps({"seed": seed, "environment": environment, "actions": outcomes}, indent=1))
+        echo_json({"seed": seed, "environment": environment, "actions": outcomes})
     else:
         how = " ".join(f"{name}={value!r}" for name, value in sorted(environment.items()))
         echo(
@@ -253,11 +248,8 @@ def _rebuild(
 
 
 def _outcome(known: "KnownAction", again: JsonObject) -> JsonObject:
-    result = "failed" if again["artifact"] is None else "same"
-    if again["artifact"] is not None and again["artifact"] != known.artifact:
-        result = "different"
     return {
-        "result": result,
+        "result": {None: "failed", known.artifact: "same"}.get(again["artifact"], "different"),
         "recording": known.key,
         "step": known.step,
         "channel": known.channel or None,

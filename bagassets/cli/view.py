@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import click
 
 from bagassets.cli.options import recipe_option
-from bagassets.cli.terminal import echo, echo_lines
+from bagassets.cli.terminal import echo, echo_json, echo_lines
 from bagassets.escaping import visible
 from bagassets.quantities import count_text, readable_bytes
 
@@ -49,8 +49,6 @@ def view(
     SCENE is the name or token of a scene. The file holds images, point clouds, poses, boxes, transforms and the position
     on Earth; open it in Foxglove or Rerun.
     """
-    import json
-
     from bagassets.view.scene import load_scene, scene_names
 
     if (dataroot is None) != (version is None):
@@ -65,7 +63,10 @@ def view(
         dataroot, version = _place(settings, dataset)
     if show_list or scene is None:
         names = scene_names(dataroot, version)
-        echo_lines(json.dumps(names, indent=1) if as_json else "\n".join(map(visible, names)))
+        if as_json:
+            echo_json(names)
+        else:
+            echo_lines("\n".join(map(visible, names)))
         return
     from bagassets.view.mcap_scene import write_scene
 
@@ -74,7 +75,7 @@ def view(
     path = output or Path(f"{chosen.name}.mcap")
     counts = write_scene(chosen, path, fixes)
     if as_json:
-        echo_lines(json.dumps({"file": str(path), "scene": chosen.name, "messages": counts}, indent=1))
+        echo_json({"file": str(path), "scene": chosen.name, "messages": counts})
         return
     echo(f"{path} ({count_text(sum(counts.values()), 'message')}, {readable_bytes(path.stat().st_size)})")
     for topic, number in counts.items():

@@ -70,9 +70,8 @@ def _serve(
     server = Server(spec, files, lock)
     try:
         server.prepare(first_job)
-    except BagAssetsError as err:
-        _LOG.error("%s", err)
-        return 1
+    except BagAssetsError:
+        raise
     except Exception:  # noqa: BLE001  (modules of users may raise anything)
         _LOG.exception("the modules cannot be imported")
         return 1
@@ -84,11 +83,7 @@ def _serve(
         os.write(signal_ready, b"1")
         os.close(signal_ready)
 
-    try:
-        server.serve(on_ready)
-    except BagAssetsError as err:
-        _LOG.error("%s", err)
-        return 1
+    server.serve(on_ready)
     return 0
 
 

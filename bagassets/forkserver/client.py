@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 from bagassets.errors import BagAssetsError
 from bagassets.forkserver.process import ProcessId
@@ -19,9 +19,6 @@ from bagassets.forkserver.protocol import FirstJob, Lines, Message, encode
 from bagassets.forkserver.server_files import ServerFiles, last_lines
 from bagassets.forkserver.spec import SOURCE_CHANGED, ServerSpec
 from bagassets.json_types import JsonMapping
-
-if TYPE_CHECKING:
-    import subprocess
 
 __all__ = ["Client", "ServerRefusedError", "ServerStart"]
 
@@ -59,12 +56,7 @@ class Client:
     # --- finding a server ------------------------------------------------------------
 
     @classmethod
-    def ensure(
-        cls,
-        spec: ServerSpec,
-        *,
-        timeout_s: float = _START_S,
-    ) -> Self:
+    def ensure(cls, spec: ServerSpec, *, timeout_s: float = _START_S) -> Self:
         """Return a client of a server for `spec`, which is started if there is none.
 
         Args:
@@ -247,9 +239,28 @@ class ServerStart:
     def __init__(
         self, spec: ServerSpec, timeout_s: float = _START_S, first_job: FirstJob | None = None
     ) -> None:
-        self._files = ServerFiles(spec.state_folder, spec.stamp())
+        import subprocess
+
+        self._files = files = ServerFiles(spec.state_folder, spec.stamp())
         self._timeout_s = timeout_s
-        self._process = _starter(spec, self._files, timeout_s, first_job)
+        files.make()
+        search = [*spec.paths, *filter(None, [os.environ.get("PYTHONPATH")])]
+        environment = dict(os.environ) | _recipe_variable(spec) | {"PYTHONPATH": os.pathsep.join(search)}
+        spec_json = json.dumps(spec.as_json())
+        # -P keeps the current folder off the search path, whatever it is.
+        command = [sys.executable, "-P", "-m", "bagassets.forkserver", spec_json, files.stamp, str(timeout_s)]
+        if first_job is not None:
+            command.append(json.dumps(first_job))
+        with files.log.open("ab") as log:
+            self._process = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                env=environment,
+                cwd=spec.recipe.parent if spec.recipe is not None else spec.state_folder,
+                start_new_session=True,
+            )
 
     def wait(self, meanwhile: Callable[[], object] | None = None) -> None:
         """Return when the server answers.
@@ -280,32 +291,6 @@ class ServerStart:
                 raise
         if code not in {0, SOURCE_CHANGED}:
             raise BagAssetsError(*_cannot_start(self._files, f"it ended with exit code {code}"))
-
-
-def _starter(
-    spec: ServerSpec, files: ServerFiles, timeout_s: float, first_job: FirstJob | None
-) -> "subprocess.Popen[bytes]":
-    """Return a process that starts a server and ends when one with its stamp answers."""
-    import subprocess
-
-    files.make()
-    search = [*spec.paths, *filter(None, [os.environ.get("PYTHONPATH")])]
-    environment = dict(os.environ) | _recipe_variable(spec) | {"PYTHONPATH": os.pathsep.join(search)}
-    spec_json = json.dumps(spec.as_json())
-    # -P keeps the current folder off the search path, whatever it is.
-    command = [sys.executable, "-P", "-m", "bagassets.forkserver", spec_json, files.stamp, str(timeout_s)]
-    if first_job is not None:
-        command.append(json.dumps(first_job))
-    with files.log.open("ab") as log:
-        return subprocess.Popen(
-            command,
-            stdin=subprocess.DEVNULL,
-            stdout=log,
-            stderr=log,
-            env=environment,
-            cwd=spec.recipe.parent if spec.recipe is not None else spec.state_folder,
-            start_new_session=True,
-        )
 
 
 def _cannot_start(files: ServerFiles, reason: str) -> list[str]:

@@ -5,6 +5,7 @@ import signal
 import socket
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
@@ -21,12 +22,10 @@ _VMSTAT = Path("/proc/vmstat")
 
 def _oom_kills() -> int:
     """Return how many processes the system has killed for lack of memory since boot; 0 if it does not count them."""
-    try:
+    with suppress(OSError):
         for line in _VMSTAT.read_text("ascii").splitlines():
             if line.startswith("oom_kill "):
                 return int(line.split()[1])
-    except OSError:
-        return 0
     return 0
 
 
@@ -101,11 +100,9 @@ class Job:
         if self.is_cancelled:
             return
         self.is_cancelled = True
-        try:
+        with suppress(OSError):  # it has just ended
             self.channel.send(encode({"op": "cancel"}))
             os.kill(self.process.pid, signum)
-        except OSError:
-            return  # it has just ended
 
     def kill(self) -> None:
         """Kill the worker and all processes that it started; only valid before it is collected."""

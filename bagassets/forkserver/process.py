@@ -11,6 +11,7 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple, Self
 
+from bagassets.freshness.fingerprints import boot_id
 from bagassets.json_types import JsonObject
 
 __all__ = ["ProcessId"]
@@ -107,11 +108,7 @@ def _space() -> str:
         namespace = str((_PROC / "self" / "ns" / "pid").readlink())
     except OSError:
         namespace = ""
-    try:
-        boot = (_PROC / "sys" / "kernel" / "random" / "boot_id").read_text("ascii").strip()
-    except OSError:
-        boot = ""
-    return f"{namespace}/{boot}"
+    return f"{namespace}/{boot_id()}"
 
 
 def _start_time(pid: int) -> str:

@@ -22,7 +22,7 @@ from bagassets.forkserver.protocol import FirstJob, Message
 from bagassets.forkserver.server_files import ServerFiles
 from bagassets.forkserver.spec import ServerSpec
 from bagassets.forkserver.worker import load_function
-from bagassets.json_types import JsonObject
+from bagassets.freshness.fingerprints import signature
 from bagassets.lock_files import LockFile
 
 __all__ = ["Server"]
@@ -49,7 +49,7 @@ class Server:
         self._connections: set[Connection] = set()
         self._jobs: dict[str, Job] = {}
         self._owners: dict[str, Connection] = {}
-        self._held_back: dict[str, tuple[str, Message]] = {}  # reporting job -> lost job and its event
+        self._held_back: dict[str, Message] = {}  # reporting job -> event of the lost one
         self._done_once: set[str] = set()
         self._count = 0
         self._last_use = self._last_job = self._last_age_check = time.monotonic()
@@ -117,7 +117,7 @@ class Server:
         on_ready()
         _LOG.info("serving %s, stamp %s", ", ".join(self._spec.modules) or "nothing ahead", self._files.stamp)
         try:
-            while not self._is_done():
+            while self._listener is not None or self._jobs:
                 due = None if self._can_wait and self._is_at_work() else self._later
                 ready = self._selector.select(0.0 if due is not None else _TICK_S)
                 for key, _ in ready:
@@ -194,9 +194,6 @@ class Server:
             return not self._lock.is_in_place
         except OSError:
             return False  # a file server that does not answer for a while
-
-    def _is_done(self) -> bool:
-        return self._listener is None and not self._jobs
 
     def _on_sigterm(self, *_: object) -> None:
         self._end_requested = True  # for the loop, which may be anywhere now
@@ -368,9 +365,10 @@ class Server:
 
     def _on_note(self, job: Job) -> None:
         for facts in job.listen():
-            self._send_event(job.id, {"event": "note", "job": job.id, "note": facts})
+            if job.id in self._owners:
+                self._owners[job.id].send({"event": "note", "job": job.id, "note": facts})
         if job.is_done:  # nobody has to wait for the end of its process
-            self._send_end(job.id, job.describe_end(0))
+            self._send_end(job.describe_end(0))
         if job.lines.is_closed:
             self._selector.unregister(job.channel)
 
@@ -398,23 +396,16 @@ class Server:
             request = {**job.request, "function": reporter, "args": args, "on_lost": None, "detached": True}
             reporting = self._start(request)
             reporting.kill_at = time.monotonic() + _LOST_GRACE_S
-            self._held_back[reporting.id] = (job.id, event)
+            self._held_back[reporting.id] = event
         else:
-            self._send_end(job.id, event)
-        held_back = self._held_back.pop(job.id, None)
-        if held_back is not None:
-            lost_id, lost_event = held_back
-            self._send_end(lost_id, lost_event)
+            self._send_end(event)
+        if job.id in self._held_back:
+            self._send_end(self._held_back.pop(job.id))
         del self._jobs[job.id]
 
-    def _send_end(self, job_id: str, event: JsonObject) -> None:
+    def _send_end(self, event: Message) -> None:
         """Send the last event of a job, unless it has been sent; a client that goes meanwhile has nothing to cancel."""
-        owner = self._owners.pop(job_id, None)
-        if owner is not None:
-            owner.send(event)
-
-    def _send_event(self, job_id: str, event: JsonObject) -> None:
-        owner = self._owners.get(job_id)
+        owner = self._owners.pop(event["job"], None)
         if owner is not None:
             owner.send(event)
 
@@ -430,16 +421,10 @@ class LoadedSources:
         installed = {Path(sysconfig.get_path(name)).resolve() for name in ("stdlib", "purelib", "platlib")}
         ignored = installed | set(map(Path, others))
         files = {Path(name) for m in list(sys.modules.values()) if (name := getattr(m, "__file__", None))}
-        self._seen = {file: _signature(file) for file in files if ignored.isdisjoint({file, *file.parents})}
+        self._seen = {
+            file: signature(file)[:2] for file in files if ignored.isdisjoint({file, *file.parents})
+        }
 
     def changed(self) -> list[Path]:
         """Return the files that changed since they were loaded."""
-        return sorted(file for file, seen in self._seen.items() if _signature(file) != seen)
-
-
-def _signature(file: Path) -> tuple[int, int]:
-    try:
-        stat = file.stat()
-    except OSError:
-        return (-1, -1)
-    return stat.st_size, stat.st_mtime_ns
+        return sorted(file for file, seen in self._seen.items() if signature(file)[:2] != seen)

@@ -9,6 +9,7 @@ anything heavy, and the server computes it again to notice that it is outdated.
 import os
 import sys
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import cache
 from importlib.machinery import PathFinder
 from pathlib import Path
@@ -93,17 +94,13 @@ class ServerSpec(NamedTuple):
     def from_json(cls, value: JsonObject) -> Self:
         """Inverse of `as_json`."""
         recipe = value["recipe"]
-        return cls(
-            Path(value["state_folder"]),
-            None if recipe is None else Path(recipe),
-            tuple(value["modules"]),
-            tuple(value["paths"]),
-            value["preload"],
-            value["environment"],
-            tuple(value["sources"]),
-            value["idle_timeout_s"],
-            tuple(map(Path, value["recipes"])),
-        )
+        typed = {
+            "state_folder": Path(value["state_folder"]),
+            "recipe": None if recipe is None else Path(recipe),
+            "recipes": tuple(map(Path, value["recipes"])),
+            **{name: tuple(value[name]) for name in ("modules", "paths", "sources")},
+        }
+        return cls(**value | typed)
 
     def as_json(self) -> JsonObject:
         """Return the spec as JSON."""
@@ -153,19 +150,13 @@ def _source_root(top: str, paths: tuple[str, ...]) -> Path | None:
     return file.parent if file.stem == "__init__" else file
 
 
-def _text(path: Path) -> str | None:
-    try:
-        return path.read_text("utf-8", "replace")
-    except OSError:
-        return None
-
-
 def _environment(recipe: Path | None) -> dict[str, str]:
     """Return the relevant variables; the definitions read no other but the recipe's, which is in the spec."""
     names = {name for name in os.environ if name in _STARTUP_VARIABLES or name.startswith(_STARTUP_PREFIXES)}
-    dotenv = _text(recipe.with_name(".env")) if recipe is not None else None
-    for line in (dotenv or "").splitlines():
-        names.discard(line.strip().removeprefix("export ").partition("=")[0].strip())
+    if recipe is not None:
+        with suppress(OSError):
+            for line in recipe.with_name(".env").read_text("utf-8", "replace").splitlines():
+                names.discard(line.strip().removeprefix("export ").partition("=")[0].strip())
     values = {name: _as_given(os.environ[name]) for name in sorted(names)}
     return {name: value for name, value in values.items() if value}
 

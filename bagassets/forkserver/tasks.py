@@ -36,13 +36,7 @@ def server_spec(
 ) -> ServerSpec:
     """Return the spec of a server that has Dagster and the definitions imported.
 
-    Args:
-        state_folder: see `ServerSpec`, as for the other arguments.
-        recipe: likewise.
-        modules: likewise.
-        paths: likewise.
-        idle_timeout_s: likewise; by default what the variable BAGASSETS_SERVER_MINUTES says.
-        recipes: see `ServerSpec`.
+    For the arguments see `ServerSpec`; `idle_timeout_s` is by default what the variable BAGASSETS_SERVER_MINUTES says.
 
     Raises:
         BagAssetsError: a module cannot be found, or the variable is no number.

@@ -36,8 +36,6 @@ class _Channel:
 
     def open(self, connection: socket.socket) -> None:
         self._socket = connection
-        self._lines = Lines()
-        self._cancelled = False
 
     def send(self, message: Message) -> None:
         if self._socket is None:

@@ -106,7 +106,7 @@ class Cache:
             return True
         for _ in range(2):
             try:
-                with closing(self._opened()) as connection:
+                with self._writing() as connection:
                     connection.execute("BEGIN IMMEDIATE")
                     changes.apply(connection)
                     connection.execute("COMMIT")
@@ -157,54 +157,37 @@ class Cache:
             PlanNeeded: the file cannot be read, or was written by another version.
         """
         try:
-            connection = open_read_only(self.path)
+            with closing(open_read_only(self.path)) as connection:
+                if connection.execute(_VERSION).fetchone() != (_FORMAT,):
+                    raise PlanNeeded(f"{self.path}: written by another version")
+                yield connection
         except sqlite3.Error as err:
             raise PlanNeeded(f"{self.path}: {err}") from err
-        with closing(connection):
-            try:
-                version = connection.execute(_VERSION).fetchone()
-            except sqlite3.Error as err:
-                raise PlanNeeded(f"{self.path}: {err}") from err
-            if version != (_FORMAT,):
-                raise PlanNeeded(f"{self.path}: written by another version")
-            yield connection
 
-    def _opened(self) -> sqlite3.Connection:
-        """Open the file for writing, and create it if it is missing.
+    @contextmanager
+    def _writing(self) -> Iterator[sqlite3.Connection]:
+        """Yield a connection for writing to the file, which is created with its table if it is missing.
 
         Only its owner may read it, since URLs of databases may hold passwords.
 
         Raises:
             OSError: it cannot be opened or created.
-            sqlite3.Error: the same, or it is damaged.
+            sqlite3.Error: the same, or it is damaged, or of another format.
         """
         os.makedirs(os.path.dirname(self.path), exist_ok=True)
         os.close(os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600))
-        connection = sqlite3.connect(self.path, timeout=_BUSY_S, isolation_level=None)
-        try:
-            _prepare(connection)
-        except BaseException:
-            connection.close()
-            raise
-        return connection
-
-
-def _prepare(connection: sqlite3.Connection) -> None:
-    """Create the table if the open database is new.
-
-    Raises:
-        sqlite3.Error: the table cannot be created, or the database is of another format.
-    """
-    connection.execute("PRAGMA synchronous = OFF")
-    (version,) = connection.execute(_VERSION).fetchone()
-    if version == 0:
-        connection.execute(
-            "CREATE TABLE IF NOT EXISTS entries "
-            "(kind TEXT, key TEXT, content BLOB, digest BLOB, PRIMARY KEY (kind, key))"
-        )
-        connection.execute(f"PRAGMA user_version = {_FORMAT}")
-    elif version != _FORMAT:
-        raise sqlite3.DatabaseError("written by another version")
+        with closing(sqlite3.connect(self.path, timeout=_BUSY_S, isolation_level=None)) as connection:
+            connection.execute("PRAGMA synchronous = OFF")
+            (version,) = connection.execute(_VERSION).fetchone()
+            if version == 0:
+                connection.execute(
+                    "CREATE TABLE IF NOT EXISTS entries "
+                    "(kind TEXT, key TEXT, content BLOB, digest BLOB, PRIMARY KEY (kind, key))"
+                )
+                connection.execute(f"PRAGMA user_version = {_FORMAT}")
+            elif version != _FORMAT:
+                raise sqlite3.DatabaseError("written by another version")
+            yield connection
 
 
 def _check(kind: str, key: str, content: bytes) -> bytes:

@@ -303,9 +303,8 @@ class BuildLog:
         for other in over:
             changes.drop(_BUILD, other)
         changes.put(_BUILD, process, b"")
-        changes.put(
-            _LAST, "", json.dumps([boot_id(), contents_fingerprint([os.path.abspath(recipe)])]).encode()
-        )
+        last = [boot_id(), contents_fingerprint([os.path.abspath(recipe)])]
+        changes.put(_LAST, "", json.dumps(last).encode())
         self._cache.write(changes)
 
     def end(self, process: str) -> None:

@@ -175,14 +175,8 @@ def project_fingerprint(code: str, recipe: str, files: list[str], folders: list[
     Raises:
         PlanNeeded: a folder cannot be read.
     """
-    return digest_lines(
-        [
-            code,
-            recipe,
-            files_fingerprint(files),
-            *(tree_fingerprint(folder, hidden=True) for folder in folders),
-        ]
-    )
+    trees = [tree_fingerprint(folder, hidden=True) for folder in folders]
+    return digest_lines([code, recipe, files_fingerprint(files), *trees])
 
 
 @cache

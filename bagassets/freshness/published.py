@@ -12,7 +12,7 @@ the file gains or loses a name.
 import json
 import os
 import random
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import TypedDict
 
 from bagassets.freshness.cache import Cache, Changes
@@ -147,15 +147,10 @@ class Publication:
         try:
             with self._cache.kept_open():
                 for part, names in links.items():
-                    lines = (
-                        None if suspects is None else self._trusted_lines(part, before.get(part), suspects)
-                    )
+                    lines = self._trusted_lines(part, before.get(part), suspects)
                     if lines is None:
                         lines = [_line_of(root, name) for name in sorted(names())]
-                        lists[part] = self._put_list(changes, part, lines)
-                        self._drop_pieces(
-                            changes, part, before.get(part, ())[len(lists[part]) :], len(lists[part])
-                        )
+                        lists[part] = self._put_list(changes, part, lines, before.get(part, ()))
                     else:
                         lists[part] = before[part]
                     folders.update(line.split(b" ", 2)[2].rpartition(b"/")[0] for line in lines)
@@ -165,7 +160,7 @@ class Publication:
         except OSError:  # somebody is removing files
             return
         for part in before.keys() - lists.keys():
-            self._drop_pieces(changes, part, before[part])
+            self._put_list(changes, part, [], before[part])
         self._put_head(
             _Head(
                 root=root,
@@ -195,10 +190,7 @@ class Publication:
                 lines = self._lines(part, sizes)
                 distrusted = [_distrusted(root, line, since_s, links) for line in lines]
                 if distrusted != lines:
-                    head["lists"][part] = self._put_list(changes, part, distrusted)
-                    self._drop_pieces(
-                        changes, part, sizes[len(head["lists"][part]) :], len(head["lists"][part])
-                    )
+                    head["lists"][part] = self._put_list(changes, part, distrusted, sizes)
         except PlanNeeded:
             changes = Changes()
             changes.drop(_HEAD, self._asset)
@@ -228,17 +220,15 @@ class Publication:
     def _piece(self, part: str, number: int) -> str:
         return f"{self._asset}/{part}/{number}"
 
-    def _put_list(self, changes: Changes, part: str, lines: list[bytes]) -> list[int]:
-        """Write a list, and return the size of each piece in bytes."""
+    def _put_list(self, changes: Changes, part: str, lines: list[bytes], before: Sequence[int]) -> list[int]:
+        """Write a list in place of one of `before` pieces, and return the size of each piece in bytes."""
         sizes: list[int] = []
         for piece in _pieces(lines):
             changes.put(_LINKS, self._piece(part, len(sizes)), piece)
             sizes.append(len(piece))
-        return sizes
-
-    def _drop_pieces(self, changes: Changes, part: str, sizes: Iterable[int], start: int = 0) -> None:
-        for number, _ in enumerate(sizes, start):
+        for number in range(len(sizes), len(before)):
             changes.drop(_LINKS, self._piece(part, number))
+        return sizes
 
     def _lines(self, part: str, sizes: list[int]) -> list[bytes]:
         """Return the list of a part.
@@ -250,10 +240,10 @@ class Publication:
         return [line for piece in pieces for line in piece.splitlines(keepends=True)]
 
     def _trusted_lines(
-        self, part: str, sizes: list[int] | None, suspects: frozenset[str]
+        self, part: str, sizes: list[int] | None, suspects: frozenset[str] | None
     ) -> list[bytes] | None:
-        """Return the list of a part if it is still valid; None if there is none, or it names a suspect."""
-        if sizes is None:
+        """Return the list of a part if it is still valid; None if there is none, or it names a suspect, or any may be one."""
+        if sizes is None or suspects is None:
             return None
         try:
             lines = self._lines(part, sizes)

@@ -63,10 +63,7 @@ class IndexRow:
 
     def same_file(self, stat: os.stat_result) -> bool:
         """Tell whether size, mtime, inode and ctime are those of `stat`."""
-        return self.same_size_and_time(stat) and (self.inode, self.ctime_ns) == (
-            stat.st_ino,
-            stat.st_ctime_ns,
-        )
+        return self == IndexRow.of(stat, self.digest)
 
 
 class DigestIndex:

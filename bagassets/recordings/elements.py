@@ -14,15 +14,17 @@ from bagassets.errors import DecodeError
 from bagassets.recordings.known_types import FieldType, Types
 from bagassets.recordings.model import Serialization
 
-__all__ = ["announced_elements", "check_elements", "fewest_bytes_of"]
+__all__ = ["SIZES", "announced_elements", "check_elements", "fewest_bytes_of"]
 
-_SIZES = {
+SIZES = {
     **dict.fromkeys(("bool", "byte", "char", "octet", "int8", "uint8"), 1),
     **dict.fromkeys(("int16", "uint16"), 2),
     **dict.fromkeys(("int32", "uint32", "float32"), 4),
     **dict.fromkeys(("int64", "uint64", "float64"), 8),
     "float128": 16,
 }
+"""Bytes of each primitive type but strings."""
+
 _COUNT = {"<": Struct("<I"), ">": Struct(">I")}
 # rosbags' name for the field that C++ adds to empty messages; ROS 1 does not serialize it.
 _FILLER = "structure_needs_at_least_one_member"
@@ -48,7 +50,8 @@ def fewest_bytes_of(
     """
     elements = _Elements(types, serialization)
     left = most_elements - elements.fixed(msgtype)
-    densities = [_density(*elements.of_item(item)) for item in elements.list_items(msgtype)]
+    items = [elements.of_item(item) for item in elements.list_items(msgtype)]
+    densities = [number / size if size else float("inf") for number, size in items]
     if not densities:
         return None
     return int(max(0, left) / max(densities))
@@ -66,10 +69,6 @@ def check_elements(
         _Walk(types, serialization, data, most_elements).message(msgtype)
     except (error, IndexError) as err:
         raise DecodeError(f"its bytes do not fit {msgtype}") from err
-
-
-def _density(elements: int, size: int) -> float:
-    return elements / size if size else float("inf")
 
 
 class _Elements:
@@ -97,7 +96,7 @@ class _Elements:
         """Return the least number of elements and of bytes of a field or list item."""
         kind, inner = description
         if kind == Nodetype.BASE:
-            return (1, 4) if inner[0] == "string" else (0, _SIZES.get(inner[0], 1))
+            return (1, 4) if inner[0] == "string" else (0, SIZES.get(inner[0], 1))
         if kind == Nodetype.NAME:
             elements, size = self._of_type(inner)
             return elements + 1, size
@@ -164,7 +163,7 @@ class _Walk:
                 self._take_one()
                 self._skip(self._number(), 1)
             else:
-                self._skip(1, _SIZES.get(inner[0], 1))
+                self._skip(1, SIZES.get(inner[0], 1))
         elif kind == Nodetype.NAME:
             self._take_one()
             self.message(inner)
@@ -173,7 +172,7 @@ class _Walk:
             number = length if kind == Nodetype.ARRAY else self._number()
             if item[0] == Nodetype.BASE and item[1][0] != "string":
                 if number:
-                    self._skip(number, _SIZES.get(item[1][0], 1))
+                    self._skip(number, SIZES.get(item[1][0], 1))
                 return
             self._require(number * self._fewest.of_item(item)[0])
             for _ in range(number):

@@ -9,7 +9,6 @@ from zlib import crc32
 
 import numpy as np
 from mcap.opcode import Opcode
-from numpy.typing import NDArray
 
 from bagassets.errors import RecordingError
 from bagassets.recordings.damage import DamageError
@@ -147,9 +146,6 @@ class MessagePlaces:
 
     def in_order(self) -> Iterator[tuple[int, int, int, int]]:
         """Yield log time, channel, begin and end in order of log time; messages of equal time keep their order."""
-        times: NDArray[np.uint64] = (
-            np.frombuffer(self._times, np.uint64) if self._times else np.zeros(0, np.uint64)
-        )
-        order = np.argsort(times, kind="stable").astype(np.uint32)
+        order = np.argsort(np.array(self._times), kind="stable").astype(np.uint32)
         for number in order:
             yield self._times[number], self._channels[number], self._begins[number], self._ends[number]

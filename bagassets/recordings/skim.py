@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
 
+from bagassets.recordings.elements import SIZES
 from bagassets.recordings.known_types import FieldType
 from bagassets.recordings.layouts import Layout
 from bagassets.recordings.model import SkimmedPacket
@@ -20,13 +21,6 @@ __all__ = ["HEADER", "PacketSkimmer", "SkimmedPackets", "packet_skimmer"]
 
 HEADER = "std_msgs/msg/Header"
 _HEADER_FIELDS = ["seq", "stamp", "frame_id"]
-_SIZES = {
-    **dict.fromkeys(("bool", "byte", "char", "int8", "uint8"), 1),
-    **dict.fromkeys(("int16", "uint16"), 2),
-    **dict.fromkeys(("int32", "uint32", "float32"), 4),
-    **dict.fromkeys(("int64", "uint64", "float64"), 8),
-}
-
 _FIRST = Struct("<4xiII")  # after the sequence number: seconds, nanoseconds, length of the frame id
 _STAMP = np.dtype([("seconds", "<i4"), ("nanoseconds", "<u4")])
 _STAMP_BEGIN, _STAMP_END = 4, 12
@@ -115,7 +109,7 @@ def packet_skimmer(layout: Layout, payloads: Sequence[str]) -> PacketSkimmer | N
 def _fixed_size(kind: FieldType) -> int | None:
     """Return the size of a field in bytes; None if it varies between messages."""
     if kind[0] == Nodetype.BASE:
-        return _SIZES.get(kind[1][0])
+        return SIZES.get(kind[1][0])
     if kind[0] == Nodetype.ARRAY:
         inner, number = kind[1]
         size = _fixed_size(inner)

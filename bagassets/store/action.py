@@ -43,13 +43,7 @@ class Action:
 
     def as_json(self) -> JsonObject:
         """Return the action as JSON, from which its digest is computed."""
-        return {
-            "step": self.step,
-            "version": self.version,
-            "libraries": dict(self.libraries),
-            "params": dict(self.params),
-            "inputs": dict(self.inputs),
-        }
+        return dict(vars(self))
 
     @property
     def digest(self) -> str:

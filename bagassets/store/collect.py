@@ -96,7 +96,7 @@ def find_garbage(store: Store, roots: Collection[str], used_since_s: float, now_
     recent = {record.artifact for record in records if record.used_s >= used_since_s}
     needed = _closure(store, {*roots, *recent}, by_artifact)
     garbage = []
-    for folder in _artifacts(store):
+    for folder in sorted((store.root / "artifacts").glob("*/*")):
         if folder.name in needed:
             continue
         made_by = by_artifact.get(folder.name, [])
@@ -107,7 +107,8 @@ def find_garbage(store: Store, roots: Collection[str], used_since_s: float, now_
             paths = tuple(record.path for record in made_by)
             step = made_by[0].step if made_by else ""
             marked_ns = _marked_ns(folder)
-            garbage.append(Garbage(folder.name, step, _size(folder), used_s, marked_ns, paths))
+            size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+            garbage.append(Garbage(folder.name, step, size, used_s, marked_ns, paths))
     return sorted(garbage, key=lambda g: (-g.size, g.artifact))
 
 
@@ -210,14 +211,6 @@ def _records(store: Store) -> Iterator[Record]:
             action = record["action"]
             inputs = tuple(str(digest) for digest in action["inputs"].values())
             yield Record(path, str(action["step"]), str(record["artifact"]), inputs, path.stat().st_mtime)
-
-
-def _artifacts(store: Store) -> Iterator[Path]:
-    yield from sorted((store.root / "artifacts").glob("*/*"))
-
-
-def _size(folder: Path) -> int:
-    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
 
 
 def _leftovers(store: Store, now_s: float) -> Iterator[Path]:

@@ -49,17 +49,13 @@ def note_user(root: Path, recipe_file: Path) -> None:
 
     A store that cannot be written is only read, and needs no note.
     """
-    value = {
-        "recipe": str(recipe_file.absolute()),
-        "host": socket.gethostname(),
-        "store": str(root.absolute()),
-    }
-    path = _file(root, User(recipe_file.absolute(), value["host"], root.absolute()))
+    user = User(recipe_file.absolute(), socket.gethostname(), root.absolute())
+    path = _file(root, user)
     if path.exists():
         return
     with suppress(OSError):
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomically(path, json.dumps(value, sort_keys=True).encode())
+        write_atomically(path, json.dumps(vars(user), sort_keys=True, default=str).encode())
 
 
 def users_of(root: Path) -> list[User]:
