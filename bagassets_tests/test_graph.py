@@ -12,7 +12,6 @@ from bagassets.build.execute import BuildFailure, Skipped, execute, run_again
 from bagassets.build.graph import Graph
 from bagassets.build.plan import Recorded
 from bagassets.build.planner import Planner
-from bagassets.build.rebuild import Scratch
 from bagassets.build.recording_assets import RecordingAssets
 from bagassets.errors import CalibrationError, PluginError, RecipeError
 from bagassets.recipe import load_recipe
@@ -459,7 +458,7 @@ def test_actions_run_again_on_what_is_on_record_and_the_store_stays_as_it_is(pro
     nodes = list(graph.nodes())
     files = sorted(path for path in graph.store.root.rglob("*"))
     ran.failing = {"poses"}
-    made = run_again(graph, nodes, Scratch(tmp_path / "scratch"), threads=1)
+    made = run_again(graph, nodes, Store(tmp_path / "scratch"), threads=1)
     assert sorted(path for path in graph.store.root.rglob("*")) == files
     assert str(made.pop("poses")) == "poses is not to be made"
     assert {name: outcome.artifact.digest for name, outcome in made.items()} == {

@@ -15,7 +15,7 @@ from bagassets.recordings.digest import DigestIndex, recording_digest, recording
 from bagassets.recordings.discover import discover
 from bagassets.store.store import Outcome, Store
 
-__all__ = ["KnownAction", "Rebuilt", "Scratch", "known_actions", "rebuild"]
+__all__ = ["KnownAction", "Rebuilt", "known_actions", "rebuild"]
 
 
 @dataclass(frozen=True, order=True)
@@ -101,14 +101,11 @@ def rebuild(
         for node in graph.nodes()
         if node.outcome is not None and node.outcome.action_digest in actions
     }
-    results = run_again(graph, list(known.values()), Scratch(scratch), threads=threads)
+    # In an empty store nothing was made before, so everything runs again.
+    results = run_again(graph, list(known.values()), Store(scratch), threads=threads)
     rebuilt = {action: _compare(node, results[node.name]) for action, node in known.items()}
     gone = "it is not among the actions of this recording any more"
     return [rebuilt.get(action) or Rebuilt(action, None, error=gone) for action in sorted(actions)]
-
-
-class Scratch(Store):
-    """An empty folder in place of the store: nothing that was made before is known there, so everything runs again."""
 
 
 def _compare(node: Node, result: Outcome | BagAssetsError) -> Rebuilt:

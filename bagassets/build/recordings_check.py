@@ -7,7 +7,6 @@ from pathlib import Path
 
 from bagassets.build.execute import run_again
 from bagassets.build.graph import Graph
-from bagassets.build.rebuild import Scratch
 from bagassets.build.recording_assets import RecordingAssets
 from bagassets.errors import BagAssetsError
 from bagassets.json_types import JsonMapping, JsonObject
@@ -181,7 +180,7 @@ def _changed_topics(
         raise BagAssetsError("the store has no inventory of the recorded content, which was never built.")
     before = _topics(inventory.artifact)
     with tempfile.TemporaryDirectory() as folder:
-        again = run_again(graph, [inventory], Scratch(Path(folder)), threads=1)[inventory.name]
+        again = run_again(graph, [inventory], Store(Path(folder)), threads=1)[inventory.name]
         if isinstance(again, BagAssetsError):
             raise again
         now = _topics(again.artifact)

@@ -22,7 +22,6 @@ import time
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 from uuid import uuid4
 
 from bagassets.atomic import create_atomically, write_atomically
@@ -32,7 +31,7 @@ from bagassets.store.action import Action
 from bagassets.store.artifact import MANIFEST, Artifact, ArtifactWriter
 from bagassets.store.lease import action_lock
 
-__all__ = ["Destination", "Outcome", "Pending", "Store"]
+__all__ = ["Outcome", "Pending", "Store"]
 
 # Errors of a file system where a folder of that name exists and is not empty.
 _TAKEN = {errno.ENOTEMPTY, errno.EEXIST}
@@ -58,26 +57,10 @@ class Outcome:
     seconds: float
 
 
-class Destination(Protocol):
-    """Where artifacts are written, put in place and recorded: the store, or a scratch folder."""
-
-    def make_temporary_folder(self) -> Path:
-        """Create an empty folder."""
-        ...
-
-    def adopt(self, folder: Path, digest: str) -> Artifact:
-        """Put a finished folder in place."""
-        ...
-
-    def record(self, action: Action, artifact: Artifact, seconds: float) -> None:
-        """Record that an action produced an artifact."""
-        ...
-
-
 class Pending:
     """A running action: write into `out`, then `commit` or `discard`."""
 
-    def __init__(self, store: Destination, action: Action) -> None:
+    def __init__(self, store: "Store", action: Action) -> None:
         self.action = action
         self._store = store
         self._folder = store.make_temporary_folder()
