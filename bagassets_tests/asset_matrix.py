@@ -87,7 +87,12 @@ def recipes(folder):
         "CAM_LEFT": {**CAMERA, "undistort": False, "extrinsics": {"file": chain}},
     }  # fmt: skip
     clouds = {
-        "LIDAR_BACK": {**LIDAR, "header_stamp_is": "start", "max_range_m": 50},
+        "LIDAR_BACK": {
+            **LIDAR,
+            "header_stamp_is": "start",
+            "max_range_m": 50,
+            "point_times": {"unit": "us", "since": "clock"},
+        },
         "LIDAR_TOP": {**LIDAR, "deskew": True, "extrinsics": MOUNT},
         "LIDAR_SIDE": {**PACKETS, "model": "VLP-16", "cut_angle_deg": 10, "clock": "log"},
         "RADAR_FRONT": {**RADAR, "azimuth_positive": "left", "extrinsics": MOUNT},

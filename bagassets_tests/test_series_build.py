@@ -26,7 +26,9 @@ from bagassets_tests.test_sensor import Project
 pytestmark = pytest.mark.xdist_group("series_build")
 
 CUTS_S = {3: (0.7, 1.33), 5: (0.4, 0.81, 1.0, 1.5)}
-ANGLES = RECIPE + "scenes: {{length_s: 1.2, min_length_s: 0.2}}\npreview: {{enabled: false}}\n"
+ANGLES = (
+    RECIPE.replace("min_length_s: 0.5", "length_s: 1.2, min_length_s: 0.2") + "preview: {{enabled: false}}\n"
+)
 
 
 @pytest.mark.parametrize("number", CUTS_S)

@@ -118,7 +118,7 @@ def test_a_place_that_cannot_be_written_is_refused_before_the_work(tmp_path):
 
 
 def test_a_build_shows_bags_steps_images_and_processors(tmp_path):
-    write_recordings([Target(tmp_path / "recordings" / "one.mcap", "mcap")], duration_s=1.0)
+    write_recordings([Target(tmp_path / "recordings" / "one.mcap", "mcap")], duration_s=1.2)
     (tmp_path / "recipe.yaml").write_text(sample_recipe().replace("settle_s: 2", "settle_s: 0"))
     command = ["build", "--recipe", str(tmp_path / "recipe.yaml"), "--trace", str(tmp_path / "trace.json")]
     try:

@@ -6,6 +6,7 @@ Files: `inventory.json`, and `messages.parquet` with the small messages that lat
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 
 from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use, inlined
@@ -83,8 +84,11 @@ def make_inventory(recording: Recording, out: ArtifactWriter, *, size: int) -> J
     """
     logs = {name: TopicLog(info.msgtype) for name, info in recording.topics.items()}
     readable = {name: info for name, info in recording.topics.items() if info.problem is None}
-    probes = {name: _TopicProbe(info) for name, info in readable.items()}
     bulk = bulk_types("yes")
+    probes = {
+        name: _TopicProbe(info, MOST_MISFITS if info.msgtype in bulk else inf)
+        for name, info in readable.items()
+    }
     kept = KeptMessages(name for name, info in readable.items() if info.msgtype not in bulk)
     fixes: list[FixReading] = []
     fix_types = own_types("fix")
@@ -231,10 +235,12 @@ class _TopicProbe:
 
     Args:
         topic: the topic, whose type is known.
+        most_misfits: how many must not fit before it gives up; of small messages, which are used from the pack, all.
     """
 
-    def __init__(self, topic: Topic) -> None:
+    def __init__(self, topic: Topic, most_misfits: float) -> None:
         self._topic = topic
+        self._most_misfits = most_misfits
         self._misfits = 0
         self._reason = ""
         self._fits = False
@@ -248,7 +254,7 @@ class _TopicProbe:
             self._reason = str(err)
         else:
             self._fits = True
-        enough = self._fits or self._misfits == MOST_MISFITS
+        enough = self._fits or self._misfits == self._most_misfits
         return enough and not self._topic.is_ambiguous
 
     @property

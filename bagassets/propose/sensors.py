@@ -111,8 +111,11 @@ def _unusable(topic: TopicSummary) -> tuple[str, bool]:
     modality = modality_of(topic)
     if modality is None:
         if topic.count > 0 and not families_of(topic.msgtype) and is_sensor_type(topic.msgtype):
-            lacking = f"no decoder for {shown_type(topic.msgtype)}; record what its driver publishes (Image, PointCloud2)"
-            return f"{lacking}, or install a decoder (`bagassets docs page decoders`)", True
+            lacking = (
+                f"no decoder for {shown_type(topic.msgtype)}; record what its driver publishes (Image, PointCloud2), or "
+                "install a decoder (`bagassets docs page decoders`)"
+            )
+            return lacking, True
         return "", False
     if topic.count == 0:
         return "no messages", False

@@ -59,9 +59,10 @@ class PackedRecording(Recording):
                 continue
             definition = Definition(**topic["definition"])
             serialization: Serialization = topic["serialization"]
-            # What has a problem, and is packed all the same, has messages that fit among those that do not.
             sources.append(
-                TopicSource(topic["name"], topic["type"], topic["count"], definition, serialization)
+                TopicSource(
+                    topic["name"], topic["type"], topic["count"], definition, serialization, topic["problem"]
+                )
             )
         super().__init__(parquet, inventory["format"], merge_topics(parquet, sources, (), limits or Limits()))
 
