@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 __all__ = ["Told", "told_once"]
 
-# Fewer are told one by one, as they are.
 _FEWEST = 4
 _MOST_NAMED = 3
 _SPACES = re.compile(r"(\s+)")
@@ -35,14 +34,16 @@ class Told:
         if len(self.names) == 1:
             return self.names[0]
         more = len(self.names) - _MOST_NAMED
-        return f"{len(self.names)} recordings ({', '.join(self.names[:_MOST_NAMED])} and {more} more)"
+        rest = f" and {more} more" if more > 0 else ""
+        return f"{len(self.names)} recordings ({', '.join(self.names[:_MOST_NAMED])}{rest})"
 
 
-def told_once(found: Iterable[tuple[tuple[str, ...], str, str]]) -> list[Told]:
+def told_once(found: Iterable[tuple[tuple[str, ...], str, str]], fewest: int = _FEWEST) -> list[Told]:
     """Return each sentence with the recordings that it is about, in the order in which they are met first.
 
     Args:
         found: kind, name of the recording and sentence; only what is of one kind is told together.
+        fewest: fewer are told one by one.
     """
     split: dict[tuple[str, str], tuple[list[str], tuple[str, ...]]] = {}
     alike: dict[tuple[tuple[str, ...], tuple[str, ...]], list[tuple[str, list[str]]]] = {}
@@ -55,7 +56,7 @@ def told_once(found: Iterable[tuple[tuple[str, ...], str, str]]) -> list[Told]:
         alike.setdefault((kind, pattern), []).append((name, words))
     told = []
     for (kind, _), same in alike.items():
-        if len(same) < _FEWEST:
+        if len(same) < fewest:
             told += [Told(kind, (name,), "".join(words)) for name, words in same]
         else:
             names = tuple(name for name, _ in same)

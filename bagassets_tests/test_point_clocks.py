@@ -350,10 +350,18 @@ def test_times_that_cannot_be_used_are_not_said_to_be_missing(run, problem):
         run(request(lidar(deskew=True), CLOUD), turns(UNUSABLE[problem]), driving(SPEED_MPS))
 
 
+def test_what_the_recipe_says_of_times_that_cannot_be_used_is_refused(run):
+    said = {"unit": "ns", "since": "header"}
+    with pytest.raises(
+        RecipeError, match=r"point_times says what the times .* cannot be used, as they do not differ; "
+    ):
+        run(request(lidar(point_times=said), CLOUD), turns(UNUSABLE["they do not differ"]))
+
+
 DOUBTFUL = {
     "8% of them lie apart": ("t", lambda n, h: spoilt(since_header(n, h), np.arange(48) * 10, 1_500_000_000)),
     "they last 1.9 s a cloud, but clouds come every 0.1 s": ("t", lambda n, h: spoilt(since_header(n, h), np.arange(60) * 10, 1_500_000_000)),
-    "as nanoseconds they last 0.0001 s a cloud, as microseconds 0.1 s": ("t", lambda *_: (OFFSETS_NS // 1000).astype(np.uint32)),
+    "they last 0.0001 s a cloud as nanoseconds, and 0.1 s as microseconds": ("t", lambda *_: (OFFSETS_NS // 1000).astype(np.uint32)),
     "they last 1.5 s a cloud, but clouds come every 0.1 s": ("time", lambda *_: (OFFSETS_NS / LAST_NS * 1.5).astype(np.float32)),
     "they last 0.4 s a cloud, but clouds come every 0.1 s": ("time", lambda *_: OFFSETS_NS / 1e9 * 4),
 }  # fmt: skip
@@ -381,7 +389,7 @@ def test_more_than_a_few_that_are_garbage_later_are_asked_for(run):
 
 
 def test_the_recipe_says_what_times_are(run):
-    name, tell = DOUBTFUL["as nanoseconds they last 0.0001 s a cloud, as microseconds 0.1 s"]
+    name, tell = DOUBTFUL["they last 0.0001 s a cloud as nanoseconds, and 0.1 s as microseconds"]
     told = lidar(point_times={"unit": "us", "since": "header"})
     assert_true(run(request(told, CLOUD), turns(tell, name=name)), accuracy_ns=1000)
     told = lidar(point_times={"unit": "ns", "since": "header"})

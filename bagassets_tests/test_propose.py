@@ -258,18 +258,38 @@ def test_times_that_cannot_be_used_are_not_said_to_be_missing():
     assert "times that cannot be used, as they do not differ. Some" in " ".join(text.replace("#", "").split())
 
 
+@pytest.mark.parametrize(
+    ("clock", "asks"),
+    [
+        (PointClock("t", "ns", "clock", ahead_ns=-1.7e18), True),
+        (PointClock("t", "ns", "other"), True),
+        (PointClock("t", "ns", "clock", ahead_ns=-3e8), False),
+        (PointClock("t", "ns", "header"), False),
+    ],
+)
+def test_times_of_another_clock_do_not_say_what_the_header_stamp_marks(clock, asks):
+    text = text_of(summary(topic("/points", CLOUD, frame="lidar", timed=True, clock=clock), odometry()))
+    assert ("# header_stamp_is: start" in text) == asks
+    assert ("times of another clock, which do" in " ".join(text.replace("#", "").split())) == asks
+
+
+@pytest.mark.parametrize("other", ["/robot2/odom", "/z/base/odom", "/a/odom"])
+def test_of_two_odometries_alike_that_of_no_namespace_is_taken(tmp_path, other):
+    one = summary(topic("/points", CLOUD, frame="lidar", timed=True), odometry(), odometry(other))
+    assert proposed(one, tmp_path).rigs[0].ego_pose.topic == "/odom"
+
+
 def test_times_of_points_that_are_not_sure_are_asked_for(tmp_path):
     def lidar(doubt):
         one = topic("/points", CLOUD, frame="lidar", timed=True, clock=PointClock("t", doubt=doubt))
         return summary(one, odometry(), edges=[("base_link", "lidar")])
 
     assert questions_of(lidar("")) == []
-    asked = lidar("as nanoseconds they last 0.0001 s a cloud, as microseconds 0.1 s")
+    asked = lidar("they last 0.0001 s a cloud as nanoseconds, and 0.1 s as microseconds")
     assert questions_of(asked) == [("rig", "LIDAR_TOP")]
     text = text_of(asked)
-    assert "it is not sure what the times of its points are: as nano" in " ".join(
-        text.replace("#", "").split()
-    )
+    said = " ".join(text.replace("#", "").split())
+    assert "it is not sure what the times of its points are: they last 0.0001 s a cloud as nano" in said
     answer = text.replace("# point_times: {unit: ns,", "point_times: {unit: us,")
     channel = parse_recipe(answer, tmp_path / "r.yaml").rigs[0].channels["LIDAR_TOP"]
     assert (channel.point_times.unit, channel.point_times.since) == ("us", "header")

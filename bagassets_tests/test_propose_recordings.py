@@ -278,7 +278,7 @@ def test_the_times_of_points_are_looked_at_in_several_clouds(tmp_path):
         bag.add(number / 10, "/points", "sensor_msgs/msg/PointCloud2", message)
     clock = bag.scan().topics["/points"].clock
     assert (clock.field, clock.unit, clock.origin) == ("t", "ns", "header")
-    assert clock.doubt == "as nanoseconds they last 9.9e-05 s a cloud, as microseconds 0.099 s"
+    assert clock.doubt == "they last 9.9e-05 s a cloud as nanoseconds, and 0.099 s as microseconds"
 
 
 @pytest.mark.parametrize("increment_s", [0.0, 0.001])
@@ -386,7 +386,9 @@ def test_a_robot_without_namespace_is_asked_about_too(tmp_path):
     text = propose_recipe(
         {"a.bag": robots_bag(tmp_path / "a.bag", "", "/two").scan()}, name="n", root="b"
     ).text
-    assert "(one without namespace, /two), and a recording has one" in " ".join(text.replace("#", "").split())
+    assert "(the one without namespace, /two), and a recording has one" in " ".join(
+        text.replace("#", "").split()
+    )
     assert "topic: /cam/image_raw" in text
     assert "/two/" not in text
 

@@ -279,12 +279,13 @@ def _without_overlaps(use: MovingRig, samples: PoseSamples, stamps_ns: Stamps, r
         around = stamps_ns[[max(first - 1, 0), min(last + 1, len(rows) - 1)]]
         samples.holes_ns.append((int(around[0]), int(around[1])))
     lost = np.flatnonzero(~kept)
-    if len(lost) > len(rows) * (0.9 if len(samples.holes_ns) <= 2 else 0.5):
-        other = "log" if use.clock == "header" else "header"
+    nearly_all = len(lost) > 0.9 * len(rows)
+    if nearly_all or (len(lost) > 0.5 * len(rows) and len(samples.holes_ns) > 2):
+        other = "" if nearly_all else f", or try `clock: {'log' if use.clock == 'header' else 'header'}`"
         raise PoseError(
             f"ego poses from {use.source_name}: {len(lost)} of {len(rows)} poses go to and fro between two trajectories, first at "
             f"{clock(int(stamps_ns[lost[0]]))}: two nodes publish, or a clock was set back. Name a topic, or TF frames, that one "
-            f"node publishes in ego_pose of the recipe, or try `clock: {other}`."
+            f"node publishes in ego_pose of the recipe{other}."
         )
     if len(lost):
         samples.counts.lose("two trajectories overlap at its time", len(lost))

@@ -243,6 +243,11 @@ class CloudSweeps:
             self._clock = survey([recorded for _, recorded, _ in self._held], self._use.point_times)
             if self._clock.doubt:
                 self._ask(self._clock.doubt)
+            if self._clock.problem and self._use.point_times not in {None, "ignore"}:
+                raise RecipeError(
+                    f"{self._use.channel}: point_times says what the times of the points of {self._use.settings.topic} are, but "
+                    f"they cannot be used, as {self._clock.problem}; correct it, or write `point_times: ignore`."
+                )
             if self._clock.problem:
                 self._writer.times = f"times that cannot be used, as {self._clock.problem}"
         held, self._held = self._held, []

@@ -45,7 +45,7 @@ def made_again(
             told.append(((), key, ", ".join(name for name in names if name in raised)))
     if not found:
         return ""
-    what = "; ".join(f"{one.text} of {one.title}" for one in told_once(told))
+    what = "; ".join(f"{one.text} of {one.title}" for one in told_once(told, fewest=2))
     compared = list(found)[:: max(1, len(found) // _MOST_COMPARED)]
     took_s = sum(_took_s(store, [recorded[key][name] for name in found[key]]) for key in compared)
     share = sum(1 + sizes[key] for key in compared) / sum(1 + sizes[key] for key in found)

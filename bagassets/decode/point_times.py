@@ -110,14 +110,18 @@ class PointClock:
     doubt: str = ""
     problem: str = ""
 
+    @property
+    def is_of_headers(self) -> bool:
+        """Whether they are of the clock of the header stamps, and so say what these mark."""
+        return self.origin == "clock" and abs(self.ahead_ns) <= OTHER_CLOCK_NS
+
     def __str__(self) -> str:
         if self.problem:
             return f"the times of its points ({self.field}) cannot be used, as {self.problem}"
         since = "since the header stamp"
         if self.origin != "header":
-            is_near = self.origin == "clock" and abs(self.ahead_ns) <= OTHER_CLOCK_NS
             other = f"another clock ({self.ahead_ns / 1e9:+.1f} s), of which only differences are used"
-            since = f"by {'the clock of the header stamps' if is_near else other}"
+            since = f"by {'the clock of the header stamps' if self.is_of_headers else other}"
         text = f"the times of its points ({self.field}) count {self.unit} {since}, {self.span_ns / 1e9:.3f} s a cloud"
         if self.apart:
             text += f"; {self.apart:.2%} lie apart and are left out"
@@ -232,7 +236,7 @@ def _doubt(clock: PointClock, kind: str, period_ns: float) -> str:
     span_s, period_s = clock.span_ns / 1e9, period_ns / 1e9
     is_ns = kind == "f" or clock.unit != "ns" or clock.field.endswith("ns")
     if not is_ns and span_s < period_s / 200 and period_s / 4 <= 1000 * span_s <= 1.5 * period_s:
-        return f"as nanoseconds they last {span_s:.2g} s a cloud, as microseconds {1000 * span_s:.2g} s"
+        return f"they last {span_s:.2g} s a cloud as nanoseconds, and {1000 * span_s:.2g} s as microseconds"
     if 0 < _LONGEST_PERIODS * period_s < span_s:
         return f"they last {span_s:.2g} s a cloud, but clouds come every {period_s:.2g} s"
     if clock.apart > MOST_APART:

@@ -103,7 +103,13 @@ def _usable(summary: RecordingSummary, types: Iterable[str]) -> list[TopicSummar
 def _ranked(topics: Iterable[TopicSummary]) -> list[TopicSummary]:
     return sorted(
         topics,
-        key=lambda topic: (not _FUSED.isdisjoint(tokens(topic.name)), topic.count, topic.name),
+        # Of equal ones, that of a namespace may be another robot's.
+        key=lambda topic: (
+            not _FUSED.isdisjoint(tokens(topic.name)),
+            topic.count,
+            -topic.name.count("/"),
+            topic.name,
+        ),
         reverse=True,
     )
 

@@ -98,7 +98,7 @@ def _write_pose(sheet: Sheet, rig: RigProposal) -> None:
         sheet.off(3, "source: fixed")
         return
     robots = [
-        name or "one without namespace" for name, has_sensors in rig.summary.robots.items() if has_sensors
+        name or "the one without namespace" for name, has_sensors in rig.summary.robots.items() if has_sensors
     ]
     if len(robots) > 1:
         sheet.ask(
@@ -154,8 +154,14 @@ def _write_channel(
         sheet.off(4, f"point_times: {{unit: {topic.clock.unit}, since: {since}}}")
     if sensor.modality == "lidar" and topic.most_intensity is not None and topic.most_intensity <= 1.0:
         sheet.guess(4, "intensity_scale: 255", "its intensities are 0 to 1; those of nuScenes are 0 to 255")
-    if sensor.modality == "lidar" and topic.timed is False:
-        lack = "no times" if topic.clock is None else f"times that cannot be used, as {topic.clock.problem}"
+    is_of_other = topic.clock is not None and topic.clock.origin != "header" and not topic.clock.is_of_headers
+    if sensor.modality == "lidar" and (topic.timed is False or is_of_other):
+        if topic.clock is None:
+            lack = "no times"
+        elif topic.clock.problem:
+            lack = f"times that cannot be used, as {topic.clock.problem}"
+        else:
+            lack = "times of another clock, which do not say what these mark"
         sheet.guess_note(
             4,
             f"stamps stay as recorded, as the points have {lack}. Some drivers stamp the start of a revolution, "

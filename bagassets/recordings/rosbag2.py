@@ -85,12 +85,14 @@ class Rosbag2Recording(Recording):
             definitions = in_file | definitions  # the first file's definition of a type counts
         listed = [
             TopicSource(
-                _plain(topic["name"]),
-                msgtype := normalise_msgtype(_plain(topic["type"])),
-                int(_plain(entry["message_count"])),
+                _plain(topic["name"], "name"),
+                msgtype := normalise_msgtype(_plain(topic["type"], "type")),
+                int(_plain(entry["message_count"], "message_count")),
                 definitions.get(msgtype, Definition("none", "")),
                 "cdr",
-                serialization_problem(_plain(topic.get("serialization_format") or "")),
+                serialization_problem(
+                    _plain(topic.get("serialization_format") or "", "serialization_format")
+                ),
             )
             for entry in facts["topics_with_message_count"]
             for topic in (entry["topic_metadata"],)
@@ -176,17 +178,19 @@ def _metadata(file: Path) -> JsonObject:
     return facts
 
 
-def _plain(value: object) -> str:
+def _plain(value: object, field: str) -> str:
     """Return a value of the metadata as text; parts of YAML may repeat each other, and would be endless when written out."""
     text = str(value) if isinstance(value, str | int | float | None) else None
     if text is None or len(text) > _LONGEST_TEXT:
-        raise DamageError(f"its {METADATA} has a list or a long text where a name or a number is expected")
+        raise DamageError(
+            f"its {METADATA} has a list or a long text as {field}, where a name or a number is expected"
+        )
     return text
 
 
 def _compression_mode(facts: JsonMapping) -> str:
-    mode = _plain(facts.get("compression_mode") or "none").lower()
-    compression = _plain(facts.get("compression_format") or "")
+    mode = _plain(facts.get("compression_mode") or "none", "compression_mode").lower()
+    compression = _plain(facts.get("compression_format") or "", "compression_format")
     if mode != "none" and compression != "zstd":
         raise DamageError(f"its compression '{compression}' is not supported")
     return mode
@@ -200,7 +204,10 @@ def _storage_files(path: Path, facts: JsonMapping) -> list[Path]:
     names = facts["relative_file_paths"]
     if not isinstance(names, list):
         raise DamageError(f"its {METADATA} does not list its files")
-    files = [path / name for name in dict.fromkeys(PurePosixPath(_plain(name)).name for name in names)]
+    files = [
+        path / name
+        for name in dict.fromkeys(PurePosixPath(_plain(name, "relative_file_paths")).name for name in names)
+    ]
     missing = [file.name for file in files if not file.exists()]
     if missing:
         raise RecordingError(
