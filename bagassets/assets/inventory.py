@@ -102,7 +102,7 @@ def make_inventory(recording: Recording, out: ArtifactWriter, *, size: int) -> J
             refused[name, data.reason] += 1
         logs[name].add(message, None if info is None else info.header(data))
         probe = unprobed.get(name)
-        is_foreign = isinstance(data, RefusedBytes) and "limits." not in data.reason
+        is_foreign = isinstance(data, RefusedBytes) and data.is_foreign
         if probe is not None and not is_foreign and probe.add(message):
             del unprobed[name]
         kept.add(number, message)

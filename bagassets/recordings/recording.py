@@ -100,7 +100,8 @@ class Recording(ABC):
             raise DamageError(f"a message of {message.topic} has no possible time")
         topic = self.topics[message.topic]
         if message.msgtype != topic.msgtype:
-            refused = RefusedBytes(f"it is {message.msgtype}, and most on its topic are {topic.msgtype}")
+            types = f"it is {message.msgtype}, and most on its topic are {topic.msgtype}"
+            refused = RefusedBytes(types, is_foreign=True)
             return message._replace(msgtype=topic.msgtype, data=refused)
         if len(message.data) <= large_bytes:
             return message

@@ -42,21 +42,28 @@ def normalise_msgtype(name: str) -> str:
 
 
 class RefusedBytes(bytes):
-    """Placeholder for the bytes of a message that exceeds the recipe's `limits`.
+    """Placeholder for the bytes of a message that exceeds the recipe's `limits`, or is of another type than its topic.
 
     Topic digests cover what steps can see, so they cover this text, too: raising a limit makes stale what reads the
     topic, and nothing else.
 
     Attributes:
         reason: why the message is not decoded.
+        is_foreign: it is of another type than its topic, and so says nothing about the others.
     """
 
     reason: str
+    is_foreign: bool
 
-    def __new__(cls, reason: str = "it is larger than limits.message_bytes in the recipe allows") -> Self:
+    def __new__(
+        cls,
+        reason: str = "it is larger than limits.message_bytes in the recipe allows",
+        *,
+        is_foreign: bool = False,
+    ) -> Self:
         """Return a placeholder with this reason."""
         placeholder = super().__new__(cls, reason.encode())
-        placeholder.reason = reason
+        placeholder.reason, placeholder.is_foreign = reason, is_foreign
         return placeholder
 
 
@@ -287,7 +294,11 @@ def _merged(group: Sequence[TopicSource], limits: Limits) -> TopicSource:
     counts: Counter[str] = Counter()
     for source in group:
         counts[_one_name(source.msgtype)] += source.count
-    most = max(counts, key=lambda msgtype: (msgtype != UNKNOWN, counts[msgtype]))  # the first of equals
+    # Of equals the first that is more than a bare value, which a sensor's topic has by mistake.
+    most = max(
+        counts,
+        key=lambda msgtype: (msgtype != UNKNOWN, counts[msgtype], not msgtype.startswith("std_msgs/")),
+    )
     merged, *others = (source for source in group if _one_name(source.msgtype) == most)
     for other in others:
         merged = _joined(merged, replace(other, msgtype=merged.msgtype), limits)
