@@ -35,7 +35,7 @@ from bagassets.propose.topic_uses import transform_topics
 from bagassets.recipe.model import Limits, Scenes
 from bagassets.recordings.model import Message, RawMessage
 from bagassets.recordings.recording import Recording
-from bagassets.recordings.topic import RefusedBytes, Topic
+from bagassets.recordings.topic import ForeignBytes, Topic
 
 __all__ = ["point_time_notes", "scan_recording"]
 
@@ -126,7 +126,7 @@ class _Scan:
         until_ns: float | None = None
         for message in self._recording.messages(sorted(waiting)) if waiting else ():
             topic = self.topics[message.topic]
-            if isinstance(message.data, RefusedBytes) and message.data.is_foreign:
+            if isinstance(message.data, ForeignBytes):
                 topic.misfit = topic.misfit or message.data.reason
                 continue
             if until_ns is None and seconds is not None:

@@ -21,7 +21,15 @@ from bagassets.recordings.layouts import TF_NAMES, Choice, Layout, choice_of
 from bagassets.recordings.model import Definition, Message, Serialization, SkimmedPacket
 from bagassets.recordings.skim import HEADER, PacketSkimmer, SkimmedPackets, packet_skimmer
 
-__all__ = ["UNKNOWN", "RefusedBytes", "Topic", "TopicSource", "merge_topics", "normalise_msgtype"]
+__all__ = [
+    "UNKNOWN",
+    "ForeignBytes",
+    "RefusedBytes",
+    "Topic",
+    "TopicSource",
+    "merge_topics",
+    "normalise_msgtype",
+]
 
 UNKNOWN = "unknown"
 """The type of a channel without a schema."""
@@ -42,29 +50,26 @@ def normalise_msgtype(name: str) -> str:
 
 
 class RefusedBytes(bytes):
-    """Placeholder for the bytes of a message that exceeds the recipe's `limits`, or is of another type than its topic.
+    """Placeholder for the bytes of a message that exceeds the recipe's `limits`.
 
     Topic digests cover what steps can see, so they cover this text, too: raising a limit makes stale what reads the
     topic, and nothing else.
 
     Attributes:
         reason: why the message is not decoded.
-        is_foreign: it is of another type than its topic, and so says nothing about the others.
     """
 
     reason: str
-    is_foreign: bool
 
-    def __new__(
-        cls,
-        reason: str = "it is larger than limits.message_bytes in the recipe allows",
-        *,
-        is_foreign: bool = False,
-    ) -> Self:
+    def __new__(cls, reason: str = "it is larger than limits.message_bytes in the recipe allows") -> Self:
         """Return a placeholder with this reason."""
         placeholder = super().__new__(cls, reason.encode())
-        placeholder.reason, placeholder.is_foreign = reason, is_foreign
+        placeholder.reason = reason
         return placeholder
+
+
+class ForeignBytes(RefusedBytes):
+    """Placeholder for those of a message of another type than its topic; it says nothing about the others."""
 
 
 @dataclass(frozen=True)
