@@ -300,10 +300,7 @@ def _merged(group: Sequence[TopicSource], limits: Limits) -> TopicSource:
     for source in group:
         counts[_one_name(source.msgtype)] += source.count
     # Of equals the first that is more than a bare value, which a sensor's topic has by mistake.
-    most = max(
-        counts,
-        key=lambda msgtype: (msgtype != UNKNOWN, counts[msgtype], not msgtype.startswith("std_msgs/")),
-    )
+    most = max(counts, key=lambda one: (one != UNKNOWN, counts[one], not one.startswith("std_msgs/")))
     merged, *others = (source for source in group if _one_name(source.msgtype) == most)
     for other in others:
         merged = _joined(merged, replace(other, msgtype=merged.msgtype), limits)
