@@ -235,6 +235,14 @@ class TestContradictions:
         ):
             Calibrated(tmp_path, rig({}), STATIC, entry, IMAGES, LENS)
 
+    def test_a_topic_to_choose_where_a_static_transform_has_two_values_on_two_topics(self, tmp_path):
+        other = ("/more", TFMESSAGE, T0, tf(transform(0, "base_link", "cam", CAM.inverse())))
+        both = rig({}, tf_static=["/tf_static", "/more"])
+        with pytest.raises(CalibrationError, match="so name only one of /more and /tf_static in the recipe"):
+            Calibrated(tmp_path / "a", both, STATIC, other, IMAGES, LENS)
+        made = Calibrated(tmp_path / "b", rig({}), STATIC, other, IMAGES, LENS)
+        assert_same(made.pose("CAM_FRONT"), CAM)
+
     def test_a_loop_never_inverts_extrinsics(self, tmp_path):
         back = ("/tf_static", TFMESSAGE, T0 + S, tf(transform(1, "lidar", "base_link", LIDAR)))
         down = ("/tf_static", TFMESSAGE, T0, tf(transform(0, "base_link", "lidar", LIDAR)))
