@@ -110,7 +110,8 @@ class TestExtrinsics:
         text = str(caught.value)
         assert "no frames are known at all" in text
         assert "could not be decoded in /tf (it lacks a frame id), /tf_static (it is cut off)," in text
-        assert text.endswith("or give its extrinsics there.")
+        advice = "or give the channel `extrinsics: {translation: [x, y, z], rotation: [w, x, y, z]}`."
+        assert text.endswith(advice)
 
     def test_whole_transforms_are_not_blamed_for_a_missing_frame(self, tmp_path):
         with pytest.raises(CalibrationError) as caught:
@@ -233,6 +234,14 @@ class TestContradictions:
             match=r"CAM_FRONT .*base_link -> cam \(tf_static\) has several values at one time",
         ):
             Calibrated(tmp_path, rig({}), STATIC, entry, IMAGES, LENS)
+
+    def test_a_topic_to_choose_where_a_static_transform_has_two_values_on_two_topics(self, tmp_path):
+        other = ("/more", TFMESSAGE, T0, tf(transform(0, "base_link", "cam", CAM.inverse())))
+        both = rig({}, tf_static=["/tf_static", "/more"])
+        with pytest.raises(CalibrationError, match="so name only one of /more and /tf_static in the recipe"):
+            Calibrated(tmp_path / "a", both, STATIC, other, IMAGES, LENS)
+        made = Calibrated(tmp_path / "b", rig({}), STATIC, other, IMAGES, LENS)
+        assert_same(made.pose("CAM_FRONT"), CAM)
 
     def test_a_loop_never_inverts_extrinsics(self, tmp_path):
         back = ("/tf_static", TFMESSAGE, T0 + S, tf(transform(1, "lidar", "base_link", LIDAR)))

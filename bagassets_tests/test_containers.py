@@ -130,6 +130,18 @@ def test_messages_of_another_type_than_most_on_their_topic_are_lost_with_the_rea
     assert list(pack.topics) == ["/y"]  # a pack could not say why
 
 
+@pytest.mark.parametrize(
+    ("msgtypes", "most"),
+    [((TEXT, TF), TF), ((TF, TEXT), TF), ((NUMBER, TEXT), NUMBER), ((TEXT, NUMBER), TEXT)],
+)
+def test_of_as_many_messages_of_two_types_the_first_that_is_more_than_a_bare_value_counts(
+    typed, msgtypes, most
+):
+    with open_recording(typed([("/x", msgtype) for msgtype in msgtypes])) as recording:
+        assert recording.topics["/x"].msgtype == most
+        assert sum(not isinstance(value, str) for value in decoded(recording, "/x")) == 3
+
+
 def write_one_after_the_other(path, kinds):
     """Write an MCAP with one topic and (type or None, number of messages), each on a channel of its own."""
     with path.open("wb") as stream:

@@ -1,5 +1,7 @@
 """Scans of written recordings, and the recipes proposed from them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from rosbags.rosbag1 import Writer
@@ -9,13 +11,14 @@ from bagassets.decode.point_times import TIME_NAMES
 from bagassets.propose.frames import is_optical
 from bagassets.propose.proposal import propose_recipe
 from bagassets.propose.scan import scan_recording
-from bagassets.propose.sensors import modality_of
+from bagassets.propose.sensors import find_sensors, modality_of
 from bagassets.propose.summary import merge_recordings
 from bagassets.recipe import parse_recipe
 from bagassets.recordings.open import open_recording
 from bagassets_tests.ncom_data import ncom
 from bagassets_tests.sweep_data import vlp16_packets
 
+TEXT = "std_msgs/msg/String"
 SUFFIX = {"ros1": ".bag", "ros2": "", "mcap": ".mcap"}
 
 
@@ -62,6 +65,9 @@ class Bag:
         )
         self.add(seconds, topic, "sensor_msgs/msg/Imu", value)
 
+    def text(self, seconds, topic):
+        self.add(seconds, topic, TEXT, self.types[TEXT]("hello"))
+
     def add(self, seconds, topic, msgtype, message):
         self.messages.append((START_NS + int(seconds * 1e9) + 2_000_000, topic, msgtype, message))
 
@@ -69,9 +75,11 @@ class Bag:
         with Writer(self.path) as writer:
             connections = {}
             for time_ns, topic, msgtype, message in sorted(self.messages, key=lambda entry: entry[0]):
-                if topic not in connections:
-                    connections[topic] = writer.add_connection(topic, msgtype, typestore=STORE1)
-                writer.write(connections[topic], time_ns, STORE1.serialize_ros1(message, msgtype))
+                key = topic, msgtype
+                if key not in connections:
+                    connections[key] = writer.add_connection(topic, msgtype, typestore=STORE1)
+                data = b"x" if message is None else STORE1.serialize_ros1(message, msgtype)
+                writer.write(connections[key], time_ns, data)
         return scan(self.path)
 
 
@@ -118,6 +126,51 @@ def test_latched_transforms_that_come_late_are_seen(tmp_path):
         bag.image(n)
     bag.transform(30, "base_link", "cam", topic="/tf_static")
     assert bag.scan().edges == {("base_link", "cam")}
+
+
+@pytest.mark.parametrize("texts_s", [(-0.1,), (2.0,), tuple(0.4 * n + 0.1 for n in range(8)), (-6.0,)])
+def test_messages_of_another_type_do_not_count_against_their_topic(tmp_path, texts_s):
+    plain, mixed = (Bag(tmp_path / name) for name in ("plain.bag", "mixed.bag"))
+    for bag in (plain, mixed):
+        for n in range(10):
+            bag.image(0.4 * n)
+            bag.imu(0.4 * n, "/imu", 0.01)
+        for n in range(9):
+            bag.transform(0.4 * n, "map", "base_link", x=n)
+        bag.transform(0.1, "base_link", "cam", topic="/tf_static")
+        bag.transform(3.0, "base_link", "imu", topic="/tf_static")
+    for topic in ("/cam/image_raw", "/imu", "/tf"):
+        for seconds in texts_s:
+            mixed.text(seconds, topic)
+    mixed.text(min(texts_s), "/tf_static")
+    clean, seen = plain.scan(), mixed.scan()
+    for topic in ("/cam/image_raw", "/imu", "/tf", "/tf_static"):
+        more = 1 if topic == "/tf_static" else len(texts_s)
+        assert seen.topics[topic] == replace(clean.topics[topic], count=clean.topics[topic].count + more)
+    assert (seen.transforms, seen.moving) == (clean.transforms, clean.moving)
+
+
+def test_a_topic_with_no_message_of_its_type_is_left_out_with_the_reason(tmp_path):
+    """Its metadata say another type than the file."""
+    folder = write_drive(tmp_path / "drive", "ros2", 0.5)
+    metadata = folder / "metadata.yaml"
+    facts = metadata.read_text("utf-8")
+    assert facts.count("sensor_msgs/msg/PointCloud2") == 1
+    metadata.write_text(facts.replace("sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/LaserScan"), "utf-8")
+    seen = scan(folder)
+    assert seen.topics["/points"].problem == (
+        "it is sensor_msgs/msg/PointCloud2, and most on its topic are sensor_msgs/msg/LaserScan"
+    )
+    assert [left.topic.name for left in find_sensors(seen)[1] if left.is_undecodable] == ["/points"]
+
+
+def test_one_damaged_message_does_not_make_its_topic_undecodable(tmp_path):
+    bag = Bag(tmp_path / "a.bag")
+    for n in range(5):
+        bag.image(n * 0.4)
+    bag.messages[1] = (*bag.messages[1][:3], None)
+    seen = bag.scan().topics["/cam/image_raw"]
+    assert (seen.problem, seen.encoding) == (None, "mono16")
 
 
 def test_only_the_first_seconds_are_decoded(tmp_path, monkeypatch):

@@ -258,6 +258,23 @@ class TestRepeats:
         with pytest.raises(CalibrationError, match="has several values at one time"):
             tree.at("odom", "cam", np.array([T0]), S, 0)
 
+    @pytest.mark.parametrize(
+        ("topics", "advice"),
+        [
+            (("/a", "/b"), "two nodes publish it, so name only one of /a and /b in the recipe"),
+            (("/a", "/a"), "correct what publishes it"),
+        ],
+    )
+    def test_topics_are_named_where_one_of_them_has_a_single_value(self, topics, advice):
+        log = TransformLog("tf_static")
+        for x, topic in zip((1.0, 1.1), topics, strict=True):
+            log.add("base", "cam", T0, SE3.create((1, 0, 0, 0), (x, 0, 0)), topic)
+            log.add(f"mast{x}", "lidar", T0, SE3(), topic)
+        tree = TfTree(log.edges())
+        for src, dst in (("cam", "base"), ("lidar", "mast1.0")):
+            with pytest.raises(CalibrationError, match=f"; {advice}$"):
+                tree.fixed(dst, src)
+
     def test_a_moving_edge_whose_stamps_repeat_takes_the_first_as_before(self):
         log = TransformLog("tf")
         for t, x in [(0, 0.0), (0, 9.0), (1, 1.0), (1, 8.0)]:

@@ -25,7 +25,7 @@ from bagassets.recordings.damage import advice_for
 from bagassets.recordings.model import Format, RawMessage
 from bagassets.recordings.pack import write_pack
 from bagassets.recordings.recording import Recording
-from bagassets.recordings.topic import RefusedBytes, Topic
+from bagassets.recordings.topic import ForeignBytes, RefusedBytes, Topic
 from bagassets.store.artifact import ArtifactWriter
 
 __all__ = ["INVENTORY", "make_inventory"]
@@ -102,8 +102,7 @@ def make_inventory(recording: Recording, out: ArtifactWriter, *, size: int) -> J
             refused[name, data.reason] += 1
         logs[name].add(message, None if info is None else info.header(data))
         probe = unprobed.get(name)
-        is_foreign = isinstance(data, RefusedBytes) and "limits." not in data.reason
-        if probe is not None and not is_foreign and probe.add(message):
+        if probe is not None and not isinstance(data, ForeignBytes) and probe.add(message):
             del unprobed[name]
         kept.add(number, message)
         if info is not None and msgtype in fix_types:

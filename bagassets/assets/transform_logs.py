@@ -52,6 +52,6 @@ def read_transforms(
                 troubles.setdefault(message.topic, str(err))
                 continue
             stamp_ns = reading.stamp_ns if clock == "header" else message.log_time_ns
-            log.add(reading.parent, reading.child, stamp_ns, reading.parent_SE3_child)
+            log.add(reading.parent, reading.child, stamp_ns, reading.parent_SE3_child, message.topic)
             counts.written += 1
     return log.edges()

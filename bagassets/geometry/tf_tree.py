@@ -48,6 +48,7 @@ class Edge:
         rotations: (N, 4) unit quaternions w, x, y, z.
         repeated: further samples that were left out because they repeat a stamp.
         disputed: some of those have another value, and the edge is a fixed one without them.
+        topics: those that it is on, sorted; empty if it is from a file.
     """
 
     parent: str
@@ -58,6 +59,7 @@ class Edge:
     rotations: Floats
     repeated: int = 0
     disputed: bool = False
+    topics: tuple[str, ...] = ()
 
     @classmethod
     def fixed(cls, parent: str, child: str, source: str, parent_SE3_child: SE3) -> "Edge":
@@ -120,9 +122,11 @@ class TransformLog:
     def __init__(self, source: str) -> None:
         self.source = source
         self._samples: dict[tuple[str, str], tuple[array[int], array[float]]] = {}
+        self._topics: dict[tuple[str, str], set[str]] = {}
 
-    def add(self, parent: str, child: str, stamp_ns: int, parent_SE3_child: SE3) -> None:
-        """Add one sample of one edge."""
+    def add(self, parent: str, child: str, stamp_ns: int, parent_SE3_child: SE3, topic: str = "") -> None:
+        """Add one sample of one edge, which was on a topic."""
+        self._topics.setdefault((parent, child), set()).add(topic)
         stamps, numbers = self._samples.setdefault((parent, child), (array("q"), array("d")))
         stamps.append(stamp_ns)
         numbers.extend(parent_SE3_child.translation)
@@ -139,7 +143,8 @@ class TransformLog:
             kept = replace(every, translations_m=table[first, :3], rotations=table[first, 3:])
             repeated = len(stamps) - len(stamps_ns)
             disputed = repeated > 0 and every.moves and not kept.moves
-            edges.append(replace(kept, repeated=repeated, disputed=disputed))
+            topics = tuple(sorted(self._topics[parent, child]))
+            edges.append(replace(kept, repeated=repeated, disputed=disputed, topics=topics))
         return edges
 
 
@@ -186,7 +191,7 @@ class TfTree:
                     return up, down
                 trouble_src = (
                     f"{disputed[0].parent} -> {disputed[0].child} ({disputed[0].source}) has several values at one time; "
-                    "two nodes publish it, so name only the topic of one of them in the recipe"
+                    f"{_remedy(disputed[:1])}"
                 )
                 break
         trouble = (
@@ -255,10 +260,7 @@ class TfTree:
         while above := self._above.get(passed[-1]):
             if len(above) > 1:
                 parents = " and ".join(f"{edge.parent} ({edge.source})" for edge in above)
-                return way, (
-                    f"frame {passed[-1]} has more than one parent, {parents}; two nodes publish it, "
-                    "so name only the topic of one of them in the recipe"
-                )
+                return way, f"frame {passed[-1]} has more than one parent, {parents}; {_remedy(above)}"
             if above[0].parent in passed:
                 begin = passed.index(above[0].parent)
                 circle = [*passed[begin:], above[0].parent]
@@ -284,6 +286,14 @@ class TfTree:
         named = ", ".join(self.frames[:MOST_FRAMES_NAMED])
         more = len(self.frames) - MOST_FRAMES_NAMED
         return f"known frames: {named}" + (f" and {more} more" if more > 0 else "")
+
+
+def _remedy(edges: Iterable[Edge]) -> str:
+    """What to do about edges that contradict each other, or themselves."""
+    topics = sorted({topic for edge in edges for topic in edge.topics})
+    if len(topics) < 2:
+        return "correct what publishes it"
+    return f"two nodes publish it, so name only one of {' and '.join(topics)} in the recipe"
 
 
 def _compose(way_up: list[Edge]) -> SE3:

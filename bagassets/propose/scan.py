@@ -35,7 +35,7 @@ from bagassets.propose.topic_uses import transform_topics
 from bagassets.recipe.model import Limits, Scenes
 from bagassets.recordings.model import Message, RawMessage
 from bagassets.recordings.recording import Recording
-from bagassets.recordings.topic import Topic
+from bagassets.recordings.topic import ForeignBytes, Topic
 
 __all__ = ["point_time_notes", "scan_recording"]
 
@@ -125,11 +125,14 @@ class _Scan:
         waiting = set(topics)
         until_ns: float | None = None
         for message in self._recording.messages(sorted(waiting)) if waiting else ():
+            topic = self.topics[message.topic]
+            if isinstance(message.data, ForeignBytes):
+                topic.misfit = topic.misfit or message.data.reason
+                continue
             if until_ns is None and seconds is not None:
                 until_ns = message.log_time_ns + seconds * 1e9
             if until_ns is not None and message.log_time_ns > until_ns:
                 return
-            topic = self.topics[message.topic]
             if message.topic in waiting:
                 topic.take(message, self._recording)
                 most = _BULK_MESSAGES if message.msgtype in self.bulk else _MESSAGES
@@ -143,14 +146,16 @@ class _TopicScan:
     """The messages of one topic that have been read so far.
 
     Attributes:
-        problem: why messages cannot be decoded.
-        count: messages read.
+        problem: why no message can be decoded.
+        misfit: why a message could not be decoded.
+        count: messages read, but for those of another type than the topic.
         transforms: edge -> the values that it had.
     """
 
     def __init__(self, topic: Topic) -> None:
         self.problem = topic.problem
-        self.count = 0
+        self.misfit: str | None = None
+        self.count = self._decoded = 0
         self._summary = _summary_of(topic)
         self.transforms: dict[Edge, list[SE3]] = {}
         self._decoders: dict[AnyFamily, Decode] = {}
@@ -176,8 +181,9 @@ class _TopicScan:
         try:
             value = recording.decode(message)
         except DecodeError as err:
-            self.problem = str(err)
+            self.misfit = self.misfit or str(err)
             return
+        self._decoded += 1
         if hasattr(value, "header"):
             self._take_header(message, value.header)
         reasons = []
@@ -205,7 +211,7 @@ class _TopicScan:
             self._summary,
             timed=self._summary.timed if clock is None else not clock.problem,
             clock=clock,
-            problem=self.problem,
+            problem=self.problem or (None if self._decoded else self.misfit),
             offset_s=median(self._offsets_s) if self._offsets_s else None,
             unstamped=self._has_unset_stamps and not self._offsets_s,
             refusal=None if self._usable else self._refusal,

@@ -9,7 +9,7 @@ from typing import Self
 from bagassets.errors import BagAssetsError
 from bagassets.recordings.damage import DamageError, unreadable
 from bagassets.recordings.model import Format, Message, RawMessage
-from bagassets.recordings.topic import RefusedBytes, Topic, TopicSource
+from bagassets.recordings.topic import ForeignBytes, RefusedBytes, Topic, TopicSource
 
 __all__ = ["Recording", "RestrictedRecording"]
 
@@ -100,7 +100,7 @@ class Recording(ABC):
             raise DamageError(f"a message of {message.topic} has no possible time")
         topic = self.topics[message.topic]
         if message.msgtype != topic.msgtype:
-            refused = RefusedBytes(f"it is {message.msgtype}, and most on its topic are {topic.msgtype}")
+            refused = ForeignBytes(f"it is {message.msgtype}, and most on its topic are {topic.msgtype}")
             return message._replace(msgtype=topic.msgtype, data=refused)
         if len(message.data) <= large_bytes:
             return message

@@ -21,7 +21,15 @@ from bagassets.recordings.layouts import TF_NAMES, Choice, Layout, choice_of
 from bagassets.recordings.model import Definition, Message, Serialization, SkimmedPacket
 from bagassets.recordings.skim import HEADER, PacketSkimmer, SkimmedPackets, packet_skimmer
 
-__all__ = ["UNKNOWN", "RefusedBytes", "Topic", "TopicSource", "merge_topics", "normalise_msgtype"]
+__all__ = [
+    "UNKNOWN",
+    "ForeignBytes",
+    "RefusedBytes",
+    "Topic",
+    "TopicSource",
+    "merge_topics",
+    "normalise_msgtype",
+]
 
 UNKNOWN = "unknown"
 """The type of a channel without a schema."""
@@ -58,6 +66,10 @@ class RefusedBytes(bytes):
         placeholder = super().__new__(cls, reason.encode())
         placeholder.reason = reason
         return placeholder
+
+
+class ForeignBytes(RefusedBytes):
+    """Placeholder for those of a message of another type than its topic; it says nothing about the others."""
 
 
 @dataclass(frozen=True)
@@ -287,7 +299,8 @@ def _merged(group: Sequence[TopicSource], limits: Limits) -> TopicSource:
     counts: Counter[str] = Counter()
     for source in group:
         counts[_one_name(source.msgtype)] += source.count
-    most = max(counts, key=lambda msgtype: (msgtype != UNKNOWN, counts[msgtype]))  # the first of equals
+    # Of equals the first that is more than a bare value, which a sensor's topic has by mistake.
+    most = max(counts, key=lambda one: (one != UNKNOWN, counts[one], not one.startswith("std_msgs/")))
     merged, *others = (source for source in group if _one_name(source.msgtype) == most)
     for other in others:
         merged = _joined(merged, replace(other, msgtype=merged.msgtype), limits)
