@@ -313,6 +313,10 @@ class TestPoses:
         finding = poses_cover_sensors(drive_along(), STAMPS, PosesCheck(), [warning])
         assert (finding.problems, finding.sentences, finding.weight("error")) == ([], [warning], "warn")
 
+    def test_what_was_lost_precedes_what_may_come_of_it(self):
+        finding = poses_cover_sensors(drive_along(until_s=8.0), STAMPS, PosesCheck(), ["lost"])
+        assert (finding.sentences[0], len(finding.sentences), finding.weight("error")) == ("lost", 2, "error")
+
     @pytest.mark.parametrize(
         ("read", "number"), [(100, 0), (100, 5), (0, 0)], ids=["clean", "a few", "fixed"]
     )  # fmt: skip
