@@ -48,6 +48,13 @@ def test_header_and_table():
     ).replace("-0.013", f"{-0.0125:+.3f}")
 
 
+def test_daylight_that_is_not_known_says_why():
+    place = {"lat": 48.1, "lon": 11.5, "alt": 545.25, "stamp_ns": 0}
+    assert "daylight  unknown (no GNSS)\n" in describe_inventory(inventory([]))
+    known = inventory([], gnss={"first": place, "last": place})
+    assert "daylight  unknown (the time of the first fix is not set)\n" in describe_inventory(known)
+
+
 def test_problems_get_a_column_only_if_there_are_any():
     assert "problem" not in describe_inventory(inventory([topic()]))
     lines = describe_inventory(inventory([topic(), topic("/x", problem="no definition")])).splitlines()

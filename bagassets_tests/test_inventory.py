@@ -242,6 +242,64 @@ def test_gnss(tmp_path, inventory_of):
     assert value["daylight"] == "day"
 
 
+def drive_of_fixes(astray=(), off_deg=4.6, number=20, start_ns=NOON_NS):
+    """A drive to the north at 11 m/s with fixes each second, of which some are moved."""
+    return [
+        fix(start_ns + n * SECOND, 48.1 + 1e-4 * n + off_deg * (n in astray), 11.6) for n in range(number)
+    ]
+
+
+@pytest.mark.parametrize("astray", [{0}, {0, 1}, {19}, {0, 7, 19}], ids=["first", "two", "last", "several"])
+def test_stray_fixes_tell_no_place(tmp_path, inventory_of, astray):
+    # At 89.9 degrees, where the first fix seems to be, the sun never sets in June.
+    messages = drive_of_fixes(astray, off_deg=41.799, start_ns=NOON_NS + 12 * 3600 * SECOND)
+    value, _, _ = inventory_of(write_ros1(tmp_path / "a.bag", messages))
+    good = [n for n in range(20) if n not in astray]
+    assert value["gnss"]["first"]["lat"] == 48.1 + 1e-4 * good[0]
+    assert value["gnss"]["last"]["lat"] == 48.1 + 1e-4 * good[-1]
+    assert value["daylight"] == "night"
+    amount = "1 of 20 fixes is" if len(astray) == 1 else f"{len(astray)} of 20 fixes are"
+    assert f"/fix: {amount} out of reach from the others, which tell place and daylight." in value["notes"]
+
+
+@pytest.mark.parametrize(
+    "messages",
+    [
+        drive_of_fixes(),
+        drive_of_fixes({0}, number=2),  # nobody knows which of the two it is
+        drive_of_fixes(range(10), off_deg=1e-3),  # a jump of 111 m, as between houses
+        # Two receivers at once, one of which gives heights above the sea.
+        [m for n in range(20) for m in (*drive_of_fixes()[n : n + 1],
+         fix(NOON_NS + n * SECOND, 48.1 + 1e-4 * n, 11.6, alt=453.0, topic="/other"))],
+    ],
+    ids=["clean", "two fixes", "between houses", "two receivers"],
+)  # fmt: skip
+def test_genuine_fixes_tell_the_place(tmp_path, inventory_of, messages):
+    value, _, _ = inventory_of(write_ros1(tmp_path / "a.bag", messages))
+    assert value["gnss"]["first"]["lat"] == messages[0].make(ROS1).latitude
+    assert value["gnss"]["last"]["lat"] == messages[-1].make(ROS1).latitude
+    assert value["notes"] == []
+
+
+def test_a_clock_that_was_set_while_recording_is_noted(tmp_path, inventory_of):
+    day_s = 86400
+    messages = [text(n * SECOND, topic="/a") for n in range(1, 4)]
+    messages += [text(10 * SECOND, topic="/b")]
+    messages += [text((10 + 19_000 * day_s + n) * SECOND, topic="/a") for n in range(3)]
+    value, _, _ = inventory_of(write_ros1(tmp_path / "a.bag", messages))
+    (note,) = value["notes"]
+    assert note == (
+        "Log times jump by 19000.0 days after 1970-01-01T00:00:10.000Z (10000000000): the clock was set while recording, "
+        "or the recorder paused, so duration and rates are not those of the drive."
+    )
+
+
+@pytest.mark.parametrize("pause_s", [60, 86_400])
+def test_a_pause_is_no_clock_that_was_set(tmp_path, inventory_of, pause_s):
+    messages = [text(NOON_NS), text(NOON_NS + pause_s * SECOND), text(NOON_NS + 2 * pause_s * SECOND)]
+    assert inventory_of(write_ros1(tmp_path / "a.bag", messages))[0]["notes"] == []
+
+
 @pytest.mark.parametrize(
     ("hours", "expected"),
     # Munich at the solstice of 2024: sunset 19:17 UTC (with refraction; the sun's centre is at 0 degrees

@@ -7,7 +7,9 @@ import pytest
 
 from bagassets.assets.pose_outliers import overlaps, trusted_fixes
 from bagassets.errors import LossLimitError, PoseError
+from bagassets.formats.nuscenes.part_checks import PART_CHECKS
 from bagassets.geometry.se3 import SE3
+from bagassets.quality.check import Evidence
 from bagassets.quality.pose_rules import poses_cover_sensors
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Limits
@@ -16,6 +18,7 @@ from bagassets.recordings.open import open_recording
 from bagassets.sample.drive import Target, write_recordings
 from bagassets.sample.oddities.motion import BOOTED_NS, SET_AFTER_NS, SET_BACK_NS
 from bagassets.sample.recipe import sample_recipe
+from bagassets.store.store import Store
 from bagassets_tests.ncom_data import ETHERNET, ethernet, ncom
 from bagassets_tests.pose_data import NAVSAT, ODOMETRY, TFMESSAGE, S, about_z, fix, odometry, tf, transform
 from bagassets_tests.posed import ORIGIN, Posed, at, truth
@@ -347,7 +350,25 @@ def build(folder, odd, duration_s):
     return drive, build_recordings(load_recipe(folder / "recipe.yaml"))["drive.mcap"]
 
 
+def pose_finding(folder, made):
+    recipe = load_recipe(folder / "recipe.yaml")
+    evidence = Evidence(recipe, recipe.rigs[0], Store(recipe.store_path), lambda asset: made[asset].artifact)
+    (check,) = [check for check in PART_CHECKS if check.name == "poses_cover_sensors"]
+    return check.rule(evidence)
+
+
 class TestBuilt:
+    def test_lost_poses_are_said(self, tmp_path):
+        _, made = build(tmp_path, "zero-quaternions", 1.0)
+        assert (
+            pose_finding(tmp_path, made)
+            .sentences[0]
+            .startswith("10 of 51 messages of /odom gave no pose (10 because its quaternion is zero).")
+        )
+        recipe = tmp_path / "recipe.yaml"
+        recipe.write_text(recipe.read_text() + "limits: {reported_losses: 0.2}\n")
+        assert "gave no pose" not in str(pose_finding(tmp_path, made))
+
     def test_a_clock_that_is_set_late_gives_two_scenes(self, tmp_path):
         drive, made = build(tmp_path, "clock-set-late", 2.6)
         tables = made["nuscenes_tables"].artifact

@@ -17,7 +17,7 @@ from bagassets.quality.channel_rules import channels_complete
 from bagassets.quality.check import Evidence
 from bagassets.quality.file_rules import files_match
 from bagassets.quality.finding import clock
-from bagassets.quality.pose_rules import poses_cover_sensors
+from bagassets.quality.pose_rules import poses_complete, poses_cover_sensors
 from bagassets.quality.scene_rules import keyframes_complete, scenes_made
 from bagassets.quality.topic_rules import channels_present, stamps_monotonic, topic_rates
 from bagassets.recipe.model import Limits, Recipe, Rig
@@ -292,6 +292,43 @@ class TestPoses:
         assert problem.startswith(
             f"CAM_FRONT: 1 of 2 readings has no ego pose, that at {clock(T0 + 9 * S)}; "
         )
+
+    @pytest.mark.parametrize(
+        ("lost", "said"),
+        [
+            ({"its quaternion is zero": 20}, "20 of 101 messages of /odom gave no pose (20 because its quaternion is zero)"),
+            (
+                {"a": 3, "b": 40, "c": 3},
+                "46 of 101 messages of /odom gave no pose (40 because b, 3 because a, 3 because c)",
+            ),
+        ],
+    )  # fmt: skip
+    def test_messages_without_pose_are_a_warning(self, lost, said):
+        counts = {"read": 101, "written": 101 - sum(lost.values()), "merged": 0, "lost": lost}
+        (warning,) = poses_complete(counts, "/odom", 0.05)
+        assert warning.startswith(said)
+        assert warning.endswith(
+            "raise limits.reported_losses in the recipe; else name another source as ego_pose"
+        )
+        finding = poses_cover_sensors(drive_along(), STAMPS, PosesCheck(), [warning])
+        assert (finding.problems, finding.sentences, finding.weight("error")) == ([], [warning], "warn")
+
+    def test_what_was_lost_precedes_what_may_come_of_it(self):
+        finding = poses_cover_sensors(drive_along(until_s=8.0), STAMPS, PosesCheck(), ["lost"])
+        assert (finding.sentences[0], len(finding.sentences), finding.weight("error")) == ("lost", 2, "error")
+
+    @pytest.mark.parametrize(
+        ("read", "number"), [(100, 0), (100, 5), (0, 0)], ids=["clean", "a few", "fixed"]
+    )  # fmt: skip
+    def test_a_few_before_the_source_knows_are_none(self, read, number):
+        counts = {
+            "read": read,
+            "written": read - number,
+            "merged": 0,
+            "lost": {"it is": number} if number else {},
+        }
+        assert list(poses_complete(counts, "/odom", 0.05)) == []
+        assert len(list(poses_complete(counts, "/odom", 0.04))) == (number > 0)
 
     def test_a_jump_is_named(self):
         (problem,) = poses_cover_sensors(drive_along(jump_at=50), STAMPS, PosesCheck()).problems

@@ -3,22 +3,25 @@
 Files: `inventory.json`, and `messages.parquet` with the small messages that later steps read.
 """
 
-from collections import Counter
-from collections.abc import Mapping
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
 
+import numpy as np
+
 from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use, inlined
 from bagassets.assets.kept_messages import KeptMessages
+from bagassets.assets.place import place_of
 from bagassets.assets.topic_log import TopicLog
 from bagassets.decode.loading import own_decoder
 from bagassets.decode.navsat import FixReading
 from bagassets.decode.registry import bulk_types, own_types
 from bagassets.errors import DecodeError, RecordingError
-from bagassets.geometry.sun import daylight
 from bagassets.json_types import JsonObject
 from bagassets.quality.check import RecordingCheck
+from bagassets.quality.finding import clock
 from bagassets.quality.topic_rules import channels_present, stamps_monotonic, topic_rates
 from bagassets.recipe.model import READING_LIMITS, Recipe, Rig
 from bagassets.recordings.damage import advice_for
@@ -32,6 +35,7 @@ __all__ = ["INVENTORY", "make_inventory"]
 
 # Header stamps farther than this from the log time are noted.
 MOST_OFFSET_S = 1.0
+_DAY_NS = 86_400_000_000_000
 # A single damaged message does not make its topic unreadable.
 MOST_MISFITS = 5
 
@@ -90,7 +94,7 @@ def make_inventory(recording: Recording, out: ArtifactWriter, *, size: int) -> J
         for name, info in readable.items()
     }
     kept = KeptMessages(name for name, info in readable.items() if info.msgtype not in bulk)
-    fixes: list[FixReading] = []
+    fixes: dict[str, list[tuple[int, FixReading]]] = defaultdict(list)
     fix_types = own_types("fix")
     refused: Counter[tuple[str, str]] = Counter()
     recording.check_content()
@@ -137,13 +141,12 @@ def _refuse_shortfall(recording: Recording, logs: dict[str, TopicLog]) -> None:
             )
 
 
-def _take_fix(topic: Topic, message: RawMessage, fixes: list[FixReading]) -> None:
-    """Keep the first and the last valid fix."""
+def _take_fix(topic: Topic, message: RawMessage, fixes: dict[str, list[tuple[int, FixReading]]]) -> None:
     try:
         fix = own_decoder("fix", topic.msgtype)(topic.decode(message.data))
     except DecodeError:
         return  # the receiver had no fix
-    fixes[1:] = [fix]
+    fixes[message.topic].append((message.log_time_ns, fix))
 
 
 def _inventory_json(
@@ -151,7 +154,7 @@ def _inventory_json(
     logs: dict[str, TopicLog],
     packed: set[str],
     problems: dict[str, str | None],
-    fixes: list[FixReading],
+    fixes: Mapping[str, list[tuple[int, FixReading]]],
 ) -> JsonObject:
     topics = []
     for name, info in sorted(recording.topics.items()):
@@ -170,24 +173,30 @@ def _inventory_json(
     starts = [topic["first_ns"] for topic in topics if topic["first_ns"] is not None]
     ends = [topic["last_ns"] for topic in topics if topic["last_ns"] is not None]
     start, end = (min(starts), max(ends)) if starts else (None, None)
-    gnss = None
-    if fixes:
-        gnss = {"first": _fix_json(fixes[0]), "last": _fix_json(fixes[-1])}
+    span_ns = 0 if start is None or end is None else end - start
+    place, strays = place_of(fixes)
+    jumps = [] if span_ns <= _DAY_NS else _jumps(logs)
     return {
         "format": recording.format,
         "start_ns": start,
         "end_ns": end,
-        "duration_s": 0.0 if start is None or end is None else round((end - start) / 1e9, 6),
+        "duration_s": round(span_ns / 1e9, 6),
         "topics": topics,
-        "gnss": gnss,
-        "daylight": daylight(fixes[0].lat_deg, fixes[0].lon_deg, fixes[0].stamp_ns) if fixes else None,
-        "notes": _notes(recording, topics),
+        **place,
+        "notes": [*_notes(recording, topics), *strays, *jumps],
     }
 
 
-def _fix_json(fix: FixReading) -> JsonObject:
-    alt = None if fix.alt_m != fix.alt_m else fix.alt_m
-    return {"lat": fix.lat_deg, "lon": fix.lon_deg, "alt": alt, "stamp_ns": fix.stamp_ns}
+def _jumps(logs: Mapping[str, TopicLog]) -> Iterator[str]:
+    """Yield a note on the longest time without any message, if it is longer than a day."""
+    times_ns = np.sort(np.concatenate([log.times_ns for log in logs.values()]))
+    gaps_ns = np.diff(times_ns)
+    longest = int(np.argmax(gaps_ns))
+    if gaps_ns[longest] > _DAY_NS:
+        yield (
+            f"Log times jump by {gaps_ns[longest] / _DAY_NS:.1f} days after {clock(int(times_ns[longest]))}: the clock was set while "
+            "recording, or the recorder paused, so duration and rates are not those of the drive."
+        )
 
 
 def _notes(recording: Recording, topics: list[JsonObject]) -> list[str]:

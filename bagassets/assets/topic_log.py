@@ -46,6 +46,11 @@ class TopicLog:
         """Number of messages so far."""
         return len(self._times)
 
+    @property
+    def times_ns(self) -> NDArray[np.int64]:
+        """(N,) log times so far."""
+        return np.array(self._times, dtype=np.int64)
+
     def add(self, message: RawMessage, header: tuple[int, str] | None) -> None:
         """Take the next message."""
         _, _, log_time_ns, data = message
@@ -83,7 +88,7 @@ class TopicLog:
             layout_digest: digest of the layout of messages; empty if it is not known.
         """
         self._hash()
-        times = np.array(self._times, dtype=np.int64)
+        times = self.times_ns
         stamps = np.array(self._stamps, dtype=np.int64)
         offsets = np.array(self._stamped_times, dtype=np.int64) - stamps
         periods = np.diff(times)

@@ -1,19 +1,20 @@
 """Rules about ego poses: readings have one, and the vehicle does not jump."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 
 from bagassets.geometry.trajectory import Trajectory
+from bagassets.json_types import JsonMapping
 from bagassets.quality.finding import Finding, clock
 from bagassets.recipe.model_checks import PosesCheck
 from bagassets.timeline.keyframes import Stamps
 
-__all__ = ["poses_cover_sensors"]
+__all__ = ["poses_complete", "poses_cover_sensors"]
 
 
 def poses_cover_sensors(
-    trajectory: Trajectory, stamps_ns: Mapping[str, Stamps], check: PosesCheck
+    trajectory: Trajectory, stamps_ns: Mapping[str, Stamps], check: PosesCheck, losses: Iterable[str] = ()
 ) -> Finding:
     """Check that readings of each channel have an ego pose at their time.
 
@@ -21,6 +22,7 @@ def poses_cover_sensors(
         trajectory: `global_SE3_ego`.
         stamps_ns: channel -> (N,) stamps of its readings.
         check: thresholds.
+        losses: sentences about messages without pose, which readings between others need not miss.
     """
     problems = []
     shares = {}
@@ -37,7 +39,23 @@ def poses_cover_sensors(
             problems.append(
                 f"{name}: {without} of {len(stamps)} readings {lack} at {clock(first)}; a share of {check.min_share:g} is expected to have one"
             )
-    return Finding([*_overlaps(trajectory), *problems, *_jumps(trajectory, check)], {"with_pose": shares})
+    problems = [*_overlaps(trajectory), *problems, *_jumps(trajectory, check)]
+    lost = list(losses)
+    # Lost poses may be why readings have none, and are no problem by themselves.
+    return Finding([*lost, *problems] if problems else [], {"with_pose": shares}, [] if problems else lost)
+
+
+def poses_complete(counts: JsonMapping, source: str, max_lost: float) -> Iterator[str]:
+    """Yield a sentence if, by `counts` of `ego_poses.json`, a larger share of a source's messages gave no pose."""
+    number = sum(counts["lost"].values())
+    if number <= max_lost * counts["read"]:
+        return
+    reasons = sorted(counts["lost"].items(), key=lambda item: (-item[1], item[0]))
+    why = ", ".join(f"{count} because {reason}" for reason, count in reasons)
+    yield (
+        f"{number} of {counts['read']} messages of {source} gave no pose ({why}). If that is acceptable, raise "
+        "limits.reported_losses in the recipe; else name another source as ego_pose"
+    )
 
 
 def _overlaps(trajectory: Trajectory) -> Iterator[str]:

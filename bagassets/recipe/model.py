@@ -411,7 +411,7 @@ class Limits(Model):
         ge=0,
         le=1,
         description="Share of a channel's messages that may be lost, for any reason, before builds, "
-        "`build --check` and `bagassets check` report it.",
+        "`build --check` and `bagassets check` report it; also of those of ego poses, which `build --check` leaves out.",
     )
     chunk_bytes: int = Field(
         256_000_000,

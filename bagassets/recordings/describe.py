@@ -50,7 +50,8 @@ def _facts(inventory: JsonMapping) -> list[tuple[str, str]]:
         facts.append(("GNSS", "none"))
     else:
         facts.append(("GNSS", f"first {_fix(gnss['first'])}; last {_fix(gnss['last'])}"))
-    facts.append(("daylight", inventory["daylight"] or "unknown (no GNSS)"))
+    unknown = "no GNSS" if gnss is None else "the time of the first fix is not set"
+    facts.append(("daylight", inventory["daylight"] or f"unknown ({unknown})"))
     return facts
 
 

@@ -19,7 +19,7 @@ from bagassets.json_types import JsonObject
 from bagassets.quality.check import Evidence, RecordingCheck
 from bagassets.quality.file_rules import files_match
 from bagassets.quality.finding import Finding
-from bagassets.quality.pose_rules import poses_cover_sensors
+from bagassets.quality.pose_rules import poses_complete, poses_cover_sensors
 from bagassets.quality.radar_rules import RadarReadings, radar_velocities
 from bagassets.quality.scene_rules import keyframes_complete, scenes_made
 from bagassets.quality.sweep_rules import Sweeps, sweeps_timed
@@ -50,6 +50,12 @@ def _files(evidence: Evidence) -> list[dict[str, str]]:
 
 def _trajectory(evidence: Evidence) -> Trajectory:
     return load_trajectory(evidence.artifact("ego_poses"))
+
+
+def _lost_poses(evidence: Evidence) -> Iterator[str]:
+    counts = evidence.artifact("ego_poses").read_json("ego_poses.json")["counts"]
+    source = getattr(evidence.rig.ego_pose, "topic", "TF")
+    return poses_complete(counts, source, evidence.recipe.limits.reported_losses)
 
 
 def _artifacts_of(
@@ -125,8 +131,11 @@ PART_CHECKS = (
         "poses_cover_sensors",
         "Readings have an ego pose at their time, and the vehicle does not jump.",
         "less than `min_share` of a channel's readings have an ego pose; the vehicle moves faster than `max_speed_mps` "
-        "between two poses; two trajectories overlap in time",
-        lambda e: poses_cover_sensors(e.once(_trajectory), e.stamps_ns(), e.checks.poses_cover_sensors),
+        "between two poses; two trajectories overlap in time; as a warning: more than `limits.reported_losses` (5 %) "
+        "of the messages gave no pose",
+        lambda e: poses_cover_sensors(
+            e.once(_trajectory), e.stamps_ns(), e.checks.poses_cover_sensors, _lost_poses(e)
+        ),
     ),
     RecordingCheck(
         "sweeps_timed",
