@@ -332,7 +332,7 @@ def test_notes(tmp_path, inventory_of):
     ]
     value, _, _ = inventory_of(write_ros1(tmp_path / "a.bag", messages))
     assert value["notes"] == [
-        "/back: 1 header stamps go back in time.",
+        "/back: 1 header stamp goes back in time.",
         "Header stamps are all zero on /unset: only the log time tells when.",
         "Log times are far from header stamps on /ahead (-60.0 s): choose the clock in the recipe with care.",
     ]

@@ -23,6 +23,7 @@ from bagassets.json_types import JsonObject
 from bagassets.quality.check import RecordingCheck
 from bagassets.quality.finding import clock
 from bagassets.quality.topic_rules import channels_present, stamps_monotonic, topic_rates
+from bagassets.quantities import count_text
 from bagassets.recipe.model import READING_LIMITS, Recipe, Rig
 from bagassets.recordings.damage import advice_for
 from bagassets.recordings.model import Format, RawMessage
@@ -213,8 +214,9 @@ def _notes(recording: Recording, topics: list[JsonObject]) -> list[str]:
         announced = recording.topics[name].count - repeated
         if announced != topic["count"]:
             notes.append(f"{name}: the recording announces {announced} messages and holds {topic['count']}.")
-        if topic["unordered_stamps"]:
-            notes.append(f"{name}: {topic['unordered_stamps']} header stamps go back in time.")
+        if back := topic["unordered_stamps"]:
+            goes = "goes" if back == 1 else "go"
+            notes.append(f"{name}: {count_text(back, 'header stamp')} {goes} back in time.")
         if offset is None or topic["problem"] is not None:
             continue
         if topic["first_stamp_ns"] == topic["last_stamp_ns"] == 0:
