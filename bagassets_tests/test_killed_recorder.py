@@ -2,7 +2,6 @@
 
 import os
 import shutil
-import struct
 from pathlib import Path
 
 import pytest
@@ -187,7 +186,7 @@ def test_a_journal_of_several_databases_is_refused(database):
     leave_journal(database)
     with database.with_name("b.db3-journal").open("ab") as file:
         file.write(bytes(12) + bytes.fromhex("d9d505f920a163d7"))  # the mark alone: it names nothing
-    with pytest.raises(RecordingError):
+    with pytest.raises(RecordingError, match=r"b\.db3: .*b\.db3-journal belongs to several databases"):
         open_recording(database)
 
 
