@@ -57,13 +57,14 @@ uint8[] payload
 _LIDAR_IP, _HOST_IP, _PORT = (192, 168, 3, 43), (255, 255, 255, 255), 2368
 _LATENCY_NS = 200_000
 _EXTRINSICS = "extrinsics: {translation: [1, 0, 1], rotation: [1, 0, 0, 0]}"
-_JPEG_RECIPE = """name: jpeg
-bags: {root: recordings, settle_s: 0}
-nuscenes: {output: nuscenes, version: v1.0-jpeg}
+_JPEG_RECIPE = f"""name: jpeg
+bags: {{root: recordings, settle_s: 0}}
+nuscenes: {{output: nuscenes, version: v1.0-jpeg}}
+scenes: {{min_length_s: {_LEAST_SCENE_S}}}
 rigs:
   - name: jpeg
     ego_frame: base_link
-    ego_pose: {source: odometry, topic: /odom}
+    ego_pose: {{source: odometry, topic: /odom}}
     channels:
 """ + "".join(
     f"      {channel}: {{modality: camera, topic: /cam{number}, output: as_recorded, undistort: false, {_EXTRINSICS}}}\n"
