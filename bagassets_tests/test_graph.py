@@ -264,7 +264,7 @@ def test_a_recording_that_takes_no_part_has_an_inventory_only(project, ran):
     assert failed == {}
     reason = graph.node("selection").skipped
     assert reason.endswith("bags.min_duration_s asks for 100 s")
-    assert made == ["inventory", reason]
+    assert made == ["inventory", reason, reason]
     assert states(graph)["boxes"] == states(graph)["poses"] == ("skipped", reason)
     assert not ran
 

@@ -17,7 +17,7 @@ from bagassets.assets.asset import AnyAsset, AnyUse
 from bagassets.assets.selection import choose_rig, skip_reason
 from bagassets.build.differences import compare_actions, describe_changes
 from bagassets.build.inputs import RecordingInputs
-from bagassets.build.plan import AssetState, Recorded, version_as_input
+from bagassets.build.plan import AssetState, Recorded, skip_version, version_as_input
 from bagassets.build.recording_assets import RecordingAssets
 from bagassets.build.source import MessageSource
 from bagassets.build.unexpected import explained_error
@@ -79,6 +79,13 @@ class Node:
         if self.action is None:
             raise TypeError(f"the action of {self.name} is not known")
         return self.action
+
+    @property
+    def data_version(self) -> str | None:
+        """What Dagster is to record of it, if that is known."""
+        if self.skipped is not None:
+            return skip_version(self.skipped)
+        return None if self.artifact is None else self.artifact.digest
 
     @property
     def is_cached(self) -> bool:
@@ -276,7 +283,7 @@ class Graph:
         nodes = {asset.name: self.node(asset.name) for asset in self.assets}
         current = {name: record.data_version for name, record in self.recorded.items()}
         current |= {} if self.digest is None else {BAG: self.digest}
-        current |= {name: node.artifact.digest for name, node in nodes.items() if node.artifact is not None}
+        current |= {name: known for name, node in nodes.items() if (known := node.data_version) is not None}
         states = {BAG: self.bag}
         for name, node in nodes.items():
             states[name] = self._state(node, current, states)
@@ -295,10 +302,11 @@ class Graph:
 
     def _state(self, node: Node, current: Mapping[str, str], states: Mapping[str, AssetState]) -> AssetState:
         recorded = self.recorded.get(node.name)
-        if node.artifact is not None:
-            return self._known_state(node.artifact.digest, node.name, current, states)
-        if node.skipped is not None:
-            return AssetState("skipped", node.skipped)
+        if node.data_version is not None:
+            state = self._known_state(node.data_version, node.name, current, states)
+            if node.skipped is None:
+                return state
+            return AssetState("skipped", node.skipped, to_record=state.state != "fresh")
         if node.waits_for is not None:
             reason = states[node.waits_for].reason
             # Name only the first cause: "waits for frames: waits for calibration: …" would say less.
@@ -332,6 +340,8 @@ class Graph:
 
     def _what_changed(self, node: Node, recorded: Recorded) -> str:
         """Return a text that names the differences between a node's action and the one that Dagster recorded last."""
+        if recorded.is_skip:
+            return f"the recording was skipped before: {recorded.why_skipped}"
         before = None if recorded.action is None else self.store.action(recorded.action)
         if before is None:
             return "the record of the action that made it is gone"

@@ -55,7 +55,8 @@ def made_again(
 
 def _is_older(record: Recorded, version: int) -> bool:
     """Return whether an asset was recorded with another version of its step, which its code version begins with."""
-    return record.code_version is not None and record.code_version.partition("-")[0] != str(version)
+    before = None if record.is_skip else record.code_version
+    return before is not None and before.partition("-")[0] != str(version)
 
 
 def _took_s(store: Store, records: Iterable[Recorded]) -> float:

@@ -58,7 +58,8 @@ class Planner:
             for part in node.parts
             if part.artifact is not None
         )
-        on_record = {asset: record.data_version for asset, record in recorded.items()}
+        made = {asset: record for asset, record in recorded.items() if not record.is_skip}
+        on_record = {asset: record.data_version for asset, record in made.items()}
         rig = "" if graph.rig is None else graph.rig.name
         touched = _is_touched(states["bag"], recorded.get("bag"), graph.stat)
         return BagPlan(
@@ -70,7 +71,7 @@ class Planner:
             self.assets.optional,
             rig,
             touched,
-            _outdated(states, recorded),
+            _outdated(states, made),
         )
 
     def graph(self, recording: RecordingFiles, recorded: Mapping[str, Recorded]) -> Graph:

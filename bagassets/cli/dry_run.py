@@ -22,6 +22,7 @@ _VERBS: dict[State, str] = {
     "unknown": "may run",
     "record-only": "record",
     "failed": "failed",
+    "skipped": "skip",
 }
 _OWN_VERBS = {
     "missing": "run",
@@ -55,7 +56,9 @@ def dry_run_lines(pending: "PendingWork", own: "OwnWork") -> Iterator[str]:
         gone = (
             "is gone: its partition and scenes" if whole is None else f"is joined into {whole}: its partition"
         )
-        yield f"{key}\n  {gone} would be removed"
+        yield f"{key}\n  " + (
+            f"is gone: {pending.held[key]}" if key in pending.held else f"{gone} would be removed"
+        )
     for question in pending.plan.asked.values():
         yield f"to be decided: {visible(question)}"
     if pending.datasets:

@@ -197,7 +197,9 @@ def _reasons(pending: "PendingWork", listed: JsonMapping) -> Iterator[str]:
         yield f"{told.title}: {shown} {state}: {told.text if state == 'failed' else visible(told.text)}"
     for key in pending.plan.removed:
         whole = pending.plan.joined_into(key)
-        if whole is None:
+        if key in pending.held:
+            yield f"{key}: the recording is gone; {pending.held[key]}"
+        elif whole is None:
             yield f"{key}: the recording is gone; the next build removes its partition and its scenes"
         else:
             yield f"{key}: joined into {whole}, whose part it is; the next build removes its partition"

@@ -6,7 +6,7 @@ from functools import partial
 import dagster as dg
 
 from bagassets.defs.artifact_files import page_link
-from bagassets.defs.events import CODE_VERSION, DATA_VERSION, latest_ids, recorded_whole
+from bagassets.defs.events import CODE_VERSION, DATA_VERSION, latest_ids
 from bagassets.defs.fence import refuse_if_ended
 from bagassets.defs.instance_plan import InstancePlan, plan_in_run
 from bagassets.defs.making import MadeAsset
@@ -61,25 +61,23 @@ def dataset_is_current(instance: dg.DagsterInstance, workspace: Workspace, input
 
 
 def record_inputs(instance: dg.DagsterInstance, workspace: Workspace, inputs: DatasetInputs) -> None:
-    """Record `dataset_inputs` without a run (about 10 ms), if it changed.
+    """Record `dataset_inputs` without a run (about 10 ms), if it changed, or records that it points to did.
 
     Its tags name its inputs, as those of a run would: without them Dagster would mark it as stale.
     """
     key = workspace.names.key(DATASET_INPUTS)
-    newest = recorded_whole(instance, workspace.names, DATASET_INPUTS)
-    if newest is not None and newest.data_version == inputs.digest:
-        return
-    instance.report_runless_asset_event(
-        dg.AssetMaterialization(
-            asset_key=key,
-            metadata=inputs_metadata(inputs),
-            tags={
-                DATA_VERSION: inputs.digest,
-                CODE_VERSION: INPUTS_CODE_VERSION,
-                **_provenance(instance, workspace, inputs),
-            },
+    tags = {
+        DATA_VERSION: inputs.digest,
+        CODE_VERSION: INPUTS_CODE_VERSION,
+        **_provenance(instance, workspace, inputs),
+    }
+    newest = instance.get_latest_materialization_event(key)
+    recorded = None if newest is None else newest.asset_materialization
+    if recorded is None or not tags.items() <= (recorded.tags or {}).items():
+        metadata = inputs_metadata(inputs)
+        instance.report_runless_asset_event(
+            dg.AssetMaterialization(asset_key=key, metadata=metadata, tags=tags)
         )
-    )
 
 
 def _provenance(instance: dg.DagsterInstance, workspace: Workspace, inputs: DatasetInputs) -> dict[str, str]:

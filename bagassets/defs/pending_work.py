@@ -23,7 +23,7 @@ from bagassets.defs.instance_plan import (
     Touched,
     replan_instance,
 )
-from bagassets.defs.partitions import active_runs
+from bagassets.defs.partitions import active_runs, held_by_backfills
 from bagassets.defs.projects import noted_prefix
 from bagassets.defs.runs import open_instance
 from bagassets.defs.workspace import Workspace
@@ -69,6 +69,7 @@ class PendingWork:
         chosen: the recordings that the build was asked for.
         todo: recording that needs a run -> the assets to materialize.
         datasets: the datasets that the build was asked for.
+        held: recording that is gone -> what its removal waits for; see `held_by_backfills`.
     """
 
     planned: InstancePlan
@@ -76,6 +77,7 @@ class PendingWork:
     chosen: frozenset[str]
     todo: Mapping[str, tuple[str, ...]]
     datasets: tuple[str, ...]
+    held: Mapping[str, str]
 
     @property
     def plan(self) -> Plan:
@@ -205,7 +207,8 @@ def _pending_work(
         ):
             todo[key] = assets
     is_current = dataset_is_current(instance, workspace, planned.inputs)
-    return PendingWork(planned, is_current, asked.recordings, todo, asked.datasets)
+    held = held_by_backfills(instance, frozenset(planned.plan.removed))
+    return PendingWork(planned, is_current, asked.recordings, todo, asked.datasets, held)
 
 
 def expected_moves(pending: PendingWork, recipe: Recipe) -> dict[str, tuple[str, str]]:

@@ -108,7 +108,10 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
         if not options.allow_empty:
             _refuse_empty(recipe, before.planned)
         report.remarks += tuple(Remark("", "warn", "series", one) for one in before.plan.asked.values())
-        report.removed = _register(instance, workspace, before.planned)
+        report.remarks += tuple(
+            Remark("", "warn", "removed", f"{key} is gone: {why}.") for key, why in before.held.items()
+        )
+        report.removed = _register(instance, workspace, before)
         if before.todo or (before.datasets and not before.dataset_is_current):
             log = recipe.state / "code-server.log"
             runs = stack.enter_context(
@@ -143,10 +146,11 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
                 now = update_pending_work(instance, workspace, now, runs.ended.keys(), on_planned)
             _add_outcomes(report, instance, now.planned, runs, made_ahead())
             was_tried = one_run and DATASET in runs.ended
-            if before.datasets and not now.dataset_is_current and not was_tried and not runs.interrupted:
+            if before.datasets and not was_tried and not runs.interrupted:
                 record_inputs(instance, workspace, now.planned.inputs)
-                runs.work([{DATASET: before.datasets}])
-                is_replanned = False
+                if not now.dataset_is_current:
+                    runs.work([{DATASET: before.datasets}])
+                    is_replanned = False
             report.interrupted = runs.interrupted
             report.remarks += tuple(_remarks(instance, {one.run_id for one in runs.ended.values()}))
             report.dataset, report.dataset_problem = _dataset_outcome(runs.ended.get(DATASET))
@@ -296,15 +300,17 @@ def _joined(plan: Plan) -> list[str]:
     return [f"{', '.join(keys)}: joined into {whole}, as its parts." for whole, keys in joined.items()]
 
 
-def _register(instance: dg.DagsterInstance, workspace: Workspace, planned: InstancePlan) -> tuple[str, ...]:
+def _register(instance: dg.DagsterInstance, workspace: Workspace, before: PendingWork) -> tuple[str, ...]:
     """Add partitions for new recordings, remove those of recordings that are gone, and return the keys of these.
 
     Those that have become parts of series are not gone.
     """
-    for key in planned.plan.removed:
+    planned = before.planned
+    gone = [key for key in planned.plan.removed if key not in before.held]
+    for key in gone:
         remove_partition(instance, workspace.names, key)
     add_partitions(instance, workspace.names, sorted(planned.discovery.recordings.keys() - planned.live))
-    return tuple(key for key in planned.plan.removed if planned.plan.joined_into(key) is None)
+    return tuple(key for key in gone if planned.plan.joined_into(key) is None)
 
 
 def _note_unsettled(recipe: Recipe, ended: Mapping[str, EndedRun]) -> None:
@@ -408,6 +414,6 @@ def _add_idle(report: BuildReport, plan: Plan, chosen: frozenset[str], *, is_who
         elif ran is None and (bag.settled or not is_whole):
             report.outcomes[key] = BagOutcome("fresh")
         elif ran is None:
-            waiting = next(one.reason for one in bag.assets.values() if one.state not in {"fresh", "skipped"})
+            waiting = next(one.reason for one in bag.assets.values() if not one.is_settled)
             report.outcomes[key] = BagOutcome("stopped", f"{waiting}; the next build carries on")
     report.outcomes = dict(sorted(report.outcomes.items()))

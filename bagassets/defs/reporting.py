@@ -13,7 +13,7 @@ import dagster as dg
 from bagassets.assets.preview import FACTS
 from bagassets.build.execute import AssetResult, BuildFailure
 from bagassets.defs.artifact_files import page_link, picture_link
-from bagassets.defs.events import STAT
+from bagassets.defs.events import REASON, STAT
 from bagassets.errors import BagAssetsError, UnexpectedError
 from bagassets.escaping import markdown, visible
 from bagassets.formats.assembly import DatasetSummary
@@ -37,6 +37,7 @@ __all__ = [
     "errors_explained",
     "inputs_metadata",
     "result_metadata",
+    "skip_metadata",
 ]
 
 Metadata = dict[str, Any]
@@ -93,6 +94,11 @@ def result_metadata(result: AssetResult) -> Metadata:
         "action_digest": result.action_digest,
     }
     return (_pictures(result.artifact) if result.asset == "preview" else {}) | metadata
+
+
+def skip_metadata(reason: str) -> Metadata:
+    """Return what Dagster shows of an asset that was not made, as its recording takes no part."""
+    return {"skipped": True, REASON: visible(reason)}
 
 
 def _pictures(preview: Artifact) -> dict[str, dg.MetadataValue[str]]:
