@@ -90,6 +90,20 @@ class RecordingPartitions(dg.DynamicPartitionsDefinition):
             raise RecordingError(_no_such_recording(partition_key, self.bags, list(recordings)))
         _register(store, str(self.name), [partition_key])
 
+    def get_partition_keys_in_range(self, partition_key_range: dg.PartitionKeyRange) -> Sequence[str]:
+        """Return the keys of a range, in the order in which they were registered.
+
+        Raises:
+            RecordingError: its end was registered before its start, so Dagster would make nothing, and say nothing.
+        """
+        found = super().get_partition_keys_in_range(partition_key_range)
+        if not found:
+            start, end = partition_key_range.start, partition_key_range.end
+            raise RecordingError(
+                f"{start}...{end}: {end} was registered before {start}, so there is nothing in this range; write {end}...{start}."
+            )
+        return found
+
 
 def _no_such_recording(key: str, bags: Bags, known: list[str]) -> str:
     near = get_close_matches(key, known, n=1)
