@@ -18,6 +18,8 @@ from bagassets_tests.small_drive import write_drive
 GOOD, TWIN, SERIES, SHORT, TORN, LOST = "a.bag", "b.bag", "drive.bag", "short.bag", "torn.bag", "without.bag"
 KEYS = {GOOD, TWIN, SERIES, SHORT, TORN, LOST}
 RECIPE = QUICK.replace("settle_s: 0", "settle_s: 0, min_duration_s: 0.8")
+ALL = RECIPE.replace("preview: {{enabled: false}}", "vision: {{}}")
+"""With pictures, the map and a second dataset."""
 
 
 def write_recordings(bags, *, fails=True):
@@ -31,9 +33,9 @@ def write_recordings(bags, *, fails=True):
         write_drive(bags / LOST, "ros1", duration_s=1.1, keep=lambda topic, _: topic != "/odom")
 
 
-def make_door(folder, bags):
+def make_door(folder, bags, text=RECIPE):
     """Write a project of these recordings, without any record of them; return its recipe file."""
-    write_project(folder, RECIPE.format(name="test", root=bags))
+    write_project(folder, text.format(name="test", root=bags))
     return folder / "recipe.yaml"
 
 
