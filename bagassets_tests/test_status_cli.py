@@ -79,7 +79,7 @@ def test_after_a_build_every_state_has_its_reason(built):
     assert broken["inventory"]["state"] == "failed"
     assert "rosbag reindex" in broken["inventory"]["reason"]
     assert broken["nuscenes_tables"]["state"] == "unknown"
-    assert broken["nuscenes_tables"]["reason"].startswith("waits for inventory: ")
+    assert broken["nuscenes_tables"]["reason"].startswith("waits for inventory — ")
     assert value["datasets"] == {"nuscenes_dataset": "fresh"}
 
 
@@ -110,7 +110,7 @@ def test_reasons_lead_back_to_what_changed_first(edited):
     assert (assets["frames"]["state"], assets["frames"]["reason"]) == ("stale", "CAM_FRONT: quality 90 -> 33")
     tables = assets["nuscenes_tables"]
     assert tables["state"] == "unknown"
-    assert tables["reason"] == "waits for frames: CAM_FRONT: quality 90 -> 33"
+    assert tables["reason"] == "waits for frames — CAM_FRONT: quality 90 -> 33"
     assert assets["sweeps"]["state"] == "fresh"
 
 

@@ -301,9 +301,9 @@ class Graph:
             return AssetState("skipped", node.skipped)
         if node.waits_for is not None:
             reason = states[node.waits_for].reason
-            # Name only the first cause: "waits for frames: waits for calibration: …" would say less.
+            # Name only the first cause: "waits for frames — waits for calibration — …" would say less.
             if not reason.startswith("waits for"):
-                reason = f"waits for {node.waits_for}: {reason}"
+                reason = f"waits for {node.waits_for} — {reason}"
             is_new = self.digest is None and recorded is None
             return AssetState("missing" if is_new else "unknown", reason)
         failure = self._failure(node)

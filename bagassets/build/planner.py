@@ -98,7 +98,7 @@ def _bag_state(
         return digest, stat, AssetState("missing", "new recording", digest)
     if digest == recorded.data_version:
         return digest, stat, AssetState("record-only", "touched, content unchanged", digest)
-    reason = f"{why}: its content has to be read" if digest is None else "content changed"
+    reason = f"{why}; its content has to be read" if digest is None else "content changed"
     return digest, stat, AssetState("stale", reason, digest)
 
 

@@ -109,19 +109,14 @@ def status_json(pending: "PendingWork", own: "OwnWork", problems: Sequence[str] 
             key: {"format": bag.format, "registered": key in pending.planned.live, "assets": bag.as_json()}
             for key, bag in bags.items()
         },
-        "datasets": {name: _dataset_state(pending) for name in pending.datasets},
+        "datasets": {name: one.state for name, one in pending.dataset_states.items()},
+        "dataset_reasons": {name: one.reason for name, one in pending.dataset_states.items() if one.reason},
         "own": own.as_json(),
         "removed": list(pending.plan.removed),
         "excluded": dict(pending.plan.excluded),
         **({"asked": dict(pending.plan.asked)} if pending.plan.asked else {}),
         **({"problems": list(problems)} if problems else {}),
     }
-
-
-def _dataset_state(pending: "PendingWork") -> str:
-    if pending.todo or pending.plan.removed:
-        return "unknown"
-    return "fresh" if pending.dataset_is_current else "stale"
 
 
 def _print(pending: "PendingWork", own: "OwnWork", *, show_all: bool) -> None:
@@ -140,8 +135,8 @@ def _print(pending: "PendingWork", own: "OwnWork", *, show_all: bool) -> None:
         console.print(f"{number} more {'is' if number == 1 else 'are'} fresh or skipped; --all lists all.")
     for line in _reasons(pending, listed):
         print_lines(console, line)
-    for name in pending.datasets:
-        console.print(f"{name}: {_dataset_state(pending)}")
+    for name, one in pending.dataset_states.items():
+        print_lines(console, f"{name} {one.state}: {one.reason}" if one.reason else f"{name}: {one.state}")
     for line in _own_lines(own):
         print_lines(console, line)
     counts = Counter[str](state.state for bag in bags.values() for state in bag.assets.values())
