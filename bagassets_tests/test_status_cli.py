@@ -217,6 +217,60 @@ def test_explain_puts_no_parentheses_into_others(edited):
         assert not [line for line in lines if re.search(r"\([^)]*\(", line)]
 
 
+def test_a_dataset_says_which_result_it_waits_for(edited):
+    assert output("status", recipe=edited)[1]["dataset_reasons"] == {
+        "nuscenes_dataset": f"waits for nuscenes_tables of {GOOD}"
+    }
+    assert (
+        f"nuscenes_dataset unknown: waits for nuscenes_tables of {GOOD}\n"
+        in run("status", recipe=edited).stdout
+    )
+    done = run("build", "-n", recipe=edited)
+    assert f"nuscenes_dataset\n  may run  waits for nuscenes_tables of {GOOD}\n" in done.stdout
+    assert done.stdout.splitlines()[-1] == "to do: build 1 recording, update nuscenes_dataset."
+
+
+def test_what_has_no_part_in_a_dataset_leaves_it_fresh(built):
+    text = built.read_text()
+    built.write_text(text.replace("preview: {enabled: false}", ""))
+    code, value = output("status", recipe=built)
+    mapped = run("explain", GOOD, "trajectory_map", recipe=built).stdout
+    last_line = run("build", "-n", recipe=built).stdout.splitlines()[-1]
+    built.write_text(text)
+    assert value["recordings"][GOOD]["assets"]["preview"]["state"] == "missing"
+    assert value["datasets"] == {"nuscenes_dataset": "fresh", "trajectory_map": "stale"}
+    assert (code, value["dataset_reasons"]) == (STALE, {"trajectory_map": "never made"})
+    assert mapped.startswith("trajectory_map is stale: never made\n")
+    assert f"made from ego_poses of 1 recording\n    {GOOD}: " in mapped
+    assert last_line == "to do: build 1 recording, update trajectory_map."
+
+
+def test_explain_says_what_a_dataset_is_made_from(edited, monkeypatch):
+    assert run("explain", "frames", recipe=edited).exit_code == USAGE
+    waiting = run("explain", "nuscenes_dataset", recipe=edited).stdout.splitlines()
+    assert waiting[0] == f"nuscenes_dataset is unknown: waits for nuscenes_tables of {GOOD}"
+    assert "made from nuscenes_tables of 1 recording, 1 as before" in waiting
+    assert [line.split(" (")[0] for line in waiting[-2:]] == [f"left out: {SHORT}", f"left out: {BROKEN}"]
+    build(edited, monkeypatch, select=("nuscenes_tables",))
+    whole = run("explain", "nuscenes_dataset", recipe=edited).stdout
+    assert whole.startswith("nuscenes_dataset is stale: its recordings changed since it was made\n")
+    assert re.search(rf"^  \* {GOOD}: \w{{16}} -> \w{{16}}$", whole, re.MULTILINE)
+    one = run("explain", GOOD, "nuscenes_dataset", recipe=edited).stdout
+    assert f"  * {GOOD}: " in one
+    assert SHORT not in one
+    _, value = output("explain", SHORT, "nuscenes_dataset", recipe=edited)
+    assert list(value["left_out"]) == list(value["recordings"]) == [SHORT]
+
+
+def test_explain_knows_named_datasets(built):
+    text = built.read_text()
+    built.write_text(text + "datasets: [{name: picked, min_speed_mps: 1.0}]\n")
+    picked = run("explain", "dataset_picked", recipe=built).stdout
+    built.write_text(text)
+    assert picked.startswith("dataset_picked is stale: never made\n")
+    assert f"  * {GOOD}: " in picked
+
+
 def test_explain_says_what_is_not_known_yet(edited):
     edited.write_text(edited.read_text().replace("quality: 33", "quality: 34"))  # never built
     done = run("explain", GOOD, "nuscenes_tables", recipe=edited)

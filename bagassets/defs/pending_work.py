@@ -32,8 +32,8 @@ from bagassets.formats.catalogue import MAIN, formats
 from bagassets.formats.dataset_build import (
     DatasetInputs,
     dataset_code_versions,
-    datasets_of,
     deal_contents,
+    made_from,
     recordings_without_scenes,
     split_on_disk,
 )
@@ -205,9 +205,8 @@ def _asked(
         return _Asked(chosen, None, datasets)
     if own is not None:
         wanted = (wanted & frozenset(ours)) | own.ours_read_by(wanted)
-    made_from = {asset: dataset.kind.part for asset, dataset in datasets_of(recipe).items()}
-    made_from["trajectory_map"] = "ego_poses"
-    assets = workspace.assets.with_upstream(made_from.get(name, name) for name in wanted)
+    parts = made_from(recipe)
+    assets = workspace.assets.with_upstream(parts.get(name, name) for name in wanted)
     return _Asked(chosen, assets, tuple(name for name in datasets if name in wanted))
 
 
