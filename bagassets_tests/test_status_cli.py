@@ -8,7 +8,9 @@ import sys
 import pytest
 from click.testing import CliRunner
 
+from bagassets.build.build_report import BuildReport
 from bagassets.cli.main import root
+from bagassets.cli.summary import print_summary
 from bagassets.defs.events import all_assets, event_database, latest_ids
 from bagassets.defs.naming import Naming
 from bagassets.defs.runs import open_instance
@@ -262,13 +264,29 @@ def test_explain_says_what_a_dataset_is_made_from(edited, monkeypatch):
     assert list(value["left_out"]) == list(value["recordings"]) == [SHORT]
 
 
-def test_explain_knows_named_datasets(built):
+def test_named_datasets_are_explained_and_named_at_the_end_of_a_build(built, monkeypatch, capsys):
     text = built.read_text()
-    built.write_text(text + "datasets: [{name: picked, min_speed_mps: 1.0}]\n")
-    picked = run("explain", "dataset_picked", recipe=built).stdout
+    named = text + "datasets: [{name: all, min_speed_mps: 0.0}, {name: fast, min_speed_mps: 99.0}]\n"
+    built.write_text(named)
+    fast = run("explain", "dataset_fast", recipe=built).stdout
+    report, _ = build(built, monkeypatch)
+    again, _ = build(built, monkeypatch)
+    made = [run("explain", name, recipe=built).stdout for name in ("dataset_all", "dataset_fast")]
     built.write_text(text)
-    assert picked.startswith("dataset_picked is stale: never made\n")
-    assert f"  * {GOOD}: " in picked
+    assert fast.startswith("dataset_fast is stale: never made\n")
+    assert f"  * {GOOD}: " in fast
+    assert "1 as before" in made[0]
+    assert f"left out: {GOOD} (" in made[1]
+    names = ["nuscenes_dataset", "dataset_all", "dataset_fast"]
+    assert [(name, one["state"]) for name, one in report.datasets.items()] == [
+        (name, "updated") for name in names
+    ]
+    assert {one["state"] for one in again.datasets.values()} == {"fresh"}
+    print_summary(BuildReport.from_json(report.as_json()), [], built)
+    printed = capsys.readouterr().out
+    assert [
+        one for one in report.datasets.values() if f"dataset: {one['path']} (updated)\n" not in printed
+    ] == []
 
 
 def test_explain_says_what_is_not_known_yet(edited):
