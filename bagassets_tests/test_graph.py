@@ -432,9 +432,16 @@ def test_what_is_the_same_under_another_code_version_is_only_recorded(project, r
     graph = project(poses)
     executed(graph)
     recorded = recorded_assets(graph)
-    recorded["poses"] = replace(recorded["poses"], code_version="0")
-    reason = "recipe or step version changed, the result did not"
-    assert states(project(poses, recorded=recorded))["poses"] == ("record-only", reason)
+    version, digest = recorded["poses"].code_version.split("-")
+    for before, changed in {
+        f"0-{digest}": "the step version",
+        f"{version}-0": "the recipe or a library version",
+        f"{version}-{digest}-0": "the installed decoder plug-ins",
+        f"0-{digest}-0": "the step version and the installed decoder plug-ins",
+    }.items():
+        recorded["poses"] = replace(recorded["poses"], code_version=before)
+        found = states(project(poses, recorded=recorded))["poses"]
+        assert found == ("record-only", f"{changed} changed, the result did not")
 
 
 def test_a_plan_names_the_artifacts_of_channels(project, ran):

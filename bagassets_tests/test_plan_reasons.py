@@ -80,7 +80,7 @@ def test_a_change_that_cannot_matter(recipe):
     lacking = "      CAM_LEFT: {modality: camera, topic: /nowhere}\n      CAM_BACK:"
     edit(recipe, "      CAM_BACK:", lacking)
     states = output(recipe)
-    assert states["frames"] == ("record-only", "recipe or step version changed, the result did not")
+    assert states["frames"] == ("record-only", "the recipe or a library version changed, the result did not")
     assert states["inventory"] == states["sweeps"] == ("fresh", "up to date")
 
 

@@ -321,8 +321,8 @@ class Graph:
             return AssetState("record-only", "the store has it, Dagster has no record", digest)
         if recorded.data_version != digest:
             return AssetState("record-only", "the store has the result for the new inputs", digest)
-        if recorded.code_version != self.assets.versions[name]:
-            return AssetState("record-only", "recipe or step version changed, the result did not", digest)
+        if changes := self.assets.version_changes(name, recorded.code_version):
+            return AssetState("record-only", f"{changes} changed, the result did not", digest)
         for above, data_version in recorded.inputs.items():
             if above in current and version_as_input(current[above]) != data_version:
                 state = states.get(above)
