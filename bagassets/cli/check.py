@@ -31,8 +31,8 @@ Examples:
 
 \b
 Exit status:
-  0  no check of severity error failed
-  1  something is wrong with the recipe or a folder
+  0  no check of severity error failed, and no recording
+  1  a recording failed on its current input, or something is wrong with the recipe or a folder
   3  a check of severity error failed"""
 )
 @recipe_option
@@ -67,7 +67,11 @@ def check(recipe: Path, bags: tuple[str, ...], as_json: bool) -> int:
         echo_lines(json.dumps([verdict.as_json() for verdict in verdicts], indent=1))
     else:
         _print(verdicts)
-    return ExitStatus.FOUND if any(verdict.is_error for verdict in verdicts) else 0
+    for told in told_once(((), key, reason) for key, reason in pending.failed.items()):
+        echo_lines(f"failed {told.title}: {told.text}", err=True)
+    if any(verdict.is_error for verdict in verdicts):
+        return ExitStatus.FOUND
+    return ExitStatus.FAILED if pending.failed else 0
 
 
 def _print(verdicts: Sequence["Verdict"]) -> None:

@@ -14,6 +14,7 @@ from bagassets.build.build_report import BuildOptions
 from bagassets.build.choose import choose_assets, choose_recordings
 from bagassets.build.made_again import made_again
 from bagassets.build.plan import AssetState, Plan
+from bagassets.build.planner import Planner
 from bagassets.defs.connections import kept_open
 from bagassets.defs.databases import are_files, database_errors_explained
 from bagassets.defs.dataset import datasets_behind
@@ -93,9 +94,11 @@ class PendingWork:
 
     def made_again(self, workspace: Workspace, jobs: int) -> str:
         """Return what is made again because of another version of bagassets; see `bagassets.build.made_again`."""
-        sizes = {key: self.planned.discovery.recordings[key].size for key in self.todo}
-        recorded, assets, store = self.planned.recorded, workspace.assets, workspace.store
-        return made_again(self.plan, recorded, self.todo, sizes, assets, store, jobs)
+        recordings = self.planned.discovery.recordings
+        todo = {key: (recordings[key].size, assets) for key, assets in self.todo.items()}
+        return made_again(
+            Planner(workspace.assets, workspace.store), self.plan, self.planned.recorded, todo, jobs
+        )
 
     @property
     def dataset_is_current(self) -> bool:
