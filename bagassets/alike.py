@@ -1,4 +1,4 @@
-"""Telling once what holds for many recordings: sentences that are the same, or differ in their numbers only."""
+"""Saying once what holds for many recordings: sentences that are the same, or differ in their numbers only."""
 
 import re
 from collections.abc import Iterable, Sequence
@@ -46,8 +46,8 @@ def told_once(found: Iterable[tuple[tuple[str, ...], str, str]], fewest: int = _
     """Return each sentence with the recordings that it is about, in the order in which they are met first.
 
     Args:
-        found: kind, name of the recording and sentence; only what is of one kind is told together.
-        fewest: fewer are told one by one.
+        found: kind, name of the recording and sentence; only what is of one kind is grouped.
+        fewest: fewer are listed one by one.
     """
     split: dict[tuple[str, str], tuple[list[str], tuple[str, ...]]] = {}
     alike: dict[tuple[tuple[str, ...], tuple[str, ...]], list[tuple[str, list[str]]]] = {}

@@ -97,6 +97,12 @@ def test_a_closed_stream_is_no_defect(built, closed):
     assert done.stderr == ""
 
 
+@pytest.mark.parametrize("command", [["status"], ["build", "-n"], ["check"]])
+def test_long_plans_say_how_far_they_are(edited, monkeypatch, command):
+    monkeypatch.setattr("bagassets.build.planner.AT_A_TIME", 1)
+    assert run(*command, recipe=edited).stderr.startswith("Planned 1 of 3 recordings\n")
+
+
 def test_the_table_names_reasons_once(built):
     done = run("status", recipe=built)
     assert done.exit_code == FAILED

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal, Self
 from bagassets.alike import told_once
 from bagassets.escaping import visible
 from bagassets.json_types import JsonMapping, JsonObject
+from bagassets.quantities import count_text
 
 if TYPE_CHECKING:
     # Not imported: the command line only waits for the server, and should not import all of this.
@@ -86,6 +87,11 @@ class Event:
     message: str = ""
     sizes: Mapping[str, int] = field(default_factory=dict)
     share: float | None = None
+
+    @classmethod
+    def planning(cls, done: int, total: int) -> Self:
+        """Return the event that so many recordings have been planned."""
+        return cls("planning", message=f"Planned {done} of {count_text(total, 'recording')}")
 
     @property
     def is_preparation(self) -> bool:
@@ -183,7 +189,7 @@ class BuildReport:
         dataset: `updated`, `fresh`, `failed`, `stopped`, `not made`, or `not selected`.
         dataset_problem: why the dataset could not be made, or is empty.
         dataset_path: its dataroot.
-        datasets: asset of each dataset -> `path` and `state` (as `dataset`, which tells of the first one).
+        datasets: asset of each dataset -> `path` and `state` (as `dataset`, which is that of the first one).
         own: asset of the user's -> what became of it.
         own_left_out: asset of the user's -> why builds do not make it.
         own_problem: why none of the user's assets are known, if so.

@@ -10,7 +10,7 @@ from bagassets.store.store import Store
 
 __all__ = ["made_again"]
 
-# What the others took is told from these, by their size.
+# What the others took is estimated from these, by their size.
 _MOST_COMPARED = 20
 
 

@@ -47,12 +47,13 @@ def check(recipe: Path, bags: tuple[str, ...], as_json: bool) -> int:
     """
     from bagassets.build.build_report import BuildOptions
     from bagassets.build.choose import SelectionError
+    from bagassets.cli.progress import planning_shown
     from bagassets.defs.pending_work import find_pending_work, open_project
     from bagassets.formats.checking import check_bag, check_datasets
 
     try:
-        with open_project(recipe) as (instance, workspace):
-            pending = find_pending_work(instance, workspace, BuildOptions(bags=bags))
+        with planning_shown() as on_planned, open_project(recipe) as (instance, workspace):
+            pending = find_pending_work(instance, workspace, BuildOptions(bags=bags), on_planned=on_planned)
     except SelectionError as err:
         raise click.UsageError(str(err)) from err
     loaded, store = workspace.recipe, workspace.store

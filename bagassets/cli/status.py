@@ -74,16 +74,17 @@ def status(recipe: Path, bags: tuple[str, ...], show_all: bool, as_json: bool) -
     """
     from bagassets.build.build_report import BuildOptions
     from bagassets.build.choose import SelectionError
+    from bagassets.cli.progress import planning_shown
     from bagassets.defs.own_build import load_own
     from bagassets.defs.pending_work import find_pending_work, open_project
     from bagassets.formats.catalogue import problems_of
 
     try:
-        with open_project(recipe) as (instance, known_as):
+        with planning_shown() as on_planned, open_project(recipe) as (instance, known_as):
             options = BuildOptions(bags=bags)
             project = load_own(known_as)
             workspace = project.workspace
-            pending = find_pending_work(instance, workspace, options)
+            pending = find_pending_work(instance, workspace, options, on_planned=on_planned)
             own = project.survey(instance, pending, options)
     except SelectionError as err:
         raise click.UsageError(str(err)) from err

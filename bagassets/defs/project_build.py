@@ -49,7 +49,6 @@ from bagassets.formats.dataset_build import dataset_folders, main_lock, split_on
 from bagassets.formats.dataset_integrity import remove_changed_sources
 from bagassets.formats.emptiness import why_empty
 from bagassets.json_types import JsonMapping, JsonObject
-from bagassets.quantities import count_text
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Recipe
 from bagassets.splits import SplitShare, moves
@@ -82,7 +81,7 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
         repaired["changed_in_place"] = remove_changed_sources(recipe, workspace.store)
 
         def on_planned(done: int, total: int) -> None:
-            on_event(Event("planning", message=f"Planned {done} of {count_text(total, 'recording')}"))
+            on_event(Event.planning(done, total))
 
         def begin_plan() -> tuple[Snapshot, InstancePlanning]:
             snapshot = Snapshot(instance, workspace, own.files)  # of what there is before it is planned
