@@ -6,6 +6,7 @@ import pytest
 
 from bagassets.build.made_again import made_again
 from bagassets.build.plan import AssetState, BagPlan, Plan, Recorded
+from bagassets.build.planner import Planner
 from bagassets.formats.catalogue import recording_assets
 from bagassets.quantities import readable_time
 from bagassets.recipe.load import parse_recipe
@@ -40,10 +41,8 @@ def said(tmp_path):
                 name: Recorded("d", f"{assets[name].version - (name in raised)}-0123456789ab", action=name)
                 for name in assets.names
             } | {"bag": Recorded("d", "0")}
-        todo = dict.fromkeys(plan, ("bag", *assets.names))
-        return made_again(
-            Plan(plan, {}, ()), recorded, todo, dict.fromkeys(plan, sizes), assets, store or Actions(), jobs
-        )
+        todo = dict.fromkeys(plan, (sizes, ("bag", *assets.names)))
+        return made_again(Planner(assets, store or Actions()), Plan(plan, {}, ()), recorded, todo, jobs)
 
     return of
 

@@ -610,8 +610,28 @@ class TestScenes:
         assert reason in problem
 
     def test_one_with_a_scene_passes(self):
-        counts = {"scenes": 1, "samples": 4, "remainder_s": 0.2, "dropped_keyframes": 1, "channels": {}}
-        assert scenes_made({"reference": "LIDAR_TOP", "counts": counts}, ten_hz, 1.5).passed
+        counts = {"scenes": 1, "samples": 4, "remainder_s": 0.0, "dropped_keyframes": 1, "channels": {}}
+        assert scenes_made({"reference": "LIDAR_TOP", "counts": counts}, ten_hz, 1.5, 0.0).passed
+
+    @pytest.mark.parametrize(
+        ("remainders", "words"),
+        [
+            ({"remainder_s": 0.5}, ""),
+            (
+                {"remainder_s": 0.6},
+                "0.6 s are in no scene, since scenes.min_length_s (1.5) is longer than that stretch; set it to 0.59 for a scene more",
+            ),
+            (
+                {"remainder_s": 2.4, "longest_remainder_s": 1.4},
+                "2.4 s are in no scene, since scenes.min_length_s (1.5) is longer than those stretches, up to 1.4 s long; set it to 1.39 for a scene more",
+            ),
+        ],
+    )
+    def test_stretches_too_short_for_a_scene_are_named_beside_one(self, remainders, words):
+        channels = {"LIDAR_TOP": {"span_ns": [T0, T0 + 10 * S]}}
+        counts = {"scenes": 1, "samples": 4, "dropped_keyframes": 0, "channels": channels} | remainders
+        found = scenes_made({"reference": "LIDAR_TOP", "counts": counts}, ten_hz, 1.5, 0.05)
+        assert "".join(found.problems) == words
 
 
 class TestKeyframes:

@@ -280,7 +280,7 @@ class Asset(Generic[P, U]):
             pass over the recording; each gets its own topics.
         checks: checks of its artifacts, and of others derived from them.
         along: hidden assets that are made whenever it is made, since others will need them.
-        spared: version -> tells of which actions it left the bytes alone; they keep the version before, and their artifacts.
+        spared: version -> returns whether it left the bytes of an action alone; such actions keep the version before, and their artifacts.
     """
 
     name: str

@@ -309,9 +309,9 @@ class Graph:
             return AssetState("skipped", node.skipped, to_record=state.state != "fresh")
         if node.waits_for is not None:
             reason = states[node.waits_for].reason
-            # Name only the first cause: "waits for frames: waits for calibration: …" would say less.
+            # Name only the first cause: "waits for frames — waits for calibration — …" would say less.
             if not reason.startswith("waits for"):
-                reason = f"waits for {node.waits_for}: {reason}"
+                reason = f"waits for {node.waits_for} — {reason}"
             is_new = self.digest is None and recorded is None
             return AssetState("missing" if is_new else "unknown", reason)
         failure = self._failure(node)
@@ -329,8 +329,8 @@ class Graph:
             return AssetState("record-only", "the store has it, Dagster has no record", digest)
         if recorded.data_version != digest:
             return AssetState("record-only", "the store has the result for the new inputs", digest)
-        if recorded.code_version != self.assets.versions[name]:
-            return AssetState("record-only", "recipe or step version changed, the result did not", digest)
+        if changes := self.assets.version_changes(name, recorded.code_version):
+            return AssetState("record-only", f"{changes} changed, the result did not", digest)
         for above, data_version in recorded.inputs.items():
             if above in current and version_as_input(current[above]) != data_version:
                 state = states.get(above)

@@ -1,7 +1,7 @@
 """The plan: the state of every asset of every recording."""
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from typing import TYPE_CHECKING, Literal, NamedTuple, Self
 
@@ -106,6 +106,7 @@ class BagPlan:
         touched: its files have the names and sizes on record, but another time; whether their content is the same is
             not known, or it is known to be. So a settled recording is never one.
         outdated: assets whose record is of other content than the record of `bag`; none if it is settled.
+        findings: severity, check and problem of what quick checks found in it; None if they have not been run.
     """
 
     key: str
@@ -117,6 +118,7 @@ class BagPlan:
     rig: str = ""
     touched: bool = False
     outdated: frozenset[str] = frozenset()
+    findings: tuple[tuple[str, str, str], ...] | None = None
 
     @property
     def skipped(self) -> str | None:
@@ -193,14 +195,16 @@ class BagPlan:
 
     def as_row(self) -> list[Json]:
         """Return a settled plan without its key as compact JSON: there may be 10,000 of them."""
-        return [self.assets, self.format, self.recorded, self.channels, sorted(self.optional), self.rig]
+        facts = [self.assets, self.format, self.recorded, self.channels, sorted(self.optional), self.rig]
+        return [*facts, self.findings]
 
     @classmethod
     def from_row(cls, key: str, row: list[Json]) -> Self:
         """Inverse of `as_row`, from decoded JSON."""
-        states, file_format, recorded, channels, optional, rig = row
+        states, file_format, recorded, channels, optional, rig, findings = row
         assets = {name: AssetState(*state) for name, state in states.items()}
-        return cls(key, assets, file_format, recorded, tuple(channels), frozenset(optional), rig)
+        plan = cls(key, assets, file_format, recorded, tuple(channels), frozenset(optional), rig)
+        return plan if findings is None else replace(plan, findings=tuple(map(tuple, findings)))
 
 
 @dataclass(frozen=True)

@@ -61,8 +61,8 @@ def dry_run_lines(pending: "PendingWork", own: "OwnWork") -> Iterator[str]:
         )
     for question in pending.plan.asked.values():
         yield f"to be decided: {visible(question)}"
-    if pending.datasets:
-        yield f"dataset\n  {_dataset(pending)}"
+    for name, one in pending.dataset_states.items():
+        yield f"{name}\n  {_VERBS.get(one.state, 'up to date'):<8} {one.reason}".rstrip()
     yield from _own_lines(own)
 
 
@@ -88,7 +88,8 @@ def verdict(pending: "PendingWork", own: "OwnWork") -> str:
         return f"nothing to do: {count_text(fresh, 'recording')} up to date{failed}."
     parts = [f"build {count_text(len(pending.todo), 'recording')}"] if pending.todo else []
     parts += [f"remove {count_text(len(pending.plan.removed), 'recording')}"] if pending.plan.removed else []
-    parts += ["update the dataset"] if pending.datasets and (parts or not pending.dataset_is_current) else []
+    behind = [name for name, one in pending.dataset_states.items() if one.state != "fresh"]
+    parts += [f"update {', '.join(behind)}"] if behind else []
     parts += [f"make {', '.join(to_make)}"] if to_make else []
     return f"to do: {', '.join(parts)}."
 
@@ -120,22 +121,8 @@ def dry_run_json(
         "removed": list(pending.plan.removed),
         "moved": {key: list(splits) for key, splits in moved.items()},
         "remarks": [remark.as_json() for remark in remarks],
-        "datasets": {name: _dataset_state(pending) for name in pending.datasets},
+        "datasets": {name: one.state for name, one in pending.dataset_states.items()},
+        "dataset_reasons": {name: one.reason for name, one in pending.dataset_states.items() if one.reason},
         "own": own.as_json(),
     }
     return json.dumps(value, indent=1)
-
-
-def _dataset(pending: "PendingWork") -> str:
-    state = _dataset_state(pending)
-    if state == "fresh":
-        return "up to date"
-    if state == "unknown":
-        return "may be updated, once the recordings above are done"
-    return "would be updated: its recordings, the recipe or the version changed, or its files did"
-
-
-def _dataset_state(pending: "PendingWork") -> str:
-    if pending.todo:
-        return "unknown"
-    return "fresh" if pending.dataset_is_current and not pending.plan.removed else "stale"

@@ -25,7 +25,7 @@ from bagassets.formats.dataset_build import (
 from bagassets.formats.report_data import build_map, map_path
 from bagassets.recipe.model import Recipe
 
-__all__ = ["dataset_assets", "dataset_is_current", "make_dataset", "record_inputs"]
+__all__ = ["dataset_assets", "dataset_is_current", "datasets_behind", "make_dataset", "record_inputs"]
 
 TRAJECTORY_MAP = "trajectory_map"
 INPUTS_CODE_VERSION = "1"
@@ -42,22 +42,29 @@ Without a network, it shows the same routes on a plain grid."""
 
 def dataset_is_current(instance: dg.DagsterInstance, workspace: Workspace, inputs: DatasetInputs) -> bool:
     """Return whether all datasets on disk were made from `inputs` with this recipe and code."""
+    return not datasets_behind(instance, workspace, inputs)
+
+
+def datasets_behind(
+    instance: dg.DagsterInstance, workspace: Workspace, inputs: DatasetInputs
+) -> dict[str, str]:
+    """Return each dataset that is not on disk as made from `inputs` with this recipe and code -> why."""
     names, versions = workspace.names, dataset_code_versions(workspace.recipe)
     keys = {asset: names.key(asset) for asset in versions}
     latest = instance.event_log_storage.get_latest_materialization_events(list(keys.values()))
 
-    def is_current(asset: str) -> bool:
+    def reason(asset: str) -> str:
         event = latest.get(keys[asset])
         if event is None or event.asset_materialization is None:
-            return not any(inputs.parts.values())
+            return "never made" if any(inputs.parts.values()) else ""
         tags = event.asset_materialization.tags or {}
-        return (
-            tags.get(names.input_tag(DATASET_INPUTS)) == inputs.digest
-            and tags.get(CODE_VERSION) == versions[asset]
-            and is_on_disk(workspace.recipe, asset)
-        )
+        if tags.get(names.input_tag(DATASET_INPUTS)) != inputs.digest:
+            return "its recordings changed since it was made"
+        if tags.get(CODE_VERSION) != versions[asset]:
+            return "its settings, the splits or its version changed"
+        return "" if is_on_disk(workspace.recipe, asset) else "its files are gone or were changed"
 
-    return all(map(is_current, versions))
+    return {asset: why for asset in versions if (why := reason(asset))}
 
 
 def record_inputs(instance: dg.DagsterInstance, workspace: Workspace, inputs: DatasetInputs) -> None:

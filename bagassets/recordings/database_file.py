@@ -31,7 +31,7 @@ class Database:
     Args:
         path: the file.
         limits: of the recipe.
-        on_read: told how far reading has come.
+        on_read: called with how far reading has come.
     """
 
     def __init__(self, path: Path, limits: Limits, on_read: OnRead | None = None) -> None:

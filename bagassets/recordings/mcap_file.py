@@ -35,7 +35,7 @@ class McapFile:
     Args:
         path: the file.
         limits: of the recipe.
-        on_read: told how far reading has come.
+        on_read: called with how far reading has come.
         whole: bounds on the recording that it is a part of.
     """
 

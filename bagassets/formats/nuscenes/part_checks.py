@@ -113,9 +113,16 @@ PART_CHECKS = (
     RecordingCheck(
         "scenes_made",
         "scenes_made",
-        "The recording has at least one scene.",
-        "the recording has no scene; the sentence says why",
-        lambda e: scenes_made(e.once(_facts), e.stamps_of, e.recipe.scenes.min_length_s),
+        "The recording has at least one scene, and nearly all of its time is in one.",
+        "the recording has no scene; the sentence says why; or more than `limits.reported_losses` (5 %) of its time is in "
+        "stretches too short for one",
+        lambda e: scenes_made(
+            e.once(_facts),
+            e.stamps_of,
+            e.recipe.scenes.min_length_s,
+            e.recipe.limits.reported_losses,
+        ),
+        quick=True,
     ),
     RecordingCheck(
         "keyframes_complete",
