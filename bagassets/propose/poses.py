@@ -12,7 +12,9 @@ __all__ = ["PoseProposal", "SourceKey", "odometry_of", "pose_candidates", "propo
 
 _ODOMETRY = "nav_msgs/msg/Odometry"  # names the frame whose pose it gives, and so is a source of its own
 _COMMANDS = word_set("clicked cmd command desired goal initialpose plan set setpoint target waypoint")
-_FUSED = word_set("ekf filtered fused global ground kinematic kinematics localization slam truth ukf")
+_FUSED = word_set(
+    "ekf filtered fused global ground groundtruth gt kinematic kinematics localization slam truth ukf"
+)
 _FEWEST_POSES = 2
 
 SourceKey = tuple[str, str, str]

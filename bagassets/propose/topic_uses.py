@@ -36,6 +36,7 @@ def uses_of(
     pose: PoseProposal,
     annotations: list[str],
     left_out: list[LeftOut],
+    urdf: TopicSummary | None = None,
 ) -> list[TopicUse]:
     """Return what becomes of each topic, those that are used first.
 
@@ -45,6 +46,7 @@ def uses_of(
         pose: where poses come from.
         annotations: topics with boxes, the one that is used first.
         left_out: topics that could be a sensor's.
+        urdf: topic with the robot description that is the rig's URDF.
     """
     used: dict[str, list[str]] = {}
     for name, sensor in channels.items():
@@ -58,6 +60,8 @@ def uses_of(
         used.setdefault(name, []).append("boxes")
     for name in transform_topics(summary):
         used.setdefault(name, []).append("transforms")
+    if urdf is not None:
+        used.setdefault(urdf.name, []).append("URDF")
     uses = [TopicUse(summary.topics[name], "used", ", ".join(what)) for name, what in used.items()]
     uses += [
         TopicUse(left.topic, "not decodable" if left.is_undecodable else "left out", left.reason)
