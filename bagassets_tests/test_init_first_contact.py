@@ -2,6 +2,7 @@
 
 import re
 
+import numpy as np
 import pytest
 import zstandard
 from mcap.writer import Writer as McapWriter
@@ -108,6 +109,11 @@ def described(folder, urdf, *, static=False):
     return folder / "a.bag"
 
 
+def header(stamp_ns):
+    stamp = STORE1.types["builtin_interfaces/msg/Time"](START_NS // 10**9, stamp_ns)
+    return STORE1.types["std_msgs/msg/Header"](0, stamp, "gps")
+
+
 class TestRobotDescription:
     def test_it_becomes_the_urdf_that_places_the_sensors(self, init, tmp_path):
         status, output = init(described(tmp_path, URDF))
@@ -174,6 +180,18 @@ def test_messages_that_were_compressed_are_said_to_be(init, tmp_path):
     _, text = asked(output)["rigs"]
     assert (
         "/camera/image_raw: its messages are compressed, which only the metadata.yaml of its bag says" in text
+    )
+
+
+def test_a_single_fix_is_named_where_poses_are_asked_for(init, tmp_path):
+    fix = STORE1.types["sensor_msgs/msg/NavSatFix"]
+    status = STORE1.types["sensor_msgs/msg/NavSatStatus"](0, 1)
+    one = fix(header(0), status, 49.0, 8.4, 115.0, np.zeros(9), 0)
+    drive = [entry for entry in messages(STORE1, 1.0, ros1=True) if entry[0] != "/odom"]
+    write_bag(tmp_path / "a.bag", [("/fix", "sensor_msgs/msg/NavSatFix", START_NS, one), *drive])
+    _, text = asked(init(tmp_path / "a.bag")[1])["ego_pose"]
+    assert text.startswith(
+        "the recordings hold no odometry, pose, TF chain or GNSS fixes but one of /fix; name "
     )
 
 

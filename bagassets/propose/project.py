@@ -107,18 +107,23 @@ BAGASSETS_RECIPE={recipe}
 """
 
 
-_DEFINITIONS_PY = """\
-# What `dg dev`, `dg list defs` and `dg launch` load. Assets of your own can be merged in here; have workspace.yaml name this
-# module then, so that `bagassets` and `dagster` load them, too.
+_DEFINITIONS_PY = '''\
+"""What `dg dev`, `dg list defs` and `dg launch` load.
+
+`pip install 'bagassets[dg]'` brings `dg`. Assets of your own can be merged in here;
+have workspace.yaml name this module then, so that `bagassets` and `dagster` load them,
+too.
+"""
+
 from pathlib import Path
 
 from bagassets.defs import build_definitions
 
 defs = build_definitions(Path(__file__).with_name("recipe.yaml"))
-"""
+'''
 
 _PYPROJECT_TOML = """\
-# Makes this folder a project of `dg`, Dagster's command line.
+# Makes this folder a project of `dg`, Dagster's command line, which `pip install 'bagassets[dg]'` brings.
 [tool.dg]
 directory_type = "project"
 

@@ -7,6 +7,7 @@ from bagassets.propose.calibration_files import FoundCalibration, ProposedCalibr
 from bagassets.propose.commented_yaml import Sheet
 from bagassets.propose.frames import connected, contradiction, is_optical, mounting
 from bagassets.propose.naming import PREFIX
+from bagassets.propose.poses import lonely_poses
 from bagassets.propose.rigs import RigProposal
 from bagassets.propose.sensors import Sensor
 from bagassets.propose.topic_uses import transform_topics
@@ -96,11 +97,12 @@ def _write_transforms(sheet: Sheet, rig: RigProposal) -> None:
 def _write_pose(sheet: Sheet, rig: RigProposal) -> None:
     sheet.field(2, "ego_pose:")
     if not rig.pose.fields:
+        lonely = lonely_poses(rig.summary)
         sheet.ask(
             3,
             "ego_pose",
-            "the recordings hold no odometry, pose, TF chain or GNSS fixes; name where poses come from, or if this rig "
-            "stands still, uncomment `source: fixed`",
+            f"the recordings hold no odometry, pose, TF chain or GNSS fixes{f' but one of {lonely[0]}' if lonely else ''}; name "
+            "where poses come from, or if this rig stands still, uncomment `source: fixed`",
             rig=rig.name,
             below=True,
         )
