@@ -145,6 +145,16 @@ class TestRobotDescription:
         assert re.search(r"/robot_description +std_msgs/String +1 +not needed", output)
         assert not (tmp_path / "project" / "rig.urdf").exists()
 
+    def test_one_without_the_frames_of_sensors_is_a_comment(self, init, tmp_path):
+        status, output = init(
+            described(tmp_path, URDF.replace('"cam"', '"hand"').replace('"lidar"', '"foot"'))
+        )
+        assert (status, set(asked(output))) == (2, {"CAM_FRONT", "LIDAR_TOP"})
+        assert re.search(r"/robot_description .* left out: a URDF that places no sensor", output)
+        project = tmp_path / "project"
+        assert "\n    # urdf: rig.urdf\n" in (project / "recipe.yaml").read_text()
+        assert (project / "rig.urdf").exists()
+
     def test_one_that_cannot_be_used_is_left_out_with_the_reason(self, init, tmp_path):
         status, output = init(described(tmp_path, "<robot><joint</robot>"))
         assert (status, set(asked(output)) > set()) == (2, True)

@@ -39,9 +39,14 @@ def write_rig(
         sheet.guess(2, f"clock: {rig.clock.clock}", rig.clock.reason or "its header stamps can be used")
     _write_transforms(sheet, rig)
     if rig.urdf is not None:
-        sheet.guess(
-            2, f"urdf: {yaml_scalar(urdf_name(rig))}", f"{rig.urdf.name}, for frames that TF does not connect"
-        )
+        line = f"urdf: {yaml_scalar(urdf_name(rig))}"
+        if rig.urdf_places:
+            sheet.guess(2, line, f"{rig.urdf.name}, for frames that TF does not connect")
+        else:
+            sheet.note(
+                2, f"recorded on {rig.urdf.name}; it places no sensor unless channels name a `frame` of it:"
+            )
+            sheet.off(2, line)
     _write_pose(sheet, rig)
     sheet.field(2, "channels:")
     for name, sensor in rig.channels.items():

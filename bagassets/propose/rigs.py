@@ -47,7 +47,8 @@ class RigProposal:
         annotations: topics with boxes, the one to use first.
         left_out: topics that could be a sensor's.
         summary: what the recordings hold, with the joints of the URDF.
-        urdf: topic whose robot description is proposed as the rig's URDF.
+        urdf: topic whose robot description is offered as the rig's URDF; None if there is none, or TF places all sensors.
+        urdf_places: it places sensors, so it is proposed, not only mentioned.
     """
 
     name: str
@@ -62,11 +63,13 @@ class RigProposal:
     left_out: list[LeftOut]
     summary: RecordingSummary
     urdf: TopicSummary | None = None
+    urdf_places: bool = False
 
     @property
     def topic_uses(self) -> list[TopicUse]:
         """What becomes of each topic."""
-        return uses_of(self.summary, self.channels, self.pose, self.annotations, self.left_out, self.urdf)
+        urdf = None if self.urdf is None else (self.urdf, self.urdf_places)
+        return uses_of(self.summary, self.channels, self.pose, self.annotations, self.left_out, urdf)
 
 
 def propose_rig(
@@ -88,7 +91,8 @@ def propose_rig(
         alone = sum(other.modality == sensor.modality for other in sensors) == 1
         name, reason = channel_name(sensor.modality, sensor.topic.name, sensor.topic.frames, channels, alone)
         channels[name], reasons[name] = sensor, reason
-    ego, urdf = propose_ego_frame(summary, sensors, odometry_of(summary)), None
+    ego = propose_ego_frame(summary, sensors, odometry_of(summary))
+    urdf, urdf_places = None, False
     if description := description_in(summary) if urdfs else None:
         try:
             more = described(summary, description.urdf)
@@ -96,8 +100,10 @@ def propose_rig(
             left_out = [*left_out, LeftOut(description, str(err))]
         else:
             other = propose_ego_frame(more, sensors, odometry_of(more))
-            if _placed(more, other, sensors) > _placed(summary, ego, sensors):
-                summary, ego, urdf = more, other, description
+            placed = _placed(summary, ego, sensors)
+            urdf = description if placed < (len(sensors), True) else None
+            if urdf_places := _placed(more, other, sensors) > placed:
+                summary, ego = more, other
     return RigProposal(
         name=_rig_name(match, taken, next(iter(summary.robots), "")),
         match=match,
@@ -111,6 +117,7 @@ def propose_rig(
         left_out=left_out,
         summary=summary,
         urdf=urdf,
+        urdf_places=urdf_places,
     )
 
 
