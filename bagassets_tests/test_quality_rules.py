@@ -226,6 +226,14 @@ class TestChannels:
                 {"read": 2, "written": 1, "lost": {"its data are cut off": 1}},
                 "CAM_FRONT: 1 of 2 messages (50%) was lost because its data are cut off. If that is ",
             ),
+            (
+                {"written": 1, "merged": 75, "lost": {"incomplete revolution": 24}},
+                "CAM_FRONT: 24 of 100 packets (24%) were lost because they belong to incomplete revolutions. ",
+            ),
+            (
+                {"written": 0, "lost": {"incomplete revolution": 100}},
+                "CAM_FRONT: 100 packets were read, but no file was written",
+            ),
         ],
     )
     def test_broken_counts_are_named(self, counts, words):
@@ -310,6 +318,8 @@ class TestPoses:
         assert warning.endswith(
             "raise limits.reported_losses in the recipe; else name another source as ego_pose"
         )
+        (of_packets,) = poses_complete(counts, "/odom", 0.05, "packet")
+        assert of_packets == warning.replace("messages of", "packets of")
         finding = poses_cover_sensors(drive_along(), STAMPS, PosesCheck(), [warning])
         assert (finding.problems, finding.sentences, finding.weight("error")) == ([], [warning], "warn")
 

@@ -62,6 +62,11 @@ def test_the_numbers_are_those_of_the_artifacts(made):
     assert all(tables[name].value == dataset[name].value for name in ("scenes", "keyframes", "boxes"))
 
 
+def test_counts_say_what_is_counted(made):
+    assert "| CAM_FRONT (messages) | " in metadata(made[1], "frames", KEY)["channels"].value
+    assert metadata(made[1], "ego_poses", KEY)["counts"].value.startswith("| messages | read | ")
+
+
 def test_a_skipped_recording_says_why_above_all_else(made):
     found = metadata(made[1], "inventory", "short.bag")
     assert next(iter(found)) == "skipped"

@@ -22,6 +22,7 @@ from bagassets.formats.dataset_build import DatasetInputs
 from bagassets.geometry.calibration import Calibration
 from bagassets.json_types import Json, JsonMapping
 from bagassets.preview.pictures import TITLES
+from bagassets.quality.counted import counted_in_channel, counted_in_poses
 from bagassets.quantities import readable_bytes
 from bagassets.recordings.digest import RecordingDigest, RecordingStat
 from bagassets.recordings.model import RecordingFiles
@@ -77,7 +78,12 @@ def result_metadata(result: AssetResult) -> Metadata:
         # Of all channels together: Dagster plots numbers, and no tables.
         metadata["written"] = sum(entry["written"] for entry in channels.values())
         metadata["lost"] = sum(sum(entry.get("lost", {}).values()) for entry in channels.values())
-        metadata["channels"] = _counts_table(channels)
+        metadata["channels"] = _counts_table(
+            {f"{name} ({counted_in_channel(counts)}s)": counts for name, counts in channels.items()}
+        )
+    elif result.asset == "ego_poses":
+        unit = counted_in_poses(summary["source"])
+        metadata["counts"] = _counts_table({"all": summary.pop("counts")}, f"{unit}s")
     elif result.asset == "nuscenes_tables":
         counts = summary["counts"]
         metadata |= {"scenes": counts["scenes"], "keyframes": counts["samples"]}
@@ -227,7 +233,7 @@ def _record_table(record: JsonMapping, header: tuple[str, str]) -> dg.MarkdownMe
 
 
 def _counts_table(counts: Mapping[str, JsonMapping], name: str = "channel") -> dg.MarkdownMetadataValue:
-    """Return a table of the messages of each channel or topic: read, written, merged, and lost with the reason."""
+    """Return a table of what each channel or topic had: read, written, merged, and lost with the reason."""
     rows = []
     for key, entry in sorted(counts.items()):
         lost = ", ".join(f"{number} {reason}" for reason, number in sorted(entry.get("lost", {}).items()))

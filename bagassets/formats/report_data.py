@@ -18,6 +18,8 @@ from bagassets.formats.dataset_build import deal_contents, recordings_without_sc
 from bagassets.freshness.published import Publication
 from bagassets.json_types import JsonMapping, JsonObject
 from bagassets.preview.pictures import TITLES
+from bagassets.quality.counted import counted_in_channel
+from bagassets.quantities import count_text
 from bagassets.recipe.model import Recipe
 from bagassets.recordings.discover import Discovery
 from bagassets.report.grid_map import colour_of_split
@@ -250,7 +252,8 @@ def _lost(store: Store, bag: BagPlan) -> list[str]:
     for asset in ("frames", "sweeps"):
         for channel, counts in sorted(_summary(store, bag, asset).get("channels", {}).items()):
             lines += [
-                f"{channel}: {number} lost, {reason}" for reason, number in sorted(counts["lost"].items())
+                f"{channel}: {count_text(number, counted_in_channel(counts))} lost, {reason}"
+                for reason, number in sorted(counts["lost"].items())
             ]
     return lines
 
