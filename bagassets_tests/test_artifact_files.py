@@ -1,11 +1,15 @@
 """The pictures of the store, the map and the report, which `bagassets ui` serves, and nothing else."""
 
+import re
+
 import pytest
 from starlette.requests import Request
+from starlette.responses import HTMLResponse
+from starlette.routing import Route
 
 from bagassets.build.run_action import run_action
 from bagassets.defs.artifact_files import page_file, page_link, picture_file
-from bagassets.defs.webserver import page
+from bagassets.defs.webserver import page, styled
 from bagassets.errors import StoreError
 from bagassets.formats.report_data import map_path
 from bagassets.recipe import load_recipe
@@ -109,3 +113,17 @@ def test_a_page_that_was_not_made_says_what_makes_it(recipe, name, what):
 def test_there_are_no_other_pages(recipe, name):
     assert page_file(name) is None
     assert asked(name).status_code == 404
+
+
+@pytest.mark.parametrize(
+    ("path", "ours"), [("/", True), ("/{path:path}", True), ("/vendor/page.html", False)]
+)
+def test_long_words_wrap_on_the_pages_of_the_ui_and_nothing_else_changes(path, ours):
+    plain = "<html><head><title>Dagster</title></head><body></body></html>"
+    headers = {"Content-Security-Policy": "style-src 'unsafe-inline' 'self'"}
+    route = Route(path, lambda _: HTMLResponse(plain, headers=headers))
+    answer = styled(route).endpoint(None)
+    assert answer.headers["content-security-policy"] == headers["Content-Security-Policy"]
+    assert int(answer.headers["content-length"]) == len(answer.body)
+    assert ("overflow-wrap:anywhere" in answer.body.decode()) == ours
+    assert re.sub("<style>.*</style>", "", answer.body.decode(), flags=re.DOTALL) == plain

@@ -8,8 +8,9 @@ import pytest
 
 from bagassets.defs import pending_work
 from bagassets.defs.location import build_definitions
-from bagassets.defs.reporting import dataset_metadata
+from bagassets.defs.reporting import dataset_metadata, inputs_metadata
 from bagassets.formats.assembly import DatasetSummary
+from bagassets.formats.dataset_build import DatasetInputs
 from bagassets_tests.in_process import build, make_project
 from bagassets_tests.small_drive import write_drive
 
@@ -76,8 +77,47 @@ def test_a_dataset_says_which_recordings_failed_before_its_numbers():
     summary = DatasetSummary("0" * 64, Path("/data"), {"scenes": 2}, ())
     found = dataset_metadata(summary, {"cut.bag": "it cannot be read"})
     assert list(found)[:2] == ["report", "failed"]
-    assert "| cut.bag | it cannot be read |" in found["failed"].value
+    assert found["failed"].value == "- **cut.bag**: it cannot be read"
     assert list(dataset_metadata(summary, {}))[:2] == ["report", "folder"]
+
+
+PATH = "/data/drives of 2026/monday/cut.bag"
+
+
+def test_reasons_are_a_list_whose_lines_wrap_and_not_a_table():
+    why = {
+        "monday__cut.bag": f"{PATH}: its index is damaged; copy it again.",
+        "other.bag": f"{PATH}: its index is damaged; copy it again.",
+    }
+    inputs = DatasetInputs(
+        {}, {"short.bag": "1.0 s long, bags.min_duration_s asks for 2 s"}, {"nuscenes": why}
+    )
+    found = inputs_metadata(inputs)
+    assert found["why_failed"].value.splitlines() == [
+        r"- **monday\_\_cut.bag**: its index is damaged; copy it again.",
+        f"- **other.bag**: {PATH}: its index is damaged; copy it again.",
+    ]
+    assert found["why_skipped"].value == "- **short.bag**: 1.0 s long, bags.min_duration_s asks for 2 s"
+
+
+def test_equal_reasons_are_told_once_and_many_stay_short_enough_to_be_shown_without_a_click():
+    equal = {f"a{number}.bag": "no /tf_static" for number in range(300)}
+    (line,) = inputs_metadata(DatasetInputs({}, equal))["why_skipped"].value.splitlines()
+    assert line == "- **300 recordings (a0.bag, a1.bag, a2.bag and 297 more)**: no /tf_static"
+    different = {f"b{number}.bag": f"reason {'x' * number}" for number in range(50)}
+    said = inputs_metadata(DatasetInputs({}, different))["why_skipped"].value
+    *lines, rest = said.splitlines()
+    assert 700 < len(said) < 1000
+    assert rest == f"- … and {50 - len(lines)} more recordings; `bagassets status` lists them all"
+
+
+def test_recordings_that_moved_or_are_there_twice_are_lists_as_well():
+    summary = DatasetSummary(
+        "0" * 64, Path("/data"), {}, (), duplicates={"copy.bag": "a.bag"}, moved={"b.bag": ("val", "train")}
+    )
+    found = dataset_metadata(summary, {})
+    assert found["duplicates"].value == "- **copy.bag**: left out: the same content as a.bag"
+    assert found["moved"].value == "- **b.bag**: was in val, is in train"
 
 
 @pytest.mark.parametrize(

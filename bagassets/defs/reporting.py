@@ -10,6 +10,7 @@ from typing import Any
 
 import dagster as dg
 
+from bagassets.alike import told_once
 from bagassets.assets.preview import FACTS
 from bagassets.build.execute import AssetResult, BuildFailure
 from bagassets.defs.artifact_files import page_link, picture_link
@@ -22,7 +23,7 @@ from bagassets.formats.dataset_build import DatasetInputs
 from bagassets.geometry.calibration import Calibration
 from bagassets.json_types import Json, JsonMapping
 from bagassets.preview.pictures import TITLES
-from bagassets.quantities import readable_bytes
+from bagassets.quantities import count_text, readable_bytes
 from bagassets.recordings.digest import RecordingDigest, RecordingStat
 from bagassets.recordings.model import RecordingFiles
 from bagassets.splits import SplitShare
@@ -46,6 +47,7 @@ BAG_CODE_VERSION = "1"
 _CHANNEL_ASSETS = ("frames", "sweeps")
 _COUNTS = {"read", "written", "merged", "lost"}
 _MOST_ROWS = 60
+_SHOWN_AT_ONCE = 1000  # characters of Markdown; Dagster shows more on a click
 _PACKAGE = Path(__file__).resolve().parent.parent
 
 
@@ -134,7 +136,7 @@ def inputs_metadata(inputs: DatasetInputs) -> Metadata:
     failed = inputs.failed.get(MAIN.name, {})
     for name, reasons in (("why_failed", failed), ("why_skipped", inputs.skipped)):
         if reasons:
-            metadata[name] = _record_table(reasons, ("recording", "reason"))
+            metadata[name] = _said_of(reasons)
     return metadata
 
 
@@ -146,7 +148,7 @@ def dataset_metadata(summary: DatasetSummary, failed: Mapping[str, str]) -> Meta
         failed: recording that could not enter it -> why.
     """
     # People look for it first, and below twenty rows they would have to scroll.
-    why = {"failed": _record_table(failed, ("recording", "reason"))} if failed else {}
+    why = {"failed": _said_of(failed)} if failed else {}
     metadata: Metadata = {
         "report": dg.MetadataValue.md(f"[Open the report]({page_link('report')})"),
         **why,
@@ -162,10 +164,11 @@ def dataset_metadata(summary: DatasetSummary, failed: Mapping[str, str]) -> Meta
     if summary.files:
         metadata["files"] = _record_table(summary.files, ("way", "files"))
     if summary.moved:
-        moved = [(key, *splits) for key, splits in summary.moved.items()]
-        metadata["moved"] = _table(("recording", "was in", "is in"), moved)
+        moved = {key: f"was in {old}, is in {new}" for key, (old, new) in summary.moved.items()}
+        metadata["moved"] = _said_of(moved)
     if summary.duplicates:
-        metadata["duplicates"] = _record_table(summary.duplicates, ("left out", "same content as"))
+        same = {key: f"left out: the same content as {first}" for key, first in summary.duplicates.items()}
+        metadata["duplicates"] = _said_of(same)
     return metadata
 
 
@@ -199,7 +202,28 @@ def code_link(make: Callable[..., object]) -> Metadata:
         return {"dagster/code_references": dg.CodeReferencesMetadataValue(code_references=[reference])}
 
 
-# --- tables ------------------------------------------------------------------------------
+# --- lists and tables ----------------------------------------------------------------------
+
+
+def _said_of(sentences: Mapping[str, str]) -> dg.MarkdownMetadataValue:
+    """Return a list of what is said of recordings, equal sentences once.
+
+    Dagster gives a table the width of its longest words, of which a narrow window shows the left; the lines of a list wrap.
+    """
+    told = told_once(((), key, _without_path(key, text)) for key, text in sentences.items())
+    lines = [f"- **{markdown(one.title)}**: {markdown(one.text)}" for one in told]
+    shown, rest = len(lines), ""
+    while shown > 1 and len("\n".join(lines[:shown])) + len(rest) >= _SHOWN_AT_ONCE:
+        shown -= 1
+        left = sum(len(one.names) for one in told[shown:])
+        rest = f"\n- … and {count_text(left, 'more recording')}; `bagassets status` lists them all"
+    return dg.MetadataValue.md("\n".join(lines[:shown]) + rest)
+
+
+def _without_path(key: str, text: str) -> str:
+    """Return a sentence without the path of the recording that it begins with; its name stands before it."""
+    path, colon, rest = text.partition(": ")
+    return rest if colon and path.startswith("/") and path.replace("/", "__").endswith(f"__{key}") else text
 
 
 def _table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> dg.MarkdownMetadataValue:
@@ -263,9 +287,8 @@ def _split_table(shares: Sequence[SplitShare]) -> dg.MarkdownMetadataValue:
             share.recordings,
             f"{share.duration_s:.1f} s",
             f"{share.share:.1%}",
-            f"{share.asked:.1%}",
-            f"{share.deviation:+.1%}",
+            f"{share.asked:.1%} ({share.deviation:+.1%})",
         )
         for share in shares
     ]
-    return _table(("split", "recordings", "duration", "share", "asked for", "deviation"), rows)
+    return _table(("split", "recordings", "duration", "share", "asked for (deviation)"), rows)
