@@ -1,5 +1,6 @@
 """The pictures of the store, the map and the report, which `bagassets ui` serves, and nothing else."""
 
+import os
 import re
 
 import pytest
@@ -11,7 +12,7 @@ from bagassets.build.run_action import run_action
 from bagassets.defs.artifact_files import page_file, page_link, picture_file
 from bagassets.defs.webserver import page, styled
 from bagassets.errors import StoreError
-from bagassets.formats.report_data import map_path
+from bagassets.formats.report_data import map_path, report_path
 from bagassets.recipe import load_recipe
 from bagassets.store.action import Step
 from bagassets.store.store import Store
@@ -98,7 +99,16 @@ def test_pages_are_served_as_those_of_no_site(recipe, name):
 
 def test_the_pages_are_those_that_the_commands_write(recipe, tmp_path):
     assert page_file("map") == map_path(recipe)
-    assert page_file("report") == tmp_path / "report.html"
+    written = report_path(recipe)
+    assert page_file("report") == written  # with the dataset
+    written.parent.mkdir(parents=True, exist_ok=True)
+    written.touch()
+    by_command = tmp_path / "report.html"
+    by_command.touch()
+    for newer, older in ((by_command, written), (written, by_command)):
+        os.utime(older, (1, 1))
+        os.utime(newer, (2, 2))
+        assert page_file("report") == newer
     assert page_link("map") == "/bagassets/pages/map"
 
 

@@ -10,10 +10,10 @@ from typing import Any
 
 import dagster as dg
 
-from bagassets.alike import told_once
+from bagassets.alike import told_once, without_path
 from bagassets.assets.preview import FACTS
 from bagassets.build.execute import AssetResult, BuildFailure
-from bagassets.defs.artifact_files import page_link, picture_link
+from bagassets.defs.artifact_files import picture_link
 from bagassets.defs.events import STAT
 from bagassets.errors import BagAssetsError, UnexpectedError
 from bagassets.escaping import markdown, visible
@@ -147,11 +147,9 @@ def dataset_metadata(summary: DatasetSummary, failed: Mapping[str, str]) -> Meta
         summary: of the dataset.
         failed: recording that could not enter it -> why.
     """
-    # People look for it first, and below twenty rows they would have to scroll.
-    why = {"failed": _said_of(failed)} if failed else {}
     metadata: Metadata = {
-        "report": dg.MetadataValue.md(f"[Open the report]({page_link('report')})"),
-        **why,
+        # People look for it first, and below twenty rows they would have to scroll.
+        **({"failed": _said_of(failed)} if failed else {}),
         "folder": dg.MetadataValue.path(str(summary.folder)),
         "recordings": sum(share.recordings for share in summary.shares),
         **{
@@ -210,7 +208,7 @@ def _said_of(sentences: Mapping[str, str]) -> dg.MarkdownMetadataValue:
 
     Dagster gives a table the width of its longest words, of which a narrow window shows the left; the lines of a list wrap.
     """
-    told = told_once(((), key, _without_path(key, text)) for key, text in sentences.items())
+    told = told_once(((), key, without_path(key, text)) for key, text in sentences.items())
     lines = [f"- **{markdown(one.title)}**: {markdown(one.text)}" for one in told]
     shown, rest = len(lines), ""
     while shown > 1 and len("\n".join(lines[:shown])) + len(rest) >= _SHOWN_AT_ONCE:
@@ -218,12 +216,6 @@ def _said_of(sentences: Mapping[str, str]) -> dg.MarkdownMetadataValue:
         left = sum(len(one.names) for one in told[shown:])
         rest = f"\n- … and {count_text(left, 'more recording')}; `bagassets status` lists them all"
     return dg.MetadataValue.md("\n".join(lines[:shown]) + rest)
-
-
-def _without_path(key: str, text: str) -> str:
-    """Return a sentence without the path of the recording that it begins with; its name stands before it."""
-    path, colon, rest = text.partition(": ")
-    return rest if colon and path.startswith("/") and path.replace("/", "__").endswith(f"__{key}") else text
 
 
 def _table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> dg.MarkdownMetadataValue:

@@ -37,7 +37,7 @@ _STATEMENT_TIMEOUT_MS, _POOL_RECYCLE_S, _POOL_MAX_OVERFLOW = 15_000, 3600, 20
 _POLL_MS = 2000
 _NOT_MADE = {
     "map": "There is no map yet; `bagassets build` makes it, unless the recipe switches it off.\n",
-    "report": "There is no report yet; `bagassets report` writes it beside the recipe.\n",
+    "report": "There is no report yet; `bagassets build` writes it, and `bagassets report` at any time.\n",
 }
 # The pages name what recordings contain. Their scripts run, but as those of no site: to this server their requests are
 # those of a stranger, which `Guard` refuses, and they see nothing of the UI.
