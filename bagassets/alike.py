@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-__all__ = ["Told", "told_once"]
+__all__ = ["Told", "told_once", "without_path"]
 
 _FEWEST = 4
 _MOST_NAMED = 3
@@ -98,3 +98,9 @@ def _without(name: str, word: str, stand_in: str) -> str:
 
 def _value(number: str) -> float:
     return 0.0 if "T" in number else float(number)
+
+
+def without_path(key: str, text: str) -> str:
+    """Return a sentence about a recording without the path that it begins with, for where the key stands before it."""
+    path, colon, rest = text.partition(": ")
+    return rest if colon and path.startswith("/") and path.replace("/", "__").endswith(f"__{key}") else text

@@ -11,7 +11,7 @@ from bagassets.cli.terminal import print_lines
 from bagassets.escaping import visible
 from bagassets.formats.nuscenes.schema import devkit_split_name
 from bagassets.json_types import JsonMapping
-from bagassets.quantities import count_text
+from bagassets.quantities import count_text, span_text
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -204,17 +204,6 @@ def _table(rows: Sequence[SummaryRow]) -> "Table":
         result = Text(row.result, style=_COLOURS.get(row.result, ""))
         table.add_row(row.recording, row.format or "", span_text(row.span_s), *numbers, result)
     return table
-
-
-def span_text(seconds: float | None) -> str:
-    """Return a duration: `7.5 s`, `2:03 min`, `1:02:03 h`."""
-    if seconds is None:
-        return ""
-    if seconds < 60:
-        return f"{seconds:.1f} s"
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02}:{rest:02} h" if hours else f"{minutes}:{rest:02} min"
 
 
 def _number(value: int | None) -> str:

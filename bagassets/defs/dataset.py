@@ -13,7 +13,8 @@ from bagassets.defs.making import MadeAsset
 from bagassets.defs.naming import DATASET_INPUTS, Naming
 from bagassets.defs.reporting import code_link, dataset_metadata, errors_explained, inputs_metadata
 from bagassets.defs.workspace import Workspace
-from bagassets.formats.catalogue import formats, recording_assets
+from bagassets.defs.written_report import write_report
+from bagassets.formats.catalogue import MAIN, formats, recording_assets
 from bagassets.formats.dataset_build import (
     DatasetInputs,
     build_dataset,
@@ -189,4 +190,5 @@ def make_dataset(
     dataset = datasets_of(recipe)[asset]
     summary = build_dataset(dataset, recipe, workspace.store, planned.plan, planned.inputs, permit)
     failed = planned.inputs.failed.get(dataset.kind.name, {})
-    return MadeAsset(asset, summary.digest, dataset_metadata(summary, failed))
+    report = {"report": write_report(instance, workspace, planned)} if asset == MAIN.asset else {}
+    return MadeAsset(asset, summary.digest, report | dataset_metadata(summary, failed))

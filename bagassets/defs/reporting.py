@@ -10,9 +10,10 @@ from typing import Any
 
 import dagster as dg
 
+from bagassets.alike import told_once, without_path
 from bagassets.assets.preview import FACTS
 from bagassets.build.execute import AssetResult, BuildFailure
-from bagassets.defs.artifact_files import page_link, picture_link
+from bagassets.defs.artifact_files import picture_link
 from bagassets.defs.events import REASON, STAT
 from bagassets.errors import BagAssetsError, UnexpectedError
 from bagassets.escaping import markdown, visible
@@ -23,7 +24,7 @@ from bagassets.geometry.calibration import Calibration
 from bagassets.json_types import Json, JsonMapping
 from bagassets.preview.pictures import TITLES
 from bagassets.quality.counted import counted_in_channel, counted_in_poses
-from bagassets.quantities import readable_bytes
+from bagassets.quantities import count_text, readable_bytes
 from bagassets.recordings.digest import RecordingDigest, RecordingStat
 from bagassets.recordings.model import RecordingFiles
 from bagassets.splits import SplitShare
@@ -48,6 +49,7 @@ BAG_CODE_VERSION = "1"
 _CHANNEL_ASSETS = ("frames", "sweeps")
 _COUNTS = {"read", "written", "merged", "lost"}
 _MOST_ROWS = 60
+_SHOWN_AT_ONCE = 1000  # characters of Markdown; Dagster shows more on a click
 _PACKAGE = Path(__file__).resolve().parent.parent
 
 
@@ -146,7 +148,7 @@ def inputs_metadata(inputs: DatasetInputs) -> Metadata:
     failed = inputs.failed.get(MAIN.name, {})
     for name, reasons in (("why_failed", failed), ("why_skipped", inputs.skipped)):
         if reasons:
-            metadata[name] = _record_table(reasons, ("recording", "reason"))
+            metadata[name] = _said_of(reasons)
     return metadata
 
 
@@ -157,11 +159,9 @@ def dataset_metadata(summary: DatasetSummary, failed: Mapping[str, str]) -> Meta
         summary: of the dataset.
         failed: recording that could not enter it -> why.
     """
-    # People look for it first, and below twenty rows they would have to scroll.
-    why = {"failed": _record_table(failed, ("recording", "reason"))} if failed else {}
     metadata: Metadata = {
-        "report": dg.MetadataValue.md(f"[Open the report]({page_link('report')})"),
-        **why,
+        # People look for it first, and below twenty rows they would have to scroll.
+        **({"failed": _said_of(failed)} if failed else {}),
         "folder": dg.MetadataValue.path(str(summary.folder)),
         "recordings": sum(share.recordings for share in summary.shares),
         **{
@@ -174,10 +174,11 @@ def dataset_metadata(summary: DatasetSummary, failed: Mapping[str, str]) -> Meta
     if summary.files:
         metadata["files"] = _record_table(summary.files, ("way", "files"))
     if summary.moved:
-        moved = [(key, *splits) for key, splits in summary.moved.items()]
-        metadata["moved"] = _table(("recording", "was in", "is in"), moved)
+        moved = {key: f"was in {old}, is in {new}" for key, (old, new) in summary.moved.items()}
+        metadata["moved"] = _said_of(moved)
     if summary.duplicates:
-        metadata["duplicates"] = _record_table(summary.duplicates, ("left out", "same content as"))
+        same = {key: f"left out: the same content as {first}" for key, first in summary.duplicates.items()}
+        metadata["duplicates"] = _said_of(same)
     return metadata
 
 
@@ -211,7 +212,22 @@ def code_link(make: Callable[..., object]) -> Metadata:
         return {"dagster/code_references": dg.CodeReferencesMetadataValue(code_references=[reference])}
 
 
-# --- tables ------------------------------------------------------------------------------
+# --- lists and tables ----------------------------------------------------------------------
+
+
+def _said_of(sentences: Mapping[str, str]) -> dg.MarkdownMetadataValue:
+    """Return a list of what is said of recordings, equal sentences once.
+
+    Dagster gives a table the width of its longest words, of which a narrow window shows the left; the lines of a list wrap.
+    """
+    told = told_once(((), key, without_path(key, text)) for key, text in sentences.items())
+    lines = [f"- **{markdown(one.title)}**: {markdown(one.text)}" for one in told]
+    shown, rest = len(lines), ""
+    while shown > 1 and len("\n".join(lines[:shown])) + len(rest) >= _SHOWN_AT_ONCE:
+        shown -= 1
+        left = sum(len(one.names) for one in told[shown:])
+        rest = f"\n- … and {count_text(left, 'more recording')}; `bagassets status` lists them all"
+    return dg.MetadataValue.md("\n".join(lines[:shown]) + rest)
 
 
 def _table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> dg.MarkdownMetadataValue:
@@ -275,9 +291,8 @@ def _split_table(shares: Sequence[SplitShare]) -> dg.MarkdownMetadataValue:
             share.recordings,
             f"{share.duration_s:.1f} s",
             f"{share.share:.1%}",
-            f"{share.asked:.1%}",
-            f"{share.deviation:+.1%}",
+            f"{share.asked:.1%} ({share.deviation:+.1%})",
         )
         for share in shares
     ]
-    return _table(("split", "recordings", "duration", "share", "asked for", "deviation"), rows)
+    return _table(("split", "recordings", "duration", "share", "asked for (deviation)"), rows)
