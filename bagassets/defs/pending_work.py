@@ -13,6 +13,7 @@ from bagassets.build.build_report import BuildOptions
 from bagassets.build.choose import choose_assets, choose_recordings
 from bagassets.build.made_again import made_again
 from bagassets.build.plan import Plan
+from bagassets.defs.batches import batches
 from bagassets.defs.connections import kept_open
 from bagassets.defs.databases import are_files, database_errors_explained
 from bagassets.defs.dataset import dataset_is_current
@@ -92,7 +93,8 @@ class PendingWork:
         """Return what is made again because of another version of bagassets; see `bagassets.build.made_again`."""
         sizes = {key: self.planned.discovery.recordings[key].size for key in self.todo}
         recorded, assets, store = self.planned.recorded, workspace.assets, workspace.store
-        return made_again(self.plan, recorded, self.todo, sizes, assets, store, jobs)
+        runs = len(batches(self.todo, sizes, jobs))
+        return made_again(self.plan, recorded, self.todo, sizes, assets, store, jobs, runs)
 
     @property
     def is_settled(self) -> bool:
