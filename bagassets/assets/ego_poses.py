@@ -313,6 +313,7 @@ def _make(use: Use[FixedPose | MovingRig], inputs: Inputs, out: ArtifactWriter) 
 EGO_POSES = Asset(
     name="ego_poses",
     version=4,
+    changes={4: "leaves out stray fixes, zero quaternions and what was recorded twice"},
     libraries=("pyarrow",),
     title="Where the vehicle was, over time, in local metres.",
     description="""From odometry, poses, TF, GNSS with IMU, or fixed; the origin in the world is kept where it is known:

@@ -21,7 +21,7 @@ Exit status: that of `bagassets build`."""
 @click.argument("folder", type=click.Path(file_okay=False, path_type=Path), default=Path("build/demo"))
 @click.option(
     "--seconds",
-    type=click.FloatRange(1, 600),
+    type=click.FloatRange(1.5, 600),  # of less there is no scene
     default=5.0,
     show_default=True,
     help="Duration of each drive.",

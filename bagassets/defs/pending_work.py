@@ -15,6 +15,7 @@ from bagassets.build.choose import choose_assets, choose_recordings
 from bagassets.build.made_again import made_again
 from bagassets.build.plan import AssetState, Plan
 from bagassets.build.planner import Planner
+from bagassets.defs.batches import batches
 from bagassets.defs.connections import kept_open
 from bagassets.defs.databases import are_files, database_errors_explained
 from bagassets.defs.dataset import datasets_behind
@@ -98,9 +99,9 @@ class PendingWork:
         """Return what is made again because of another version of bagassets; see `bagassets.build.made_again`."""
         recordings = self.planned.discovery.recordings
         todo = {key: (recordings[key].size, assets) for key, assets in self.todo.items()}
-        return made_again(
-            Planner(workspace.assets, workspace.store), self.plan, self.planned.recorded, todo, jobs
-        )
+        runs = len(batches(self.todo, {key: size for key, (size, _) in todo.items()}, jobs))
+        planner = Planner(workspace.assets, workspace.store)
+        return made_again(planner, self.plan, self.planned.recorded, todo, jobs, runs)
 
     @property
     def dataset_is_current(self) -> bool:
