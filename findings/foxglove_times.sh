@@ -35,7 +35,7 @@ with foxglove.open_mcap("proto.mcap"):
     lifetime = Duration.from_secs(-0.1)
     scenes.log(SceneUpdate(entities=[SceneEntity(timestamp=Timestamp(SEC, NSEC), lifetime=lifetime)]), log_time=3)
 with foxglove.open_mcap("json.mcap"):
-    channel = foxglove.Channel("/poses", message_encoding="json")
+    channel = foxglove.Channel("/poses_json", message_encoding="json")
     channel.log({"timestamp": {"sec": SEC, "nsec": NSEC}, "frame_id": "map"}, log_time=1)
 with Path("cdr.mcap").open("wb") as file:
     writer = CdrWriter(file)
