@@ -52,10 +52,10 @@ sent, frame = ouster.LidarFrame(info), ouster.LidarFrame(info)
 sent.status[:], sent.measurement_id[:] = 1, np.arange(sent.w)
 sent.timestamp[:] = 10**18 + np.arange(sent.w) * 97656
 sent.field("RANGE")[:] = 10_000
-receive = ouster.FrameBatcher(info)
+batcher = ouster.FrameBatcher(info)
 for number, packet in enumerate(ouster.frame_to_packets(sent, ouster.PacketFormat(info), 0, 0)):
     if number != 10:  # it got lost: columns 160 to 175
-        receive(packet, frame)
+        batcher.batch(packet, frame)
 there = frame.status > 0
 assert not there[160:176].any() and there.sum() == 1024 - 16
 bare, placed = ouster.XYZLut(info)(frame), ouster.XYZLut(info, use_extrinsics=True)(frame)
