@@ -448,29 +448,16 @@ def test_label_files_named_after_parts_are_those_of_the_drive_unless_it_has_its_
     for number in (0, 2):
         (cut / f"drive_{number}.json").write_text(f"[{number}]")
     found = find_labels([entry], recording)["{stem}.json"]
-    assert [(file.name, file.path.name) for file in found.files] == [
-        ("drive_0/{stem}.json", "drive_0.json"),
-        ("drive_2/{stem}.json", "drive_2.json"),
+    assert [(one.part, [file.path.name for file in one.files]) for one in found.parts] == [
+        ("drive_0.bag", ["drive_0.json"]),
+        ("drive_1.bag", []),
+        ("drive_2.bag", ["drive_2.json"]),
     ]
-    assert len(found.inputs) == 2
+    assert list(found.inputs) == ["labels:{stem}.json/drive_0.bag", "labels:{stem}.json/drive_2.bag"]
     assert expand("{stem} {name} {key}", recording) == "drive drive.bag drive.bag"
     (cut / "drive.json").write_text("[]")
     (file,) = find_labels([entry], recording)["{stem}.json"].files
     assert (file.name, file.path.name) == ("{stem}.json", "drive.json")
-
-
-def test_labels_whose_frames_are_counted_from_the_beginning_of_a_part_are_refused(cut):
-    (recording,) = discover(bags(cut)).recordings.values()
-    times = {"by": "topic", "topic": "/points"}
-    (entry,) = label_sources(
-        {"format": "kitti_labels", "path": "{stem}.txt", "frame": "lidar", "times": times}
-    )
-    (cut / "drive_1.txt").write_text("")
-    with pytest.raises(
-        RecordingError,
-        match=r"drive_1.txt: these labels are those of drive_1.bag, which is a part of drive.bag;",
-    ):
-        find_labels([entry], recording)
 
 
 @pytest.mark.parametrize("name", ["drive.bag", "drive_1.bag", "drive_*.bag", "drive*"])
