@@ -92,6 +92,16 @@ def test_of_two_drives_in_one_row_of_numbers_each_stays_in_one_split():
     assert verdict.near == (("d_0.bag", "d_1.bag"), ("d_2.bag", "d_3.bag"))
 
 
+def test_files_around_another_drive_stay_in_one_split():
+    """A part that was replaced by another drive: those before and after it are near, though their numbers are not."""
+    verdict = judge([part(0, 0, 10), part(1, HOUR_S, HOUR_S + 9), part(2, 20, 30)])
+    assert (verdict.kind, verdict.why) == ("asked", "d_1.bag begins 3590.0 s after d_0.bag ends")
+    assert verdict.near == (("d_0.bag", "d_2.bag"),)
+    assert judge([part(0, 0, 100), part(1, 5, 6), part(2, 140, 150)]).near == (
+        ("d_0.bag", "d_1.bag", "d_2.bag"),
+    )
+
+
 DATED = [f"car_2024-01-0{day}-10-0{minute}-00_{minute}.bag" for day in (1, 2) for minute in (0, 1, 2)]
 
 
@@ -432,6 +442,17 @@ def test_pins_of_parts_hold_for_their_series_and_for_what_is_near():
         dealt = deal(KEYS, splits(pinned={"r2": split, "p1": split}), ties)
         assert (dealt["r1"], dealt["r2"], dealt["r5"]) == (split, split, split)
     assert deal(KEYS, splits(pinned={"r1": "train", "r2": "val"}), ties)["r1"] == "train"
+
+
+def test_pins_of_parts_that_contradict_each_other_are_told():
+    ties = Ties(former={"r5": ("p0", "p1", "p2")})
+    given = splits(pinned={"p0": "train", "p2": "val"})
+    assert ties.disputed(given) == {
+        "r5": "r5: splits.pinned gives its parts to several splits (p0 to train, p2 to val), but they are one recording now. "
+        "Pin r5; until then it is in train."
+    }
+    for pinned in ({"p0": "val", "p1": "val"}, {"p0": "val", "p2": "train", "r5": "val"}, {"other": "val"}):
+        assert not ties.disputed(splits(pinned=pinned))
 
 
 # --- what names a part ---------------------------------------------------------------------

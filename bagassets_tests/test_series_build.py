@@ -4,11 +4,13 @@ import json
 import shutil
 from bisect import bisect_right
 from contextlib import ExitStack
+from types import SimpleNamespace
 
 import dagster as dg
 import pytest
 from mcap.writer import Writer
 
+from bagassets.cli.dry_run import dry_run_lines, verdict
 from bagassets.defs.naming import Naming
 from bagassets.defs.partitions import add_partitions
 from bagassets.formats.dataset_lock import read_lock
@@ -81,6 +83,10 @@ def test_parts_that_were_built_alone_are_joined_by_an_upgrade_and_their_old_keys
     pending = survey(recipe_file)
     assert pending.plan.removed == ("drive_0.bag", "drive_1.bag", "drive_2.bag")
     assert pending.todo.keys() == {"drive.bag"}
+    own = SimpleNamespace(project=SimpleNamespace(problem=None, wanted=(), left_out={}), having=lambda *_: [])
+    lines = list(dry_run_lines(pending, own))
+    assert "drive_0.bag, drive_1.bag, drive_2.bag\n  would be joined into drive.bag, as its parts" in lines
+    assert verdict(pending, own) == "to do: build 1 recording, join 3 parts, update the dataset."
     report, runs = build(recipe_file, monkeypatch, on_event=events.append)
     assert report.succeeded
     assert not report.removed

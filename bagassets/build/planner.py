@@ -206,7 +206,8 @@ class Planning:
         found = self.discovery
         ties = Ties(found.near, found.former_keys)
         removed = found.removed(self.registered)
-        return Plan(ordered, dict(found.excluded), removed, ties, found.asked), recorded
+        asked = {**found.asked, **ties.disputed(self.assets.recipe.splits)}
+        return Plan(ordered, dict(found.excluded), removed, ties, asked), recorded
 
     def touched(self) -> dict[str, Recorded]:
         """Return the recordings of which only the time changed, as far as can be told without reading -> record of `bag`.

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import dagster as dg
 
+from bagassets.alike import names_text
 from bagassets.build.build_report import BagOutcome, BuildOptions, BuildReport, Event, Remark
 from bagassets.build.disk_space import folders_written, require_disk_space, space_needed
 from bagassets.build.plan import Plan
@@ -289,11 +290,7 @@ def _refuse_empty(recipe: Recipe, planned: InstancePlan) -> None:
 
 def _joined(plan: Plan) -> list[str]:
     """Return sentences about the recordings that become parts of series."""
-    joined: dict[str, list[str]] = {}
-    for key in plan.removed:
-        if (whole := plan.joined_into(key)) is not None:
-            joined.setdefault(whole, []).append(key)
-    return [f"{', '.join(keys)}: joined into {whole}, as its parts." for whole, keys in joined.items()]
+    return [f"{names_text(keys)}: joined into {whole}, as its parts." for whole, keys in plan.joined.items()]
 
 
 def _register(instance: dg.DagsterInstance, workspace: Workspace, planned: InstancePlan) -> tuple[str, ...]:
@@ -304,7 +301,7 @@ def _register(instance: dg.DagsterInstance, workspace: Workspace, planned: Insta
     for key in planned.plan.removed:
         remove_partition(instance, workspace.names, key)
     add_partitions(instance, workspace.names, sorted(planned.discovery.recordings.keys() - planned.live))
-    return tuple(key for key in planned.plan.removed if planned.plan.joined_into(key) is None)
+    return planned.plan.gone
 
 
 def _note_unsettled(recipe: Recipe, ended: Mapping[str, EndedRun]) -> None:
