@@ -486,6 +486,7 @@ def test_a_recording_is_chosen_by_the_names_of_its_parts(cut, name):
     recordings = discover(bags(cut)).recordings
     assert choose_recordings(recordings, [name]) == {"drive.bag"}
     assert choose_recordings(recordings, [str(cut / "drive_2.bag")]) == {"drive.bag"}
+    assert choose_recordings(recordings, [f"{cut}/x/../drive_2.bag"]) == {"drive.bag"}
 
 
 def test_a_part_that_is_damaged_or_gone_is_named(cut):
