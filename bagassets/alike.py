@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-__all__ = ["Told", "told_once", "without_path"]
+__all__ = ["Told", "names_text", "told_once", "without_path"]
 
 _FEWEST = 4
 _MOST_NAMED = 3
@@ -15,6 +15,12 @@ _HERE = "\0"
 # A sentence may begin with the recording, also in a column, or behind its path.
 _PRONOUN = re.compile(r"(?:^|(?<=  )|(?<=…: ))its?\b")
 _OF_EACH = {"it": "each", "its": "their"}
+
+
+def names_text(names: Sequence[str]) -> str:
+    """Return names, of many only the first few: `a, b, c and 4 more`."""
+    more = len(names) - _MOST_NAMED
+    return ", ".join(names[:_MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
 
 
 @dataclass(frozen=True)
@@ -37,9 +43,7 @@ class Told:
         """The recordings, of many only the first few by name."""
         if len(self.names) == 1:
             return self.names[0]
-        more = len(self.names) - _MOST_NAMED
-        rest = f" and {more} more" if more > 0 else ""
-        return f"{len(self.names)} recordings ({', '.join(self.names[:_MOST_NAMED])}{rest})"
+        return f"{len(self.names)} recordings ({names_text(self.names)})"
 
 
 def told_once(found: Iterable[tuple[tuple[str, ...], str, str]], fewest: int = _FEWEST) -> list[Told]:

@@ -40,6 +40,19 @@ class Ties:
         names = (key, *self.former.get(key, ()))
         return next((splits.pinned[name] for name in names if name in splits.pinned), None)
 
+    def disputed(self, splits: Splits) -> dict[str, str]:
+        """Return series -> a sentence, for those whose parts the recipe gives to several splits, and not the series itself."""
+        found = {}
+        for key, parts in self.former.items():
+            pins = {part: splits.pinned[part] for part in parts if part in splits.pinned}
+            if key not in splits.pinned and len(set(pins.values())) > 1:
+                given = ", ".join(f"{part} to {split}" for part, split in pins.items())
+                found[key] = (
+                    f"{key}: splits.pinned gives its parts to several splits ({given}), but they are one recording now. Pin {key}; until "
+                    f"then it is in {self.pinned(key, splits)}."
+                )
+        return found
+
     def of(self, keys: AbstractSet[str]) -> JsonObject:
         """Return what is about some recordings as JSON; empty for most."""
         near = {key: group for key, group in self.near.items() if key in keys}

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from bagassets.formats.nuscenes.scene_conditions import inside, unmet_condition
+from bagassets.errors import RecipeError
+from bagassets.formats.nuscenes.scene_conditions import inside, require_own_scenes, unmet_condition
 from bagassets.formats.nuscenes.scene_facts import scene_facts
 from bagassets.formats.nuscenes.subset import subset_facts, subset_tables
 from bagassets.formats.nuscenes.tokens import attribute_token, category_token
@@ -196,3 +197,31 @@ def test_the_facts_of_one_scene(scene, categories, attributes, samples):
         "categories": categories, "attributes": attributes, "of": "digest",
         "counts": {"scenes": 1, "samples": samples, "duration_s": 1.235},
     }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("glob", "is_refused"),
+    [
+        ("d_1.bag_003", True),
+        ("d_1.bag_*", True),
+        ("d_1*", True),
+        ("d.bag_001", False),
+        ("*_000", False),
+        ("d*", False),
+        ("e.bag_000", False),
+    ],
+)
+def test_scenes_of_the_parts_of_a_drive_are_refused_and_told_which_there_are(glob, is_refused):
+    wanted = NamedDataset.model_validate({"name": "chosen", "output": "out", "scenes": ["x*", glob]})
+    scenes = [{"name": f"d.bag_00{number}"} for number in range(2)]
+    given = (wanted, "d.bag", scenes, ("d_0.bag", "d_1.bag"))
+    if is_refused:
+        with pytest.raises(RecipeError) as caught:
+            require_own_scenes(*given)
+        assert str(caught.value) == (
+            f"dataset chosen: {glob} names scenes of a part of d.bag, which is one recording now, with d.bag_000, d.bag_001; "
+            "name some of these, or d.bag in `recordings`."
+        )
+    else:
+        require_own_scenes(*given)
+    require_own_scenes(wanted, "d_1.bag", scenes, ())

@@ -7,19 +7,21 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from bagassets.cli.sample import sample
 from bagassets.errors import RecordingError
-from bagassets.recordings.discover import find_one
+from bagassets.recipe.model import Bags
+from bagassets.recordings.discover import discover, find_one
 from bagassets.recordings.open import open_recording
 from bagassets.sample.drive import PROFILES, Target, drive_start_ns, write_recordings
 from bagassets.sample.oddities.catalogue import ODDITIES
-from bagassets.sample.recorder import COMPRESSIONS
+from bagassets.sample.recorder import COMPRESSIONS, RecordingFormat
 
 SHORT_S = 0.25
 
 
 def content(path):
     """(log time, topic, type, payload without the encapsulation) of every message."""
-    with open_recording(find_one(path)) as recording:
+    with open_recording(find_one(path) if isinstance(path, Path) else path) as recording:
         return [
             (m.log_time_ns, m.topic, m.msgtype, bytes(m.data))
             for m in recording.messages(list(recording.topics))
@@ -51,6 +53,30 @@ def test_every_compression_holds_the_same_messages(tmp_path, file_format, compre
     ]
     write_recordings(targets, duration_s=SHORT_S)
     assert content(tmp_path / name) == content(tmp_path / "plain" / name)
+
+
+def test_parts_are_the_drive_cut_as_recorders_do(tmp_path):
+    names: dict[str, RecordingFormat] = {"d.bag": "ros1", "d.db3": "ros2", "d.mcap": "mcap"}
+    targets = [Target(tmp_path / "whole" / name, kind) for name, kind in names.items()]
+    targets += [Target(tmp_path / kind / name, kind, parts=3) for name, kind in names.items()]
+    write_recordings(targets, duration_s=0.9)
+    for name, kind in names.items():
+        (cut,) = discover(Bags(root=tmp_path / kind)).recordings.values()
+        numbered = [Path(name).with_stem(f"d_{number}").name for number in range(3)]
+        assert [part.relative for part in cut.parts] == numbered
+        assert sorted(path.name for path in (tmp_path / kind).iterdir()) == numbered
+        assert content(cut) == content(tmp_path / "whole" / name)
+
+
+def test_a_command_writes_parts(tmp_path):
+    result = CliRunner().invoke(sample, [str(tmp_path / "d.db3"), "--duration", "0.2", "--parts", "2"])
+    assert f"Wrote {tmp_path / 'd.db3'} in 2 parts" in result.output
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["d_0.db3", "d_1.db3"]
+
+
+def test_a_folder_has_no_parts_beside_it(tmp_path):
+    result = CliRunner().invoke(sample, [str(tmp_path / "d"), "--parts", "2"])
+    assert (result.exit_code, "a folder is one recording" in result.output) == (2, True)
 
 
 def test_every_format_has_the_same_topics_times_and_counts(tmp_path):
@@ -141,8 +167,6 @@ class TestThroughput:
 
 
 def test_the_command_writes_a_drive_and_says_what_next(tmp_path):
-    from bagassets.cli.sample import sample
-
     done = CliRunner().invoke(
         sample, [str(tmp_path / "x.mcap"), "--duration", "0.3", "--seed", "7", "--compression", "zstd"]
     )
@@ -154,15 +178,11 @@ def test_the_command_writes_a_drive_and_says_what_next(tmp_path):
 
 @pytest.mark.parametrize(("name", "kind"), [("a.bag", b"#ROSBAG V2.0"), ("a.mcap", b"\x89MCAP")])
 def test_the_command_takes_the_format_from_the_name(tmp_path, name, kind):
-    from bagassets.cli.sample import sample
-
     assert CliRunner().invoke(sample, [str(tmp_path / name), "--duration", "0.2"]).exit_code == 0
     assert Path(tmp_path / name).read_bytes().startswith(kind)
 
 
 def test_profiles_are_documented_on_the_command_line():
-    from bagassets.cli.sample import sample
-
     text = CliRunner().invoke(sample, ["--help"]).output
     assert all(profile in text for profile in PROFILES)
 
@@ -175,8 +195,6 @@ def test_the_page_about_tests_lists_every_oddity():
 
 
 def test_an_unknown_oddity_is_answered_with_those_that_are(tmp_path):
-    from bagassets.cli.sample import sample
-
     result = CliRunner().invoke(sample, [str(tmp_path / "d.bag"), "--odd", "purple"])
     assert result.exit_code == 2
     assert "no oddity is named purple; known: " in result.output

@@ -4,11 +4,13 @@ import json
 import shutil
 from bisect import bisect_right
 from contextlib import ExitStack
+from types import SimpleNamespace
 
 import dagster as dg
 import pytest
 from mcap.writer import Writer
 
+from bagassets.cli.dry_run import dry_run_lines, verdict
 from bagassets.defs.naming import Naming
 from bagassets.defs.partitions import add_partitions
 from bagassets.formats.dataset_lock import read_lock
@@ -81,6 +83,10 @@ def test_parts_that_were_built_alone_are_joined_by_an_upgrade_and_their_old_keys
     pending = survey(recipe_file)
     assert pending.plan.removed == ("drive_0.bag", "drive_1.bag", "drive_2.bag")
     assert pending.todo.keys() == {"drive.bag"}
+    own = SimpleNamespace(project=SimpleNamespace(problem=None, wanted=(), left_out={}), having=lambda *_: [])
+    lines = list(dry_run_lines(pending, own))
+    assert "drive_0.bag, drive_1.bag, drive_2.bag\n  would be joined into drive.bag, as its parts" in lines
+    assert verdict(pending, own) == "to do: build 1 recording, join 3 parts, update the dataset."
     report, runs = build(recipe_file, monkeypatch, on_event=events.append)
     assert report.succeeded
     assert not report.removed
@@ -101,6 +107,10 @@ def test_parts_that_were_built_alone_are_joined_by_an_upgrade_and_their_old_keys
     assert survey(recipe_file, bags=("drive_1.bag",)).chosen == {"drive.bag"}
 
 
+def why_stale(folder):
+    return survey(project(folder)).plan.bags["drive.bag"].assets["bag"].reason
+
+
 def test_a_changed_part_makes_what_depends_on_its_topics_and_a_later_one_extends_the_drive(
     tmp_path, monkeypatch
 ):
@@ -114,6 +124,7 @@ def test_a_changed_part_makes_what_depends_on_its_topics_and_a_later_one_extends
     shutil.move(parts[1], second)
     lost_ns = START_NS + 1_010_000_000
     write_part(parts[1], *CUTS_S[3], 2.0, keep=lambda *of: of != ("/cam/image_raw", lost_ns))
+    assert why_stale(tmp_path) == "drive_1.bag changed; size or time changed: its content has to be read"
     report, _ = build(project(tmp_path), monkeypatch)
     after = {asset: state.data_version for asset, state in report.plan.bags["drive.bag"].assets.items()}
     same = {asset for asset in after if after[asset] == before[asset]}
@@ -121,9 +132,13 @@ def test_a_changed_part_makes_what_depends_on_its_topics_and_a_later_one_extends
     assert not same & {"bag", "inventory"}
     shutil.move(second, parts[1])
     shutil.move(late, parts[2])
+    assert why_stale(tmp_path).startswith("drive_1.bag changed, drive_2.bag is new; ")
     report, _ = build(project(tmp_path), monkeypatch)
     assert report.succeeded
     assert list(report.outcomes) == ["drive.bag"]
+    shutil.move(parts[0], late)
+    assert why_stale(tmp_path).startswith("drive_0.bag is gone; ")
+    shutil.move(late, parts[0])
     write_part(tmp_path / "whole" / "bags" / "drive.bag", duration_s=2.0)
     build(project(tmp_path / "whole"), monkeypatch)
     assert lock_of(tmp_path).files == lock_of(tmp_path / "whole").files

@@ -120,11 +120,15 @@ class BoxCollector:
         self.counts = {source: BoxCounts() for source in rules}
         self.unknown_frames: dict[str, set[str]] = {source: set() for source in rules}
         self.frames = frames
-        self._rules = rules
+        self._rules = dict(rules)
         self._boxes: list[BoxReading] = []
         self._places: list[Place] = []
         self._messages: list[int | None] = []
         self._seen: set[tuple[str, int, str]] = set()
+
+    def limit(self, source: str, span_ns: tuple[int, int] | None) -> None:
+        """Have boxes of a source that follow lie between a first and a last time: those of a part of the recording."""
+        self._rules[source] = replace(self._rules[source], span_ns=span_ns)
 
     def add(self, box: BoxReading, place: Place = NOWHERE, message: int | None = None) -> None:
         """Add one box; `box.source` determines which rules apply.

@@ -9,11 +9,13 @@ from bagassets.assets.transform_logs import read_transforms
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.tf_tree import TfTree
 from bagassets.geometry.trajectory import Trajectory
+from bagassets.geometry.wgs84 import LocalFrame
+from bagassets.json_types import JsonMapping
 from bagassets.recipe.model_base import Clock, Vector3
 from bagassets.recordings.inventory import Inventory
 from bagassets.recordings.recording import Recording
 
-__all__ = ["BoxPlaces", "box_frames", "box_places", "frames_of_topic"]
+__all__ = ["BoxPlaces", "between_origins", "box_frames", "box_places", "frames_of_topic"]
 
 # The inventory keeps the first few frames of a topic only.
 _MOST_FRAMES = 5
@@ -95,3 +97,29 @@ def box_frames(places: BoxPlaces, clock: Clock, recording: Recording, trajectory
             read_transforms(recording, places.tf, "tf", clock=clock),
         )
     return BoxFrames(places.global_frame, places.ego_frame, extrinsics, trajectory, places.origin_m, tree)
+
+
+def between_origins(here: JsonMapping | None, there: JsonMapping | None) -> SE3 | None:
+    """Return `here_SE3_there` between two global frames of one robot, given the `origin` of each in `ego_poses.json`.
+
+    None if one is on Earth and the other is not, or something else is no origin.
+    """
+    if here == there:
+        return SE3()
+    try:
+        kinds = {None if origin is None else origin["kind"] for origin in (here, there)}
+        if kinds <= {None, "local"}:  # offsets from the recorded frame, which is the same
+            before, after = (
+                [0.0 if origin is None else float(origin[axis]) for axis in "xyz"] for origin in (here, there)
+            )
+            return SE3.create(SE3().rotation, [b - a for a, b in zip(before, after, strict=True)])
+        if here is not None and there is not None and kinds == {"wgs84"}:
+            here_SE3_ecef, ecef_SE3_there = _ecef_SE3_local(here).inverse(), _ecef_SE3_local(there)
+            return here_SE3_ecef @ ecef_SE3_there
+    except (KeyError, TypeError, ValueError):
+        pass
+    return None
+
+
+def _ecef_SE3_local(origin: JsonMapping) -> SE3:
+    return LocalFrame(float(origin["lat"]), float(origin["lon"]), float(origin["alt"])).ecef_SE3_enu

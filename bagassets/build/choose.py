@@ -1,5 +1,6 @@
 """Choosing recordings and assets by what a user types."""
 
+import os
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
@@ -64,7 +65,7 @@ def split_names(wanted: Iterable[str]) -> list[str]:
 
 
 def _by_path(recordings: Mapping[str, RecordingFiles], text: str) -> set[str]:
-    path = Path(text).absolute()
+    path = Path(os.path.abspath(text))  # noqa: PTH100  (without `..`, but with the links through which recordings are found)
     return {
         key
         for key, recording in recordings.items()

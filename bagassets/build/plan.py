@@ -216,7 +216,7 @@ class Plan:
         excluded: path below the bag root -> why the globs leave it out.
         removed: registered partition keys whose recordings are gone, except those in folders that cannot be read.
         ties: which recordings lie in one split, and what the parts of series were called.
-        asked: path of a whole drive -> the question whether some recordings are its parts.
+        asked: path of a whole drive -> what the user is to say about its parts.
     """
 
     bags: Mapping[str, BagPlan]
@@ -225,9 +225,18 @@ class Plan:
     ties: Ties = field(default_factory=Ties)
     asked: Mapping[str, str] = field(default_factory=dict)
 
-    def joined_into(self, key: str) -> str | None:
-        """Return the series that a recording has become a part of; None if it is gone."""
-        return next((whole for whole, parts in self.ties.former.items() if key in parts), None)
+    @property
+    def joined(self) -> dict[str, list[str]]:
+        """Series -> those of `removed` that have become its parts."""
+        removed = frozenset(self.removed)
+        found = {whole: [key for key in parts if key in removed] for whole, parts in self.ties.former.items()}
+        return {whole: keys for whole, keys in found.items() if keys}
+
+    @property
+    def gone(self) -> tuple[str, ...]:
+        """Those of `removed` that have become parts of nothing."""
+        joined = {key for keys in self.joined.values() for key in keys}
+        return tuple(key for key in self.removed if key not in joined)
 
 
 def skip_version(reason: str) -> str:

@@ -8,6 +8,7 @@ thousands of them can be planned.
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
+from bagassets.alike import names_text
 from bagassets.build.graph import Graph
 from bagassets.build.named_files import files_beside
 from bagassets.build.plan import AssetState, BagPlan, Plan, Recorded, version_as_input
@@ -100,7 +101,22 @@ def _bag_state(
     if digest == recorded.data_version:
         return digest, stat, AssetState("record-only", "touched, content unchanged", digest)
     reason = f"{why}; its content has to be read" if digest is None else "content changed"
-    return digest, stat, AssetState("stale", reason, digest)
+    differing = _differing_parts(recording, recorded.stat, stat)
+    return digest, stat, AssetState("stale", f"{differing}; {reason}" if differing else reason, digest)
+
+
+def _differing_parts(recording: RecordingFiles, before: RecordingStat | None, now: RecordingStat) -> str:
+    """Return which parts of a series are others than when it was read; empty for other recordings."""
+    if not recording.parts or before is None:
+        return ""
+    was, is_now = ({name: of_file for name, *of_file in stat.files} for stat in (before, now))
+    return names_text(
+        [
+            f"{name} {'is new' if name not in was else 'is gone' if name not in is_now else 'changed'}"
+            for name in sorted(was.keys() | is_now.keys())
+            if was.get(name) != is_now.get(name)
+        ]
+    )
 
 
 def _is_touched(state: AssetState, recorded: Recorded | None, stat: RecordingStat) -> bool:
@@ -215,7 +231,8 @@ class Planning:
         found = self.discovery
         ties = Ties(found.near, found.former_keys)
         removed = found.removed(self.registered)
-        return Plan(ordered, dict(found.excluded), removed, ties, found.asked), recorded
+        asked = {**found.asked, **ties.disputed(self.assets.recipe.splits)}
+        return Plan(ordered, dict(found.excluded), removed, ties, asked), recorded
 
     def touched(self) -> dict[str, Recorded]:
         """Return the recordings of which only the time changed, as far as can be told without reading -> record of `bag`.

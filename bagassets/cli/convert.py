@@ -177,9 +177,9 @@ def _matched(recipe: "Recipe", bags: "Bags") -> "Recipe":
     if len(recipe.rigs) == 1:
         return recipe.model_copy(update={"rigs": (recipe.rigs[0].model_copy(update={"match": ("**",)}),)})
     (recording,) = discover(bags).recordings.values()
-    names = [recording.relative]
-    if recording.path.is_relative_to(recipe.bags.root):
-        names.append(recording.path.relative_to(recipe.bags.root).as_posix())
+    paths = [recording.path, *(part.path for part in recording.parts)]
+    inside = [path for path in paths if path.is_relative_to(recipe.bags.root)]
+    names = [*recording.names, *(path.relative_to(recipe.bags.root).as_posix() for path in inside)]
     for rig in recipe.rigs:
         if any(matches(glob, name) for glob in rig.match for name in names):
             if rig.questions:

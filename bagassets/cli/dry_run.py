@@ -4,7 +4,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from bagassets.alike import told_once
+from bagassets.alike import names_text, told_once
 from bagassets.build.build_report import Remark
 from bagassets.build.plan import State
 from bagassets.escaping import visible
@@ -51,14 +51,11 @@ def dry_run_lines(pending: "PendingWork", own: "OwnWork") -> Iterator[str]:
             said = "failed before and is not retried without --retry-failed" if can_be_retried else "fails"
             found.append(((), key, f"  {said}: {reason}"))
     yield from (f"{told.title}\n{told.text}" for told in told_once(found))
-    for key in pending.plan.removed:
-        whole = pending.plan.joined_into(key)
-        gone = (
-            "is gone: its partition and scenes" if whole is None else f"is joined into {whole}: its partition"
-        )
-        yield f"{key}\n  " + (
-            f"is gone: {pending.held[key]}" if key in pending.held else f"{gone} would be removed"
-        )
+    for whole, keys in pending.plan.joined.items():
+        yield f"{names_text(keys)}\n  would be joined into {whole}, as its parts"
+    for key in pending.plan.gone:
+        then = pending.held.get(key, "its partition and scenes would be removed")
+        yield f"{key}\n  is gone: {then}"
     for question in pending.plan.asked.values():
         yield f"to be decided: {visible(question)}"
     for name, one in pending.dataset_states.items():
@@ -87,7 +84,9 @@ def verdict(pending: "PendingWork", own: "OwnWork") -> str:
         failed = f", {len(pending.failed)} failed" if pending.failed else ""
         return f"nothing to do: {count_text(fresh, 'recording')} up to date{failed}."
     parts = [f"build {count_text(len(pending.todo), 'recording')}"] if pending.todo else []
-    parts += [f"remove {count_text(len(pending.plan.removed), 'recording')}"] if pending.plan.removed else []
+    gone, joined = pending.plan.gone, len(pending.plan.removed) - len(pending.plan.gone)
+    parts += [f"join {count_text(joined, 'part')}"] if joined else []
+    parts += [f"remove {count_text(len(gone), 'recording')}"] if gone else []
     behind = [name for name, one in pending.dataset_states.items() if one.state != "fresh"]
     parts += [f"update {', '.join(behind)}"] if behind else []
     parts += [f"make {', '.join(to_make)}"] if to_make else []

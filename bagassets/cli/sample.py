@@ -8,7 +8,7 @@ from bagassets.cli.terminal import echo
 
 __all__ = ["sample"]
 
-_FORMATS = {".bag": "ros1", ".mcap": "mcap", "": "ros2"}
+_FORMATS = {".bag": "ros1", ".mcap": "mcap", "": "ros2", ".db3": "ros2"}
 
 
 @click.command(
@@ -18,6 +18,7 @@ Examples:
   bagassets sample drive.bag --seed 7 --compression lz4
   bagassets sample big --profile tas --duration 20      # a ROS 2 folder, 90 MB per second
   bagassets sample drive.mcap --odd projection-only     # K of CameraInfo is zero, as rectified cameras send it
+  bagassets sample drive.bag --parts 3                  # drive_0.bag, drive_1.bag, drive_2.bag: one recording
   bagassets sample drive.mcap --recipe-out recipe.yaml && bagassets build"""
 )
 @click.argument("path", type=click.Path(path_type=Path))
@@ -25,7 +26,7 @@ Examples:
     "--format",
     "file_format",
     type=click.Choice(["ros1", "ros2", "mcap"]),
-    help="Default: by the suffix: .bag is ros1, .mcap is mcap, none is ros2 (a folder with a database).",
+    help="Default: by the suffix: .bag is ros1, .mcap is mcap, none is ros2 (a folder with a database), .db3 its database alone.",
 )
 @click.option(
     "--compression",
@@ -52,6 +53,14 @@ Examples:
     help="Duration in seconds; default: that of the profile.",
 )
 @click.option(
+    "--parts",
+    type=click.IntRange(1, 100),
+    default=1,
+    show_default=True,
+    metavar="N",
+    help="Split it, as recorders do, into N files of equal length: NAME_0, NAME_1, …; latched messages are in the first.",
+)
+@click.option(
     "--odd",
     multiple=True,
     metavar="NAME",
@@ -70,6 +79,7 @@ def sample(
     profile: str,
     seed: int,
     duration: float | None,
+    parts: int,
     odd: tuple[str, ...],
     recipe_out: Path | None,
 ) -> None:
@@ -87,6 +97,10 @@ def sample(
         raise click.UsageError(
             f"{path}: the suffix names no format; give --format, or a name that ends in .bag or .mcap."
         )
+    if parts > 1 and not path.suffix:
+        raise click.UsageError(
+            f"{path}: a folder is one recording, however many files it has; for parts, end the name in .db3."
+        )
     if recipe_out is not None and recipe_out.exists():
         raise click.UsageError(f"{recipe_out}: this file exists and is not overwritten; choose another name.")
     if unknown := [name for name in odd if name not in ODDITIES]:
@@ -96,14 +110,18 @@ def sample(
     length_s = PROFILES[profile].duration_s if duration is None else duration
     with click.progressbar(length=1000, label=f"Writing {path}") as bar:
         write_recordings(
-            [Target(path, kind, compression)],  # type: ignore[arg-type]  # click checked the choices
+            [Target(path, kind, compression, parts)],  # type: ignore[arg-type]  # click checked the choices
             seed,
             profile,
             length_s,
             lambda seconds: bar.update(max(0, min(1000, int(1000 * seconds / length_s)) - bar.pos)),
             odd,
         )
-    echo(f"Wrote {path}: {length_s:g} s of drive, seed {seed}. Inspect it: bagassets inspect {path}")
+    written = path if parts == 1 else path.with_stem(f"{path.stem}_0")
+    several = "" if parts == 1 else f" in {parts} parts"
+    echo(
+        f"Wrote {path}{several}: {length_s:g} s of drive, seed {seed}. Inspect it: bagassets inspect {written}"
+    )
     if recipe_out is not None:
         from bagassets.sample.recipe import sample_recipe
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from bagassets.alike import told_once
+from bagassets.alike import names_text, told_once
 from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.options import recipe_option
 from bagassets.cli.terminal import echo_lines, print_lines
@@ -191,14 +191,11 @@ def _reasons(pending: "PendingWork", listed: JsonMapping) -> Iterator[str]:
     for told in told_once(found):
         shown, state = told.kind
         yield f"{told.title}: {shown} {state}: {told.text if state == 'failed' else visible(told.text)}"
-    for key in pending.plan.removed:
-        whole = pending.plan.joined_into(key)
-        if key in pending.held:
-            yield f"{key}: the recording is gone; {pending.held[key]}"
-        elif whole is None:
-            yield f"{key}: the recording is gone; the next build removes its partition and its scenes"
-        else:
-            yield f"{key}: joined into {whole}, whose part it is; the next build removes its partition"
+    for whole, keys in pending.plan.joined.items():
+        yield f"{names_text(keys)}: parts of {whole}, into which the next build joins them"
+    for key in pending.plan.gone:
+        then = pending.held.get(key, "the next build removes its partition and its scenes")
+        yield f"{key}: the recording is gone; {then}"
     for relative, reason in pending.plan.excluded.items():
         if not reason.startswith("not matched"):
             yield f"{visible(relative)}: left out: {visible(reason)}"

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import dagster as dg
 
+from bagassets.alike import names_text
 from bagassets.build.build_report import BagOutcome, BuildOptions, BuildReport, Event
 from bagassets.build.disk_space import folders_written, require_disk_space, space_needed
 from bagassets.build.plan import Plan
@@ -301,11 +302,7 @@ def _refuse_empty(recipe: Recipe, planned: InstancePlan) -> None:
 
 def _joined(plan: Plan) -> list[str]:
     """Return sentences about the recordings that become parts of series."""
-    joined: dict[str, list[str]] = {}
-    for key in plan.removed:
-        if (whole := plan.joined_into(key)) is not None:
-            joined.setdefault(whole, []).append(key)
-    return [f"{', '.join(keys)}: joined into {whole}, as its parts." for whole, keys in joined.items()]
+    return [f"{names_text(keys)}: joined into {whole}, as its parts." for whole, keys in plan.joined.items()]
 
 
 def _register(instance: dg.DagsterInstance, workspace: Workspace, before: PendingWork) -> tuple[str, ...]:
@@ -318,7 +315,7 @@ def _register(instance: dg.DagsterInstance, workspace: Workspace, before: Pendin
     for key in gone:
         remove_partition(instance, workspace.names, key)
     add_partitions(instance, workspace.names, sorted(planned.discovery.recordings.keys() - planned.live))
-    return tuple(key for key in gone if planned.plan.joined_into(key) is None)
+    return tuple(key for key in planned.plan.gone if key not in before.held)
 
 
 def _note_unsettled(recipe: Recipe, ended: Mapping[str, EndedRun]) -> None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import dagster as dg
 
+from bagassets.alike import names_text
 from bagassets.build.named_files import files_beside
 from bagassets.build.plan import AssetState, BagPlan, Plan
 from bagassets.build.unsettled import Unsettled
@@ -74,7 +75,7 @@ class Scan:
         self._unsettled = Unsettled(workspace.recipe.state)
         self._ended: dict[str, dg.DagsterRun] = {}
         self._noted: frozenset[str] = frozenset()
-        self._joined: dict[str, str] = {}
+        self._joined: dict[str, list[str]] = {}
         self._held: dict[str, str] = {}
 
     def is_worth_waiting(self, until_s: float) -> bool:
@@ -92,8 +93,9 @@ class Scan:
         there = frozenset(stats) | discovery.unseen(live)
         if self._is_disk_gone(live, there, now_s):
             return []
+        former = discovery.former_keys.items()
         self._joined = {
-            key: whole for whole, keys in discovery.former_keys.items() for key in keys if key in live
+            whole: found for whole, keys in former if (found := [key for key in keys if key in live])
         }
         live = self._drop_removed(live, there)
         active = active_runs(self._instance, self._names, self._datasets)
@@ -306,12 +308,12 @@ class Scan:
         writing = sorted(plan.bags.keys() - set(finished))
         failed = sorted(key for key, bag in plan.bags.items() if bag.failed is not None)
         parts = [count_text(len(plan.bags), "recording")]
-        parts += [f"{key} joined into {whole}" for key, whole in self._joined.items()]
+        parts += [f"{names_text(keys)} joined into {whole}" for whole, keys in self._joined.items()]
         parts += [f"{key} is gone: {why}" for key, why in self._held.items()]
-        parts += [f"to be decided: {len(plan.asked)} in bags.series"] if plan.asked else []
-        parts += [f"waiting for {_names(writing)} to settle"] if writing else []
+        parts += [f"to be decided: {len(plan.asked)}, which `bagassets status` names"] if plan.asked else []
+        parts += [f"waiting for {names_text(writing)} to settle"] if writing else []
         parts += [f"waiting for {count_text(self._runs, 'run')}"] if self._runs else []
-        parts += [f"failed: {_names(failed)}"] if failed else []
+        parts += [f"failed: {names_text(failed)}"] if failed else []
         return "; ".join(parts if len(parts) > 1 else [*parts, "up to date"]) + "."
 
 
@@ -336,7 +338,3 @@ def _mark(recipe: Recipe, project: str | None, recording: RecordingFiles) -> Rec
     return recording_fingerprint(
         project or "", recording.relative, recording.files, files_beside(recipe, recording), {}
     )
-
-
-def _names(keys: list[str]) -> str:
-    return ", ".join(keys[:3]) + (f" and {len(keys) - 3} more" if len(keys) > 3 else "")

@@ -130,36 +130,41 @@ def judge(parts: Sequence[Part]) -> Verdict:
     readable = [(part.name, part.facts) for part in parts if isinstance(part.facts, PartFacts)]
     if len(readable) < 2:
         return Verdict("apart")
-    near = [[readable[0][0]]]
-    reasons = [_gap_in_numbers(parts)]
-    for before, (name, facts) in pairwise(readable):
-        reason, is_near = _compare(*before, name, facts)
-        reasons.append(reason)
-        near += [] if is_near else [[]]
-        near[-1].append(name)
+    reasons = [_gap_in_numbers(parts), *(_compare(*one, *other) for one, other in pairwise(readable))]
     if not any(reasons):
         return Verdict("one", tuple(name for name, _ in readable))
-    groups = tuple(tuple(group) for group in near if len(group) > 1)
+    groups = _near(readable)
     return Verdict("asked", (), next(filter(None, reasons)), groups) if groups else Verdict("apart")
 
 
-def _compare(before: str, one: PartFacts, name: str, other: PartFacts) -> tuple[str, bool]:
-    """Return why a part may not go on where the one before it ends ("" if it does), and whether both are near in time."""
+def _near(readable: Sequence[tuple[str, PartFacts]]) -> tuple[tuple[str, ...], ...]:
+    """Return groups of files, each of which is near in time to others of its group, whatever their numbers."""
+    apart_ns = max(_NEAR_NS, *(_PERIODS * facts.period_ns for _, facts in readable))
+    groups: list[list[str]] = []
+    end_ns = None
+    for name, facts in sorted(readable, key=lambda one: one[1].start_ns):
+        if end_ns is None or facts.start_ns > end_ns + apart_ns:
+            groups.append([])
+        groups[-1].append(name)
+        end_ns = facts.end_ns if end_ns is None else max(end_ns, facts.end_ns)
+    return tuple(tuple(name for name, _ in readable if name in group) for group in groups if len(group) > 1)
+
+
+def _compare(before: str, one: PartFacts, name: str, other: PartFacts) -> str:
+    """Return why a part may not go on where the one before it ends; "" if it does."""
     pause_ns = other.start_ns - one.end_ns
     most_ns = max(_LEAST_PAUSE_NS, _PERIODS * max(one.period_ns, other.period_ns))
-    apart_ns = max(pause_ns, one.start_ns - other.end_ns)
-    is_near = apart_ns <= max(_NEAR_NS, most_ns)
     if pause_ns > most_ns:
-        return f"{name} begins {pause_ns / 1e9:.1f} s after {before} ends", is_near
+        return f"{name} begins {pause_ns / 1e9:.1f} s after {before} ends"
     if pause_ns < -_MOST_OVERLAP_NS or other.start_ns <= one.start_ns:
-        return f"{name} begins {-pause_ns / 1e9:.1f} s before {before} ends", is_near
+        return f"{name} begins {-pause_ns / 1e9:.1f} s before {before} ends"
     if one.topics != other.topics:
         differ = one.topics.items() ^ other.topics.items()
         topics = sorted({topic for topic, _ in differ}.difference(one.latched, other.latched))
         if topics:
             more = f" and {len(topics) - 1} more" if len(topics) > 1 else ""
-            return f"{before} and {name} differ in topic {topics[0]}{more}", is_near
-    return "", is_near
+            return f"{before} and {name} differ in topic {topics[0]}{more}"
+    return ""
 
 
 def _gap_in_numbers(parts: Sequence[Part]) -> str:

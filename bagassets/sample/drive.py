@@ -7,6 +7,8 @@ and the same stamps.
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from itertools import pairwise
+from math import inf
 from pathlib import Path
 
 from bagassets.sample.oddities.catalogue import ODDITIES
@@ -49,11 +51,19 @@ PROFILES = {
 
 @dataclass(frozen=True)
 class Target:
-    """A recording to write."""
+    """A recording to write.
+
+    Attributes:
+        path: where.
+        format: its format.
+        compression: of its messages or chunks.
+        parts: number of files of equal length that it is split into, `NAME_0`, `NAME_1`, …; 1 for one of that path.
+    """
 
     path: Path
     format: RecordingFormat
     compression: Compression = "none"
+    parts: int = 1
 
 
 def drive_start_ns(seed: int) -> int:
@@ -91,10 +101,16 @@ def write_recordings(
     for name in odd:
         events = ODDITIES[name](events, truth)
     with ExitStack() as stack:
-        recorders = [open_recorder(one.path, one.format, one.compression, stack) for one in targets]
+        recorders = []
+        for one in targets:
+            cuts_s = [length_s * part / one.parts for part in range(1, one.parts)]
+            for number, (begin_s, end_s) in enumerate(pairwise([-inf, *cuts_s, inf])):
+                path = one.path if one.parts == 1 else one.path.with_stem(f"{one.path.stem}_{number}")
+                recorders.append((begin_s, end_s, open_recorder(path, one.format, one.compression, stack)))
         for event in events:
-            for recorder in recorders:
-                recorder.write_raw(event.topic, event.msgtype, event.log_time_ns, event.payload(recorder))
+            for begin_s, end_s, recorder in recorders:
+                if begin_s <= truth.seconds(event.log_time_ns) < end_s:
+                    recorder.write_raw(event.topic, event.msgtype, event.log_time_ns, event.payload(recorder))
             progress(truth.seconds(event.log_time_ns))
     return truth
 

@@ -4,6 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Literal, Protocol
 
 import lz4.frame
@@ -22,7 +23,7 @@ __all__ = ["COMPRESSIONS", "Compression", "Recorder", "RecordingFormat", "open_r
 RecordingFormat = Literal["ros1", "ros2", "mcap"]
 Compression = Literal["none", "lz4", "bz2", "zstd"]
 
-# Compressions of each format; ros2 is a folder with an sqlite3 database.
+# Compressions of each format; ros2 is a folder with an sqlite3 database, or with the suffix .db3 that alone.
 COMPRESSIONS: dict[RecordingFormat, tuple[Compression, ...]] = {
     "ros1": ("none", "lz4", "bz2"),
     "ros2": ("none", "zstd"),
@@ -104,6 +105,10 @@ def _roslz4(data: bytes) -> bytes:
 class _Ros2Recorder(_Recorder):
     def __init__(self, path: Path, compression: Compression, stack: ExitStack) -> None:
         super().__init__(ros1=False)
+        if path.suffix == ".db3":  # the database alone, without the folder and its metadata
+            folder = Path(stack.enter_context(TemporaryDirectory(dir=path.parent)), "bag")
+            stack.callback((folder / "bag.db3").rename, path)
+            path = folder
         writer = Rosbag2Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3)
         if compression == "zstd":
             writer.set_compression(CompressionMode.MESSAGE, CompressionFormat.ZSTD)

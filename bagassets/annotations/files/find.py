@@ -1,6 +1,6 @@
 """Finding the label files of a recording, with their digests."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -10,7 +10,7 @@ from bagassets.annotations.files.nuscenes_tables import TABLES
 from bagassets.errors import RecordingError
 from bagassets.freshness.fingerprints import signature
 from bagassets.recipe.model import Rig
-from bagassets.recipe.model_annotations import AnnotationFiles, FileTimes, NameTimes, NuScenesTables
+from bagassets.recipe.model_annotations import AnnotationFiles, FileTimes, NuScenesTables, TopicTimes
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.canonical import digest_bytes
 
@@ -37,6 +37,13 @@ class LabelSet:
         is_folder: True if `place` is a folder.
         times: file of stamps, if the recipe names one that exists.
         logfile: log that rows of nuScenes tables must belong to; None for all.
+        is_series: True if the recording is a series.
+        logfiles_of_parts: of a series, the logs that count where the tables have none of the whole drive.
+        part: key that the part of a series would have alone, if these are the files of one.
+        span_ns: first and last log time of that part; None if they are not known.
+        frames: number of the first message of that part on the topic that gives the times, and how many it has; None if no
+            topic does.
+        parts: of a series without label files of its own, those of each part.
     """
 
     source: str
@@ -45,17 +52,24 @@ class LabelSet:
     is_folder: bool = False
     times: LabelFile | None = None
     logfile: str | None = None
+    is_series: bool = False
+    logfiles_of_parts: tuple[str, ...] = ()
+    part: str = ""
+    span_ns: tuple[int, int] | None = None
+    frames: tuple[int, int] | None = None
+    parts: tuple["LabelSet", ...] = ()
 
     @property
     def inputs(self) -> dict[str, str]:
         """Name -> digest of each file that is read."""
         is_several = self.is_folder or len(self.files) > 1
-        names = {
-            file.name: f"{self.source}/{file.name}" if is_several else self.source for file in self.files
-        }
+        source = f"{self.source}/{self.part}" if self.part else self.source
+        names = {file.name: f"{source}/{file.name}" if is_several else source for file in self.files}
         inputs = {f"labels:{names[file.name]}": file.digest for file in self.files}
         if self.times is not None:
-            inputs[f"labels:{TIMES} of {self.source}"] = self.times.digest
+            inputs[f"labels:{TIMES} of {source}"] = self.times.digest
+        for part in self.parts:
+            inputs |= part.inputs
         return inputs
 
 
@@ -66,12 +80,14 @@ def find_labels(sources: Iterable[AnnotationFiles], recording: RecordingFiles) -
     signature stays the same.
 
     Raises:
-        RecordingError: label files of parts cannot be joined.
+        RecordingError: a part that has label files cannot be read.
     """
     found = {}
     for entry in sources:
         labels = _find(entry, recording)
-        found[entry.path] = labels if labels.files else _of_parts(entry, recording, labels)
+        if not labels.files:
+            labels = replace(labels, parts=_of_parts(entry, recording))
+        found[entry.path] = labels
     return found
 
 
@@ -104,35 +120,35 @@ def _find(entry: AnnotationFiles, recording: RecordingFiles) -> LabelSet:
         path = recording.path.parent / expand(rule.path, recording)
         times = _file(TIMES, path) if path.is_file() else None
     logfile = getattr(entry, "logfile", None)
+    logfiles = [expand(logfile or "", one) for one in (recording, *recording.parts)]
     return LabelSet(
         entry.path,
         place,
         tuple(_file(name, path) for name, path in _files_at(place, entry)),
         place.is_dir(),
         times,
-        None if logfile is None else expand(logfile, recording),
+        None if logfile is None else logfiles[0],
+        bool(recording.parts),
+        tuple(dict.fromkeys(name for name in logfiles if name != logfiles[0])),
     )
 
 
-def _of_parts(entry: AnnotationFiles, recording: RecordingFiles, labels: LabelSet) -> LabelSet:
-    """Return the label files of the parts of a recording, or `labels` if there are none.
-
-    Raises:
-        RecordingError: they cannot be joined.
-    """
-    found = [(part, _find(entry, part)) for part in recording.parts]
-    found = [(part, one) for part, one in found if one.files]
-    if not found:
-        return labels
-    part, first = found[0]
-    times = getattr(entry, "times", None)
-    if isinstance(entry, NuScenesTables) or not (times is None or isinstance(times, NameTimes)):
-        raise RecordingError(
-            f"{first.place}: these labels are those of {part.relative}, which is a part of {recording.relative}; write ones for "
-            f"the whole drive to {labels.place}, or keep its parts apart with bags.series."
-        )
-    files = [replace(file, name=f"{part.path.stem}/{file.name}") for part, one in found for file in one.files]
-    return replace(labels, files=tuple(files), is_folder=first.is_folder)
+def _of_parts(entry: AnnotationFiles, recording: RecordingFiles) -> tuple[LabelSet, ...]:
+    """Return the label files of each part of a series; nothing if there are none."""
+    found = [replace(_find(entry, part), is_series=True, part=part.key) for part in recording.parts]
+    if not any(labels.files for labels in found):
+        return ()
+    times, first = getattr(entry, "times", None), 0
+    spans_ns = [_span_ns(part.path, tuple(signature(part.path))) for part in recording.parts]
+    for number in sorted(range(len(found)), key=lambda number: spans_ns[number] or (0, 0)):
+        labels, part = found[number], recording.parts[number].path
+        if isinstance(times, TopicTimes):
+            count = _counts(part, tuple(signature(part))).get(times.topic, 0)
+            found[number] = replace(labels, frames=(first, count))
+            first += count
+        elif labels.files:
+            found[number] = replace(labels, span_ns=spans_ns[number])
+    return tuple(found)
 
 
 def _files_at(place: Path, entry: AnnotationFiles) -> list[tuple[str, Path]]:
@@ -159,3 +175,24 @@ def _file(name: str, path: Path) -> LabelFile:
 @lru_cache(maxsize=1 << 16)
 def _digest(path: Path, _signature: tuple[int, ...]) -> str:
     return digest_bytes(path.read_bytes())
+
+
+@lru_cache(maxsize=1 << 12)
+def _counts(part: Path, _signature: tuple[int, ...]) -> Mapping[str, int]:
+    """Return topic -> number of messages of a part."""
+    from bagassets.recordings.open import open_recording  # noqa: PLC0415  (few have label files of parts)
+
+    with open_recording(part) as opened:
+        return {name: topic.count for name, topic in opened.topics.items()}
+
+
+@lru_cache(maxsize=1 << 12)
+def _span_ns(part: Path, _signature: tuple[int, ...]) -> tuple[int, int] | None:
+    """Return first and last log time of a part, or None if its index does not tell."""
+    from bagassets.recordings.part_facts import part_facts  # noqa: PLC0415  (few have label files of parts)
+
+    try:
+        facts = part_facts(part)
+    except OSError as err:
+        raise RecordingError(f"{part}: cannot be read ({err.strerror or err}).") from err
+    return None if isinstance(facts, str) else (facts.start_ns, facts.end_ns)

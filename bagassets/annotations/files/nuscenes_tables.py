@@ -1,9 +1,12 @@
 """Boxes of an existing nuScenes dataset: the tables of its version folder, in its global frame."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from functools import cached_property
 
 from bagassets.annotations.files.json_text import entries, parse
 from bagassets.annotations.files.label import Label, UnreadableLabelsError, as_text, box_label, is_number
+from bagassets.geometry.se3 import SE3
 from bagassets.json_types import Json, JsonMapping, JsonObject
 
 __all__ = ["TABLES", "TableSet", "read_tables"]
@@ -25,11 +28,20 @@ class TableSet:
 
     Args:
         logfile: only samples of the log with this logfile count; None for all.
+        others: logs that count if there is none with that logfile.
+        place_log: returns `global_SE3_log` for a row of `log`, from the global frame of that log to that of the recording; None
+            if they are the same for all.
     """
 
-    def __init__(self, logfile: str | None) -> None:
-        self._logfile = logfile
+    def __init__(
+        self,
+        logfile: str | None,
+        others: Sequence[str] = (),
+        place_log: Callable[[JsonMapping], SE3] | None = None,
+    ) -> None:
+        self._logfile, self._others, self._place_log = logfile, others, place_log
         self._rows: dict[str, dict[str, JsonObject]] = {}
+        self._places: dict[str, SE3 | None] = {}
 
     def add(self, name: str, data: bytes) -> None:
         """Add the content of a table file other than `sample_annotation.json`.
@@ -46,13 +58,25 @@ class TableSet:
         """Return a row by its token, or None."""
         return self._rows.get(table, {}).get(str(token))
 
-    def is_wanted(self, sample: JsonMapping) -> bool:
-        """Return whether a sample belongs to the wanted log."""
-        if self._logfile is None:
-            return True
+    def global_SE3_log(self, sample: JsonMapping) -> SE3 | None:
+        """Return where the boxes of a sample are, by the log that it belongs to; None if that is not wanted."""
+        if self._logfile is None and self._place_log is None:
+            return SE3()
         scene = self.row("scene", sample.get("scene_token"))
         log = None if scene is None else self.row("log", scene.get("log_token"))
-        return log is not None and log.get("logfile") == self._logfile
+        if log is None:
+            return SE3() if self._logfile is None else None
+        token = str(log["token"])
+        if token not in self._places:
+            is_wanted = self._logfile is None or log.get("logfile") in self._logfiles
+            global_SE3_log = SE3() if self._place_log is None or not is_wanted else self._place_log(log)
+            self._places[token] = global_SE3_log if is_wanted else None
+        return self._places[token]
+
+    @cached_property
+    def _logfiles(self) -> Sequence[Json]:
+        names = [log.get("logfile") for log in self._rows.get("log", {}).values()]
+        return (self._logfile,) if self._logfile in names else self._others
 
 
 def read_tables(tables: TableSet, data: bytes) -> Iterator[Label]:
@@ -74,7 +98,7 @@ def _label(line: int, row: Json, tables: TableSet) -> Label:
     sample = tables.row("sample", row.get("sample_token"))
     if sample is None or type(sample.get("timestamp")) is not int:
         return Label(line, problem="its sample_token is in no row of sample.json")
-    if not tables.is_wanted(sample):
+    if (global_SE3_log := tables.global_SE3_log(sample)) is None:
         return Label(line)
     instance = tables.row("instance", row.get("instance_token"))
     if instance is None:
@@ -91,7 +115,7 @@ def _label(line: int, row: Json, tables: TableSet) -> Label:
         if not isinstance(values, list) or len(values) != number or not all(map(is_number, values)):
             return Label(line, problem=f"its {name} is no list of {number} numbers")
     width, length, height = (float(value) for value in row["size"])
-    return box_label(
+    label = box_label(
         line,
         [float(value) for value in row["translation"]],
         [float(value) for value in row["rotation"]],
@@ -101,3 +125,6 @@ def _label(line: int, row: Json, tables: TableSet) -> Label:
         stamp_ns=int(sample["timestamp"]) * _NS_PER_US,
         attributes=tuple(str(found["name"]) for found in attributes if found is not None),
     )
+    if label.box is None or global_SE3_log == SE3():
+        return label
+    return replace(label, box=replace(label.box, frame_SE3_box=global_SE3_log @ label.box.frame_SE3_box))

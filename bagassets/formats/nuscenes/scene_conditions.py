@@ -3,10 +3,12 @@
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
 
+from bagassets.alike import names_text
+from bagassets.errors import RecipeError
 from bagassets.json_types import JsonMapping
 from bagassets.recipe.model_datasets import NamedDataset, moment_ns
 
-__all__ = ["inside", "unmet_condition"]
+__all__ = ["inside", "require_own_scenes", "unmet_condition"]
 
 Point = Sequence[float]
 
@@ -48,6 +50,30 @@ def unmet_condition(
     if wanted.min_speed_mps is not None and scene["speed_mps"] < wanted.min_speed_mps:
         return f"slower than {wanted.min_speed_mps:g} m/s"
     return None
+
+
+def require_own_scenes(
+    wanted: NamedDataset, key: str, scenes: Sequence[JsonMapping], former: Sequence[str]
+) -> None:
+    """Refuse a dataset that names scenes of the parts of a drive, which has other scenes now that it is one recording.
+
+    Args:
+        wanted: the dataset.
+        key: partition key of the recording.
+        scenes: facts about its scenes.
+        former: keys that the parts of a series had alone.
+
+    Raises:
+        RecipeError: it does.
+    """
+    names = [str(scene["name"]) for scene in scenes]
+    for glob in wanted.scenes if names else ():
+        of_part = any(fnmatchcase(f"{part}_000", glob) or glob.rpartition("_")[0] == part for part in former)
+        if of_part and not any(fnmatchcase(name, glob) for name in names):
+            raise RecipeError(
+                f"dataset {wanted.name}: {glob} names scenes of a part of {key}, which is one recording now, with "
+                f"{names_text(names)}; name some of these, or {key} in `recordings`."
+            )
 
 
 def inside(point: Point, polygon: Sequence[Point]) -> bool:

@@ -11,7 +11,7 @@ from bagassets.build.track import track_of
 from bagassets.errors import StoreError
 from bagassets.formats.format import Part, Selection
 from bagassets.formats.nuscenes import scene_steps
-from bagassets.formats.nuscenes.scene_conditions import unmet_condition
+from bagassets.formats.nuscenes.scene_conditions import require_own_scenes, unmet_condition
 from bagassets.json_types import JsonObject
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_datasets import NamedDataset
@@ -32,6 +32,9 @@ def select(
         plan: states of all recordings.
         parts: the recordings of the whole dataset.
         wanted: the dataset.
+
+    Raises:
+        RecipeError: it names scenes that are no more.
     """
     chosen = []
     left_out: Counter[str] = Counter()
@@ -40,6 +43,7 @@ def select(
         tables = store.artifact(part.artifact)
         facts = _scene_facts(recipe, store, plan, part, tables)
         former = plan.ties.former.get(part.key, ())
+        require_own_scenes(wanted, part.key, facts["scenes"], former)
         unmet = [unmet_condition(wanted, facts["rig"], part.key, scene, former) for scene in facts["scenes"]]
         kept = [scene for scene, why in zip(facts["scenes"], unmet, strict=True) if why is None]
         left_out.update(why for why in unmet if why is not None)
