@@ -132,9 +132,9 @@ def is_installed(name: str) -> bool:
 def licence(name: str) -> str:
     """Return the licence that a package states: its expression, else its field, else its classifiers."""
     stated = metadata.metadata(name)
-    if expression := stated.get("License-Expression"):
-        return str(expression)
-    lines = (stated.get("License") or "").strip().splitlines()
+    if expression := stated.get_all("License-Expression"):
+        return str(expression[0])
+    lines = "".join(stated.get_all("License") or ()).strip().splitlines()
     classifiers = [
         one.rpartition(" :: ")[2]
         for one in stated.get_all("Classifier") or ()
