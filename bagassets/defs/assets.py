@@ -10,11 +10,13 @@ from bagassets.assets.asset import AnyAsset
 from bagassets.assets.ego_poses import POSE_SCHEMA
 from bagassets.assets.frames import INDEX_SCHEMA
 from bagassets.assets.sweep_files import LIDAR_SCHEMA
+from bagassets.build.execute import BuildFailure
 from bagassets.build.recording_assets import RecordingAssets
+from bagassets.defs.batch_job import make_not_begun
 from bagassets.defs.exclusive import RecordingLock
 from bagassets.defs.making import dependencies, make_assets, read_bag, recorded_bag
 from bagassets.defs.naming import Naming
-from bagassets.defs.not_made import failures_observed
+from bagassets.defs.not_made import failures_observed, is_selected
 from bagassets.defs.partitions import recording_partitions
 from bagassets.defs.reporting import BAG_CODE_VERSION, code_link, errors_explained
 from bagassets.defs.workspace import Workspace
@@ -57,13 +59,12 @@ def recording_definitions(recipe: Recipe, names: Naming) -> list[dg.AssetsDefini
         workspace, recording_lock = _resources(context, names)
         with errors_explained(), failures_observed(context, assets, names, {"bag"}):
             recording_lock.take(context)
-            selected = context.run.asset_selection
             _, made = read_bag(
                 context.instance,
                 workspace,
                 workspace.recording(context.partition_key),
                 context.run.run_id,
-                makes_inventory=selected is None or names.key("inventory") in selected,
+                makes_inventory=is_selected(context, names.key("inventory")),
             )
             recording_lock.check()
             return dg.MaterializeResult(
@@ -140,10 +141,38 @@ def _build(
     with failures_observed(context, workspace.assets, names, wanted) as done:
         recording_lock.take(context)
         source = recorded_bag(context.instance, names, workspace.recording(key), context.run.run_id)
-        for made in make_assets(context.instance, workspace, source, wanted, context.run.run_id):
-            recording_lock.check()
-            # Not in the result, where it would be recorded twice: with the output of the step, too.
-            asset = names.key(made.asset)
-            context.add_asset_metadata(made.metadata, asset_key=asset, partition_key=key)
-            yield dg.MaterializeResult(asset_key=asset, data_version=dg.DataVersion(made.data_version))
-            done.add(made.asset)
+        try:
+            for made in make_assets(context.instance, workspace, source, wanted, context.run.run_id):
+                recording_lock.check()
+                # Not in the result, where it would be recorded twice: with the output of the step, too.
+                asset = names.key(made.asset)
+                context.add_asset_metadata(made.metadata, asset_key=asset, partition_key=key)
+                yield dg.MaterializeResult(asset_key=asset, data_version=dg.DataVersion(made.data_version))
+                done.add(made.asset)
+        except BuildFailure as err:
+            rest = _not_begun(context, workspace, names, wanted, wanted - done)
+            try:
+                make_not_begun(context, workspace, source, rest, recording_lock)
+            except BuildFailure as more:
+                raise BuildFailure({**err.errors, **more.errors}, source.recording.path) from None
+            raise
+
+
+def _not_begun(
+    context: dg.AssetExecutionContext,
+    workspace: Workspace,
+    names: Naming,
+    wanted: set[str],
+    missing: set[str],
+) -> list[str]:
+    """Return the assets of the run after those extracted that read nothing that is missing."""
+    assets = workspace.assets
+    if wanted.isdisjoint(assets.extracted):
+        return []
+    return [
+        name
+        for name in assets.names
+        if name not in assets.extracted
+        and is_selected(context, names.key(name))
+        and missing.isdisjoint(assets.with_upstream([name]))
+    ]

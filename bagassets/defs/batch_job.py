@@ -28,7 +28,7 @@ from bagassets.defs.dataset import dataset_is_current, make_dataset, record_inpu
 from bagassets.defs.events import CODE_VERSION, DATA_VERSION
 from bagassets.defs.exclusive import RecordingLock
 from bagassets.defs.instance_plan import plan_instance
-from bagassets.defs.making import MadeAsset, dependencies, make_assets, read_bag, recorded_bag
+from bagassets.defs.making import MadeAsset, Source, dependencies, make_assets, read_bag, recorded_bag
 from bagassets.defs.naming import DATASET_INPUTS, Naming
 from bagassets.defs.not_made import observations_of
 from bagassets.defs.partitions import DATASET
@@ -40,7 +40,7 @@ from bagassets.formats.dataset_build import dataset_code_versions, datasets_of
 from bagassets.quantities import count_text
 from bagassets.recordings.model import RecordingFiles
 
-__all__ = ["batch_job"]
+__all__ = ["batch_job", "make_not_begun"]
 
 _MOST_NAMED = 3
 # What Dagster itself records of an input that was never materialized.
@@ -95,6 +95,23 @@ def batch_job(names: Naming) -> dg.JobDefinition:
         build_each()
 
     return job
+
+
+def make_not_begun(
+    context: dg.AssetExecutionContext,
+    workspace: Workspace,
+    source: Source,
+    assets: Collection[str],
+    lock: RecordingLock,
+) -> None:
+    """Make the assets of a run that Dagster does not begin after a step that failed, though they do not read what failed.
+
+    Raises:
+        BagAssetsError: some could not be made.
+    """
+    key, recording = source.recording.key, source.recording
+    part = _Recording(context.op_execution_context, workspace, key, [*assets], lock, recording)
+    part.make_from(source, assets)
 
 
 def _describe(failed: Mapping[str, str], total: int) -> str:
@@ -205,8 +222,8 @@ class _Part(ABC):
         """
         event = dg.DagsterEvent(
             event_type_value=kind.value,
-            job_name=self._names.batch_job,
-            step_key=self._names.batch_op,
+            job_name=self._context.job_name,
+            step_key=self._context.op.name,
             event_specific_data=data,  # type: ignore[arg-type]  # a union of all kinds
             message=message,
         )
@@ -216,8 +233,8 @@ class _Part(ABC):
             user_message="",
             run_id=self._context.run_id,
             timestamp=time.time(),
-            step_key=self._names.batch_op,
-            job_name=self._names.batch_job,
+            step_key=self._context.op.name,
+            job_name=self._context.job_name,
             dagster_event=event,
         )
 
@@ -350,12 +367,22 @@ class _Recording(_Part):
             self._record(bag, BAG_CODE_VERSION, {})
         else:
             source = recorded_bag(self._instance, self._names, recording, run_id)
-        results = make_assets(self._instance, self._workspace, source, rest, run_id) if rest else ()
-        for result in results:
+        self.make_from(source, rest)
+
+    def make_from(self, source: Source, assets: Collection[str]) -> None:
+        """Make and record assets of a recording that is locked, and their checks.
+
+        Raises:
+            BagAssetsError: something could not be made.
+        """
+        run_id = self._context.run_id
+        for result in (
+            make_assets(self._instance, self._workspace, source, {*assets}, run_id) if assets else ()
+        ):
             self._lock.check()
             version = self._workspace.assets.versions[result.asset]
             self._record(result, version, self._inputs_of(result.asset))
-        self._record_checks(self._run_checks(recording))
+        self._record_checks(self._run_checks(source.recording))
 
     def _inputs_of(self, asset: str) -> dict[str, str]:
         """Return upstream asset -> what Dagster compares: a digest over the versions of the partitions read, here one.

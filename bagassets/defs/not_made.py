@@ -13,7 +13,7 @@ from bagassets.build.recording_assets import RecordingAssets
 from bagassets.defs.naming import Naming
 from bagassets.errors import BagAssetsError, RunEndedError
 
-__all__ = ["failures_observed", "last_failure", "observations_of"]
+__all__ = ["failures_observed", "is_selected", "last_failure", "observations_of"]
 
 _WHY = "not_made"
 
@@ -81,15 +81,18 @@ def failures_observed(
     except RunEndedError:
         raise  # Whoever ended the run has said why, and a later one may have made them.
     except BagAssetsError as err:
-        missing = set(wanted) - made
+        missing = {*wanted, *(err.errors if isinstance(err, BuildFailure) else ())} - made
         for asset in ("bag", *assets.names):
-            if not missing.isdisjoint(assets.with_upstream([asset])) and _selected(context, names.key(asset)):
+            if not missing.isdisjoint(assets.with_upstream([asset])) and is_selected(
+                context, names.key(asset)
+            ):
                 missing.add(asset)
         for observation in observations_of(assets, names, context.partition_key, missing, err):
             context.log_event(observation)
         raise
 
 
-def _selected(context: dg.AssetExecutionContext, asset: dg.AssetKey) -> bool:
+def is_selected(context: dg.AssetExecutionContext, asset: dg.AssetKey) -> bool:
+    """Return whether the run of a step is to make an asset."""
     selected = context.run.asset_selection
-    return selected is None or asset in selected
+    return not selected or asset in selected
