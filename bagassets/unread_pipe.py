@@ -35,5 +35,4 @@ def outliving_reader(stream: TextIO) -> TextIO:
     if not (stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode)):
         return stream
     pipe = io.BufferedWriter(_Pipe(stream.fileno(), "w", closefd=False))
-    is_quick = getattr(stream, "line_buffering", False)
-    return io.TextIOWrapper(pipe, encoding=stream.encoding, errors=stream.errors, line_buffering=is_quick)
+    return io.TextIOWrapper(pipe, stream.encoding, stream.errors, line_buffering=bool(stream.line_buffering))

@@ -61,6 +61,7 @@ def report(tmp_path):
         },
         dataset="updated",
         dataset_path=Path("/data set"),
+        datasets={"nuscenes_dataset": {"path": "/data set", "state": "updated"}},
     )
 
 

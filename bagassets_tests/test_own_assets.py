@@ -454,7 +454,7 @@ def test_status_dry_run_and_explain_tell_of_them(project, capsys):
     assert status == 0
     assert "blur\n  may run  a.bag: frames comes first\n  may run  b.bag: frames comes first\n" in out
     assert "upload\n  may run  nuscenes_dataset comes first\n" in out
-    assert "to do: build 2 recordings, update the dataset, make blur, upload, sharp, table." in out
+    assert "to do: build 2 recordings, update nuscenes_dataset, make blur, upload, sharp, table." in out
     project.build()
     assert printed("build", "--check") == (0, "nothing to do: 2 recordings up to date.\n")
     project.edit('code_version="1"', 'code_version="2"')

@@ -34,7 +34,10 @@ NOT_RUN = {
 # Rows of the table of further commands, and what is run for each, in the project folder.
 MORE = {
     "bagassets inspect BAG": ["inspect ../recordings/drive_1.bag"],
-    "bagassets explain BAG ASSET": ["explain drive_1.bag frames"],
+    "bagassets explain BAG ASSET, explain DATASET": [
+        "explain drive_1.bag frames",
+        "explain nuscenes_dataset",
+    ],
     "bagassets build --dry-run, --check": ["build", "build --dry-run", "build --check"],
     "bagassets check, report, view SCENE": ["check", "report", "view --list", "view drive_3_000"],
     "bagassets digest, watch": ["digest ../recordings/drive_1.bag", "watch --once ../recordings"],

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 from bagassets.alike import names_text, told_once
 from bagassets.build.build_report import Remark
-from bagassets.build.plan import State
 from bagassets.escaping import visible
 from bagassets.quantities import count_text
 
@@ -16,18 +15,12 @@ if TYPE_CHECKING:
 
 __all__ = ["dry_run_json", "dry_run_lines", "verdict"]
 
-_VERBS: dict[State, str] = {
+_VERBS: dict[str, str] = {
     "missing": "run",
     "stale": "run",
     "unknown": "may run",
     "record-only": "record",
-    "failed": "failed",
     "skipped": "skip",
-}
-_OWN_VERBS = {
-    "missing": "run",
-    "stale": "run",
-    "unknown": "may run",
     "blocked": "waits",
     "failed": "failed",
 }
@@ -67,11 +60,11 @@ def _own_lines(own: "OwnWork") -> Iterator[str]:
     if own.project.problem:
         yield f"error: {visible(own.project.problem)}"
     for name in own.project.wanted:
-        listed = [(key, one) for other, key, one in own.having(*_OWN_VERBS) if other == name]
+        listed = [(key, one) for other, key, one in own.having(*_VERBS) if other == name]
         if listed:
             yield name
         for key, one in listed:
-            yield f"  {_OWN_VERBS[one.state]:<8} {f'{key}: ' if key else ''}{visible(one.reason)}"
+            yield f"  {_VERBS[one.state]:<8} {f'{key}: ' if key else ''}{visible(one.reason)}"
     for name, why in own.project.left_out.items():
         yield f"{name}\n  not made: {why}"
 

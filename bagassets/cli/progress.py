@@ -212,8 +212,6 @@ def planning_shown() -> Iterator[Callable[[int, int], None]]:
         yield show
 
 
-def progress_for(*, quiet: bool = False) -> BuildProgress:
+def progress_for() -> BuildProgress:
     """Return the display for standard error: live on a terminal, lines in a log."""
-    if quiet:
-        return SilentProgress()
     return LiveProgress() if sys.stderr.isatty() else LinesProgress()

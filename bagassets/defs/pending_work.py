@@ -73,7 +73,7 @@ class PendingWork:
         todo: recording that needs a run -> the assets to materialize.
         datasets: the datasets that the build was asked for.
         held: recording that is gone -> what its removal waits for; see `held_by_backfills`.
-        waits_for: what has to be made of recordings before it is known whether the datasets change; "" if nothing has.
+        others: state of the datasets that are not behind.
     """
 
     planned: InstancePlan
@@ -82,7 +82,7 @@ class PendingWork:
     todo: Mapping[str, tuple[str, ...]]
     datasets: tuple[str, ...]
     held: Mapping[str, str]
-    waits_for: str = ""
+    others: AssetState
 
     @property
     def plan(self) -> Plan:
@@ -116,15 +116,8 @@ class PendingWork:
     @property
     def dataset_states(self) -> dict[str, AssetState]:
         """The state of each dataset that the build was asked for."""
-        waits = (
-            AssetState("unknown", f"waits for {self.waits_for}")
-            if self.waits_for
-            else AssetState("fresh", "")
-        )
-        return {
-            name: AssetState("stale", self.behind[name]) if name in self.behind else waits
-            for name in self.datasets
-        }
+        stale = {name: AssetState("stale", why) for name, why in self.behind.items()}
+        return {name: stale.get(name, self.others) for name in self.datasets}
 
 
 def find_pending_work(
@@ -231,15 +224,15 @@ def _pending_work(
         ):
             todo[key] = assets
     behind = datasets_behind(instance, workspace, planned.inputs)
-    waits_for = _results_to_come(workspace, planned.plan, todo, options)
+    others = _not_behind(workspace, planned.plan, todo, options)
     held = held_by_backfills(instance, frozenset(planned.plan.removed))
-    return PendingWork(planned, behind, asked.recordings, todo, asked.datasets, held, waits_for)
+    return PendingWork(planned, behind, asked.recordings, todo, asked.datasets, held, others)
 
 
-def _results_to_come(workspace: Workspace, plan: Plan, todo: Iterable[str], options: BuildOptions) -> str:
-    """Return which results of which recordings are not known, or not recorded, that datasets are made from.
+def _not_behind(workspace: Workspace, plan: Plan, todo: Iterable[str], options: BuildOptions) -> AssetState:
+    """Return the state of datasets that are not behind: unknown while some result that they are made from is to come.
 
-    All datasets rest on one digest, so those of all formats count.
+    All datasets rest on one digest, so the results for all formats count.
     """
     parts = [kind.part for kind in formats() if kind.part in workspace.assets.names]
     read = workspace.assets.with_upstream(parts)
@@ -254,7 +247,8 @@ def _results_to_come(workspace: Workspace, plan: Plan, todo: Iterable[str], opti
         ]
         if to_come and bag.to_run(retry_failed=options.retry_failed, select=read):
             found.append(((), key, ", ".join(to_come[-len(parts) :])))
-    return "; ".join(f"{told.text} of {told.title}" for told in told_once(found, fewest=2))
+    waits_for = "; ".join(f"{told.text} of {told.title}" for told in told_once(found, fewest=2))
+    return AssetState("unknown", f"waits for {waits_for}") if waits_for else AssetState("fresh", "")
 
 
 def expected_moves(pending: PendingWork, recipe: Recipe) -> dict[str, tuple[str, str]]:
