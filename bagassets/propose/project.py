@@ -187,7 +187,7 @@ def write_project(
         RecipeError: the folder cannot be written, or its path is one that no `.env` can hold.
     """
     state = project / Recipe.model_fields["state"].default if state is None else state
-    files = dagster_files(project, state) | more
+    files = {**dagster_files(project, state), **more}
     if recipe_text is not None:
         files["recipe.yaml"] = recipe_text
     elif (project / "workspace.yaml").is_file():
