@@ -231,6 +231,10 @@ class TestChannels:
                 "CAM_FRONT: 24 of 100 packets (24%) were lost because they belong to incomplete revolutions. ",
             ),
             (
+                {"written": 1, "merged": 75, "lost": {"duplicate stamp": 24}},
+                "CAM_FRONT: 24 of 100 packets (24%) were lost because of duplicate stamps. ",
+            ),
+            (
                 {"written": 0, "lost": {"incomplete revolution": 100}},
                 "CAM_FRONT: 100 packets were read, but no file was written",
             ),
