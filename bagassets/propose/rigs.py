@@ -7,7 +7,7 @@ from typing import Literal
 
 from bagassets.decode.registry import types_of
 from bagassets.errors import CalibrationError
-from bagassets.propose.description import described, description_in
+from bagassets.propose.description import described
 from bagassets.propose.frames import EgoFrame, connected, propose_ego_frame
 from bagassets.propose.grouping import Group
 from bagassets.propose.naming import channel_name, free_name, tokens, word_set
@@ -90,7 +90,8 @@ def propose_rig(
         channels[name], reasons[name] = sensor, reason
     ego = propose_ego_frame(summary, sensors, odometry_of(summary))
     urdf: TopicUse | None = None
-    if description := description_in(summary) if urdfs else None:
+    description = next((topic for topic in summary.topics.values() if urdfs and topic.urdf), None)
+    if description is not None:
         try:
             more = described(summary, description.urdf)
         except CalibrationError as err:
