@@ -62,6 +62,15 @@ def test_problems_get_a_column_only_if_there_are_any():
     assert lines[-1].endswith("no definition")
 
 
+def test_what_bytes_that_are_no_header_say_is_not_shown():
+    cut = topic("/x", problem="its messages do not fit", frame_ids=["%&B0\x00", "]"])
+    assert describe_inventory(inventory([cut])).splitlines()[-1].split() == [
+        "/x", "sensor_msgs/msg/Imu", "100", "99.50", "0.250", "s", "-", "-", "its", "messages", "do", "not", "fit",
+    ]  # fmt: skip
+    known = topic("/x", problem="no definition")
+    assert "imu_link" in describe_inventory(inventory([known]))
+
+
 def test_empty_recording():
     text = describe_inventory(inventory([], start_ns=None, end_ns=None, duration_s=0.0))
     assert "span      no messages" in text

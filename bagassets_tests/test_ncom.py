@@ -272,7 +272,7 @@ class TestPoses:
         entry = ("/ncom", ETHERNET, at(0.011), ethernet(at(0.011), bytes(damaged)))
         made = Posed(tmp_path, NCOM, *packets(TIMES), entry)
         assert made.json["counts"]["lost"] == {"a checksum of its NCOM packet is wrong": 1}
-        with pytest.raises(LossLimitError, match="1 of 101 messages"):
+        with pytest.raises(LossLimitError, match="1 of 101 packets cannot be used"):
             Posed(tmp_path / "b", NCOM, *packets(TIMES), entry, limits=Limits(lost_messages=0.001))
 
     def test_several_packets_in_one_payload(self, tmp_path):

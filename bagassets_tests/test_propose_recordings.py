@@ -1,5 +1,6 @@
 """Scans of written recordings, and the recipes proposed from them."""
 
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +16,7 @@ from bagassets.propose.sensors import find_sensors, modality_of
 from bagassets.propose.summary import merge_recordings
 from bagassets.recipe import parse_recipe
 from bagassets.recordings.open import open_recording
+from bagassets.recordings.recording import Recording
 from bagassets_tests.ncom_data import ncom
 from bagassets_tests.sweep_data import vlp16_packets
 
@@ -81,6 +83,28 @@ class Bag:
                 data = b"x" if message is None else STORE1.serialize_ros1(message, msgtype)
                 writer.write(connections[key], time_ns, data)
         return scan(self.path)
+
+
+@pytest.mark.parametrize("duration_s", [0.4, 3.0])
+def test_no_message_is_read_twice(tmp_path, monkeypatch, duration_s):
+    path = write_drive(tmp_path / "drive.mcap", "mcap", duration_s=duration_s)
+    read, messages = Counter(), Recording.messages
+
+    def counted(recording, topics):
+        for message in messages(recording, topics):
+            read[message.topic, message.log_time_ns] += 1
+            yield message
+
+    monkeypatch.setattr(Recording, "messages", counted)
+    assert set(scan(path).short_s) == ({"/cam/image_raw", "/points"} if duration_s < 1 else set())
+    assert {topic for topic, _ in read} == {
+        "/cam/image_raw",
+        "/cam/camera_info",
+        "/points",
+        "/odom",
+        "/tf_static",
+    }
+    assert max(read.values()) == 1
 
 
 @pytest.mark.parametrize("file_format", ["ros1", "ros2", "mcap"])

@@ -231,6 +231,10 @@ class TestChannels:
                 "CAM_FRONT: 24 of 100 packets (24%) were lost because they belong to incomplete revolutions. ",
             ),
             (
+                {"written": 1, "merged": 75, "lost": {"duplicate stamp": 24}},
+                "CAM_FRONT: 24 of 100 packets (24%) were lost because of duplicate stamps. ",
+            ),
+            (
                 {"written": 0, "lost": {"incomplete revolution": 100}},
                 "CAM_FRONT: 100 packets were read, but no file was written",
             ),
@@ -313,12 +317,12 @@ class TestPoses:
     )  # fmt: skip
     def test_messages_without_pose_are_a_warning(self, lost, said):
         counts = {"read": 101, "written": 101 - sum(lost.values()), "merged": 0, "lost": lost}
-        (warning,) = poses_complete(counts, "/odom", 0.05)
+        (warning,) = poses_complete(counts, "messages of /odom", 0.05)
         assert warning.startswith(said)
         assert warning.endswith(
             "raise limits.reported_losses in the recipe; else name another source as ego_pose"
         )
-        (of_packets,) = poses_complete(counts, "/odom", 0.05, "packet")
+        (of_packets,) = poses_complete(counts, "packets of /odom", 0.05)
         assert of_packets == warning.replace("messages of", "packets of")
         finding = poses_cover_sensors(drive_along(), STAMPS, PosesCheck(), [warning])
         assert (finding.problems, finding.sentences, finding.weight("error")) == ([], [warning], "warn")
@@ -337,8 +341,8 @@ class TestPoses:
             "merged": 0,
             "lost": {"it is": number} if number else {},
         }
-        assert list(poses_complete(counts, "/odom", 0.05)) == []
-        assert len(list(poses_complete(counts, "/odom", 0.04))) == (number > 0)
+        assert list(poses_complete(counts, "messages of /odom", 0.05)) == []
+        assert len(list(poses_complete(counts, "messages of /odom", 0.04))) == (number > 0)
 
     def test_a_jump_is_named(self):
         (problem,) = poses_cover_sensors(drive_along(jump_at=50), STAMPS, PosesCheck()).problems

@@ -20,7 +20,7 @@ from bagassets.defs.workspace import Workspace
 from bagassets.lock_files import RUN_LOCKS
 from bagassets.recipe import load_recipe
 
-__all__ = ["build_definitions"]
+__all__ = ["build_definitions", "note_without_recipe"]
 
 
 def build_definitions(
@@ -79,3 +79,17 @@ def build_definitions(
         },
         executor=dg.in_process_executor if in_process else None,
     )
+
+
+def note_without_recipe(looked_for: Sequence[Path]) -> dg.Definitions:
+    """Return an asset that nothing makes, whose description says what to do; commands show that as a warning.
+
+    Args:
+        looked_for: the recipes that are not there, below the current folder.
+    """
+    sentence = (
+        "No recipe yet: run `bagassets init PROJECT --bags FOLDER` and start Dagster in PROJECT; or `bagassets demo` (in a "
+        f"checkout, `make demo`), and reload this code location. {Path.cwd()} has no {' or '.join(map(str, looked_for))}."
+    )
+    logging.getLogger(__name__).warning(sentence)
+    return dg.Definitions(assets=[dg.AssetSpec("no_recipe_yet", description=sentence)])

@@ -3,14 +3,9 @@
 from dataclasses import replace
 
 from bagassets.geometry.urdf import urdf_edges
-from bagassets.propose.summary import RecordingSummary, TopicSummary
+from bagassets.propose.summary import RecordingSummary
 
-__all__ = ["described", "description_in"]
-
-
-def description_in(summary: RecordingSummary) -> TopicSummary | None:
-    """Return the topic with a robot description; None if there is none."""
-    return next((topic for topic in summary.topics.values() if topic.urdf), None)
+__all__ = ["described"]
 
 
 def described(summary: RecordingSummary, urdf: str) -> RecordingSummary:

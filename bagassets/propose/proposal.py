@@ -136,7 +136,7 @@ def propose_recipe(
     sheet.field(1, "shares: {train: 0.8, val: 0.2}")
     sheet.field(0, "nuscenes:")
     sheet.field(1, f"version: {yaml_scalar(f'v1.0-{_slug(name)}')}")
-    files = {urdf_name(rig): rig.urdf.urdf for rig in rigs if rig.urdf is not None}
+    files = {urdf_name(rig): rig.urdf.topic.urdf for rig in rigs if rig.urdf is not None}
     return Proposal(sheet.text(), rigs, bare, sheet.guesses, sheet.questions, files)
 
 

@@ -40,11 +40,12 @@ def write_rig(
     _write_transforms(sheet, rig)
     if rig.urdf is not None:
         line = f"urdf: {yaml_scalar(urdf_name(rig))}"
-        if rig.urdf_places:
-            sheet.guess(2, line, f"{rig.urdf.name}, for frames that TF does not connect")
+        if rig.urdf.status == "used":
+            sheet.guess(2, line, f"{rig.urdf.topic.name}, for frames that TF does not connect")
         else:
             sheet.note(
-                2, f"recorded on {rig.urdf.name}; it places no sensor unless channels name a `frame` of it:"
+                2,
+                f"recorded on {rig.urdf.topic.name}; it places no sensor unless channels name a `frame` of it:",
             )
             sheet.off(2, line)
     _write_pose(sheet, rig)

@@ -7,13 +7,13 @@ from typing import Literal
 
 from bagassets.decode.registry import types_of
 from bagassets.errors import CalibrationError
-from bagassets.propose.description import described, description_in
+from bagassets.propose.description import described
 from bagassets.propose.frames import EgoFrame, connected, propose_ego_frame
 from bagassets.propose.grouping import Group
 from bagassets.propose.naming import channel_name, free_name, tokens, word_set
 from bagassets.propose.poses import PoseProposal, odometry_of, propose_pose
 from bagassets.propose.sensors import LeftOut, Sensor, find_sensors
-from bagassets.propose.summary import RecordingSummary, TopicSummary
+from bagassets.propose.summary import RecordingSummary
 from bagassets.propose.topic_uses import TopicUse, uses_of
 
 __all__ = ["ClockProposal", "RigProposal", "boxes_in", "propose_rig"]
@@ -47,8 +47,7 @@ class RigProposal:
         annotations: topics with boxes, the one to use first.
         left_out: topics that could be a sensor's.
         summary: what the recordings hold, with the joints of the URDF.
-        urdf: topic whose robot description is offered as the rig's URDF; None if there is none, or TF places all sensors.
-        urdf_places: it places sensors, so it is proposed, not only mentioned.
+        urdf: a robot description that is used as the rig's URDF, or left out as it places no sensor; None if TF places all.
     """
 
     name: str
@@ -62,14 +61,12 @@ class RigProposal:
     annotations: list[str]
     left_out: list[LeftOut]
     summary: RecordingSummary
-    urdf: TopicSummary | None = None
-    urdf_places: bool = False
+    urdf: TopicUse | None = None
 
     @property
     def topic_uses(self) -> list[TopicUse]:
         """What becomes of each topic."""
-        urdf = None if self.urdf is None else (self.urdf, self.urdf_places)
-        return uses_of(self.summary, self.channels, self.pose, self.annotations, self.left_out, urdf)
+        return uses_of(self.summary, self.channels, self.pose, self.annotations, self.left_out, self.urdf)
 
 
 def propose_rig(
@@ -92,8 +89,9 @@ def propose_rig(
         name, reason = channel_name(sensor.modality, sensor.topic.name, sensor.topic.frames, channels, alone)
         channels[name], reasons[name] = sensor, reason
     ego = propose_ego_frame(summary, sensors, odometry_of(summary))
-    urdf, urdf_places = None, False
-    if description := description_in(summary) if urdfs else None:
+    urdf: TopicUse | None = None
+    description = next((topic for topic in summary.topics.values() if urdfs and topic.urdf), None)
+    if description is not None:
         try:
             more = described(summary, description.urdf)
         except CalibrationError as err:
@@ -101,9 +99,12 @@ def propose_rig(
         else:
             other = propose_ego_frame(more, sensors, odometry_of(more))
             placed = _placed(summary, ego, sensors)
-            urdf = description if placed < (len(sensors), True) else None
-            if urdf_places := _placed(more, other, sensors) > placed:
-                summary, ego = more, other
+            if _placed(more, other, sensors) > placed:
+                summary, ego, urdf = more, other, TopicUse(description, "used", "URDF")
+            elif placed < (len(sensors), True):
+                urdf = TopicUse(
+                    description, "left out", "a URDF that places no sensor; a comment in the recipe"
+                )
     return RigProposal(
         name=_rig_name(match, taken, next(iter(summary.robots), "")),
         match=match,
@@ -117,7 +118,6 @@ def propose_rig(
         left_out=left_out,
         summary=summary,
         urdf=urdf,
-        urdf_places=urdf_places,
     )
 
 

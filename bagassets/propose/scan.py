@@ -6,7 +6,6 @@ Messages are decoded as a build decodes them, by plug-ins, too: what a build wou
 """
 
 import re
-from collections import Counter
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from math import isfinite
@@ -89,7 +88,8 @@ def scan_recording(recording: Recording) -> RecordingSummary:
     static_topics = [name for name in topics if "static" in name and name in scan.topics]
     static = frozenset(edge for name in static_topics for edge in scan.topics[name].transforms)
     sensors = {topic.name for topic in topics.values() if topic.count > 0 and modality_of(topic) is not None}
-    summary = RecordingSummary(topics, transforms, moving, _short_s(recording, sensors), robots, static)
+    short_s = {name: scan.topics[name].length_s for name in sorted(sensors) if scan.topics[name].is_short}
+    summary = RecordingSummary(topics, transforms, moving, short_s, robots, static)
     radars = [sensor.topic.name for sensor in find_sensors(summary)[0] if sensor.modality == "radar"]
     pose = propose_pose(summary, "base_link").fields
     movers = [pose["topic"]] if "topic" in pose and pose["source"] != "ncom" else transform_topics(summary)
@@ -135,6 +135,7 @@ class _Scan:
         until_ns: float | None = None
         for message in self._recording.messages(sorted(waiting)) if waiting else ():
             topic = self.topics[message.topic]
+            topic.see(message.log_time_ns)
             if isinstance(message.data, ForeignBytes):
                 topic.misfit = topic.misfit or message.data.reason
                 continue
@@ -143,9 +144,11 @@ class _Scan:
             if until_ns is not None and message.log_time_ns > until_ns:
                 return
             if message.topic in waiting:
-                topic.take(message, self._recording)
                 most = _BULK_MESSAGES if message.msgtype in self.bulk else _MESSAGES
-                if topic.is_enough(most if seconds is not None else _LATE_MESSAGES):
+                most = most if seconds is not None else _LATE_MESSAGES
+                if not topic.is_enough(most):
+                    topic.take(message, self._recording)
+                if topic.is_enough(most) and (seconds is None or topic.is_short is not None):
                     waiting.discard(message.topic)
             if not waiting or (seconds is None and all(self.topics[name].count for name in waiting)):
                 return
@@ -157,14 +160,16 @@ class _TopicScan:
     Attributes:
         problem: why no message can be decoded.
         misfit: why a message could not be decoded.
-        count: messages read, but for those of another type than the topic.
+        count: messages decoded or tried, but for those of another type than the topic.
         transforms: edge -> the values that it had.
+        length_s: time between the first and the last message that were read.
     """
 
     def __init__(self, topic: Topic) -> None:
         self.problem = topic.problem
         self.misfit: str | None = None
-        self.count = self._decoded = 0
+        self.count = self._decoded = self._seen = self._first_ns = 0
+        self.length_s = 0.0
         self._summary = _summary_of(topic)
         self.transforms: dict[Edge, list[SE3]] = {}
         self._decoders: dict[AnyFamily, Decode] = {}
@@ -175,6 +180,19 @@ class _TopicScan:
         self._offsets_s: list[float] = []
         self._has_unset_stamps = False
         self._recorded: list[RecordedTimes] = []
+
+    def see(self, log_time_ns: int) -> None:
+        """Note the time of a message, decoded or not."""
+        self._first_ns = self._first_ns if self._seen else log_time_ns
+        self.length_s = (log_time_ns - self._first_ns) / 1e9
+        self._seen += 1
+
+    @property
+    def is_short(self) -> bool | None:
+        """Whether the recording has too little of the topic for a scene; None if it is not known yet."""
+        if self.length_s >= _SHORTEST_SCENE_S:
+            return False
+        return True if self._seen == self._summary.count else None
 
     def is_enough(self, most: int) -> bool:
         """Tell whether enough messages were read; more of them as long as none can be used."""
@@ -348,25 +366,6 @@ _FACTS: Mapping[AnyFamily, Callable[[Facts, Decode, Message, str], None]] = {
     "camera_info": _camera_info,
     "packets": _packets,
 }
-
-
-def _short_s(recording: Recording, topics: Collection[str]) -> dict[str, float]:
-    """Return topic -> time between its first and last message, of those of `topics` that are too short for a scene."""
-    spans_ns: dict[str, tuple[int, int]] = {}
-    seen = Counter[str]()
-    waiting = set(topics)
-    for message in recording.messages(sorted(topics)) if topics else ():
-        now_ns = message.log_time_ns
-        first_ns, _ = spans_ns.setdefault(message.topic, (now_ns, now_ns))
-        spans_ns[message.topic] = first_ns, now_ns
-        seen[message.topic] += 1
-        if now_ns - first_ns >= _SHORTEST_SCENE_S * 1e9:
-            waiting.discard(message.topic)
-        # One that starts late, or is slow, may well be long enough.
-        if not waiting or now_ns - next(iter(spans_ns.values()))[0] > _SECONDS * 1e9:
-            break
-    ended = [name for name in sorted(waiting) if seen[name] == recording.topics[name].count]
-    return {name: (spans_ns[name][1] - spans_ns[name][0]) / 1e9 for name in ended}
 
 
 def _moves(values: list[SE3]) -> bool:

@@ -1,4 +1,4 @@
-"""What the counts of channels and poses are of: of messages, but for those of many packets, and for transforms."""
+"""What the counts of channels and poses are of: messages, or what one message has many of."""
 
 from bagassets.json_types import JsonMapping
 
@@ -8,11 +8,7 @@ _OF_PACKETS = {"incomplete revolution", "position packet"}
 
 
 def counted_in_channel(counts: JsonMapping) -> str:
-    """Return `message`, or `packet` for a lidar whose revolutions are made of packets; only those are merged.
-
-    Args:
-        counts: of one channel (merged, lost).
-    """
+    """Return `message` or, by counts (merged, lost), `packet` where revolutions are made of packets: only those are merged."""
     return "packet" if counts.get("merged") or _OF_PACKETS & counts.get("lost", {}).keys() else "message"
 
 

@@ -56,7 +56,9 @@ def _facts(inventory: JsonMapping) -> list[tuple[str, str]]:
 
 
 def _row(topic: JsonMapping) -> list[str]:
-    offset = topic["header_offset_s"]
+    offset, frames = topic["header_offset_s"], topic["frame_ids"]
+    if topic["problem"] and not all(map(str.isprintable, frames)):  # taken from bytes that are no header
+        offset, frames = None, ()
     return [
         _clipped(topic["name"]),
         _clipped(topic["type"]),
@@ -64,7 +66,7 @@ def _row(topic: JsonMapping) -> list[str]:
         "-" if topic["rate_hz"] is None else f"{topic['rate_hz']:.2f}",
         "-" if topic["max_gap_s"] is None else f"{topic['max_gap_s']:.3f} s",
         "-" if offset is None else f"{offset['median']:+.3f} s",
-        _clipped(", ".join(topic["frame_ids"])) or "-",
+        _clipped(", ".join(frames)) or "-",
         _clipped(topic["problem"] or ""),
     ]
 

@@ -56,8 +56,8 @@ def _trajectory(evidence: Evidence) -> Trajectory:
 def _lost_poses(evidence: Evidence) -> Iterator[str]:
     counts = evidence.artifact("ego_poses").read_json("ego_poses.json")["counts"]
     pose = evidence.rig.ego_pose
-    limit = evidence.recipe.limits.reported_losses
-    return poses_complete(counts, getattr(pose, "topic", "TF"), limit, counted_in_poses(pose.source))
+    what = f"{counted_in_poses(pose.source)}s of {getattr(pose, 'topic', 'TF')}"
+    return poses_complete(counts, what, evidence.recipe.limits.reported_losses)
 
 
 def _artifacts_of(
