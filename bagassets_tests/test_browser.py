@@ -19,6 +19,7 @@ from scripts.browser import Browser
 
 pytestmark = [
     pytest.mark.long,
+    pytest.mark.once,
     pytest.mark.xdist_group("ui"),
     pytest.mark.skipif(shutil.which("chromium") is None, reason="Debian: apt-get install chromium"),
 ]
