@@ -106,7 +106,7 @@ def test_the_report_has_what_checks_found_when_they_ran(made):
     _, instance, workspace = made
     planned = plan_instance(instance, workspace)
     verdicts = list(check_bag(workspace.recipe, workspace.store, planned.discovery, planned.plan.bags[KEY]))
-    problems, passed = findings_on_record(instance, workspace)[KEY]
+    problems, passed = (of[KEY] for of in findings_on_record(instance, workspace))
     failed = [one for one in verdicts if not one.finding.passed]
     assert passed == len(verdicts) - len(failed)
     assert sorted(map(astuple, problems)) == sorted(

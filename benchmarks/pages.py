@@ -35,6 +35,7 @@ from benchmarks.scale import scale_table
 from benchmarks.slurm import scaling_table, slurm_table
 from benchmarks.small import small_table
 from benchmarks.soak import soak_table
+from benchmarks.windows import report_opened
 
 __all__ = ["FIGURES", "MARK", "NOT_YET", "RESULTS", "pages", "with_figures"]
 
@@ -76,6 +77,7 @@ FIGURES: dict[str, tuple[str, Callable[[Any], str]]] = {
     "slurm": ("slurm", slurm_table),
     "slurm model": ("slurm", scaling_table),
     "soak": ("soak", soak_table),
+    "windows report": ("windows", report_opened),
 }
 """Name in a page -> the file that has its figures (without `.json`), and how they are worded."""
 

@@ -5,7 +5,7 @@ are one statement, and take a quarter less room; they are not in the log of thei
 """
 
 import json
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any
@@ -82,36 +82,30 @@ def _compact(serialized: str) -> str:
 
 def findings_on_record(
     instance: dg.DagsterInstance, workspace: Workspace
-) -> Mapping[str, tuple[Sequence[Problem], int]]:
-    """Return recording -> what its checks found, and how many found nothing, if they were run on what is recorded last."""
+) -> tuple[Mapping[str, Sequence[Problem]], Mapping[str, int]]:
+    """Return recording -> what its checks found, and how many found nothing, if they ran on what is recorded last."""
     storage, names = instance.event_log_storage, workspace.names
-    checks = [
-        dg.AssetCheckKey(names.key(asset), check.name)
-        for group in check_groups(workspace.recipe).values()
-        for asset, of_asset in group.items()
-        for check in of_asset
+    groups = [group for of in check_groups(workspace.recipe).values() for group in of.items()]
+    checks = [dg.AssetCheckKey(names.key(asset), one.name) for asset, of_asset in groups for one in of_asset]
+    latest = [
+        (info.check_key, info.partition_key, info.latest_execution_status)
+        for info in storage.get_asset_check_partition_info(checks)
+        if info.partition_key is not None and info.is_current
     ]
-    found: defaultdict[str, tuple[list[Problem], int]] = defaultdict(lambda: ([], 0))
-    failed: defaultdict[dg.AssetCheckKey, dict[str, Any]] = defaultdict(dict)
-    for info in storage.get_asset_check_partition_info(checks):
-        if info.partition_key is None or not info.is_current:
-            continue
-        problems, passed = found[info.partition_key]
-        found[info.partition_key] = problems, passed + (info.latest_execution_status.value == _SUCCEEDED)
-        if info.latest_execution_status.value == _FAILED:
-            failed[info.check_key][info.partition_key] = info.latest_execution_status
-    for check, wanted in failed.items():
-        cursor, status = None, {*wanted.values()}
+    problems: defaultdict[str, list[Problem]] = defaultdict(list)
+    for check in checks:
+        wanted = {key: status for one, key, status in latest if one == check and status.value == _FAILED}
+        cursor = None
         while wanted:  # newest first, so that the first of a recording is the one that counts
-            records = storage.get_asset_check_execution_history(check, _BATCH, cursor, status)
-            for record in records:
+            history = storage.get_asset_check_execution_history(check, _BATCH, cursor, {*wanted.values()})
+            for record in history:
                 if record.partition in wanted and record.event is not None:
                     del wanted[record.partition]
-                    found[record.partition][0].append(_problem(_evaluation(record.event)))
-            if len(records) < _BATCH:
+                    problems[record.partition].append(_problem(_evaluation(record.event)))
+            if len(history) < _BATCH:
                 break
-            cursor = records[-1].id
-    return found
+            cursor = history[-1].id
+    return problems, Counter(key for _, key, status in latest if status.value == _SUCCEEDED)
 
 
 def _problem(evaluation: Any) -> Problem:

@@ -51,7 +51,7 @@ _PAGE_HEADERS = {
 # words may break there, and pictures shrink. The third cell has the value if the second one has the time.
 _ROWS = "[class*=etadataEntr] td"
 _STYLE = f"""<style>{_ROWS}:not(:first-child){{overflow-wrap:anywhere}}{_ROWS}:nth-child(3):has(*){{width:100%}}
-{_ROWS} td:nth-child(n){{min-width:8ch;width:auto;overflow-wrap:anywhere}}{_ROWS} th{{overflow-wrap:normal}}
+{_ROWS} td:nth-child(n){{min-width:7ch;width:auto;overflow-wrap:anywhere}}{_ROWS} th{{overflow-wrap:normal}}
 {_ROWS} img{{max-width:100%}}</style></head>""".encode()
 
 

@@ -28,11 +28,11 @@ def write_report(
         return dg.MetadataValue.md(f"`bagassets report` writes it (more than {MOST_RECORDINGS} recordings)")
     try:
         data = report_data(workspace.recipe, workspace.store, planned.plan)
-        found = findings_on_record(instance, workspace)
-        recordings = []
-        for recording in data.recordings:
-            problems, passed = found.get(recording.key, ((), 0))
-            recordings.append(replace(recording, problems=problems, checks_passed=passed))
+        problems, passed = findings_on_record(instance, workspace)
+        recordings = [
+            replace(one, problems=problems.get(one.key, ()), checks_passed=passed.get(one.key, 0))
+            for one in data.recordings
+        ]
         write_page(report_path(workspace.recipe), report_page(replace(data, recordings=recordings)))
     except (BagAssetsError, OSError) as err:  # the dataset is as good without it
         return dg.MetadataValue.md(f"It could not be written: {markdown(str(err))}")

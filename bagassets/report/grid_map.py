@@ -62,7 +62,7 @@ def grid_map(
         path = " ".join(f"{x},{y}" for x, y in pixels)
         parts.append(f'<polyline points="{path}" stroke="{colour}" {title}</polyline>')
         parts.append(f'<circle cx="{x}" cy="{y}" r="3" fill="{colour}"/>')
-    return "\n".join([*parts, *_names(drawn, frame), "</svg>"])
+    return "\n".join([*parts, *_names(drawn, width, frame.height), "</svg>"])
 
 
 def legend(routes: Iterable[tuple[str, str, str]]) -> str:
@@ -82,30 +82,27 @@ def legend(routes: Iterable[tuple[str, str, str]]) -> str:
     return f'<div class="legend">{items}</div>'
 
 
-def _names(drawn: Sequence[tuple[str, str, Points]], frame: "_Frame") -> Iterator[str]:
+def _names(drawn: Sequence[tuple[str, str, Points]], width: float, height: float) -> Iterator[str]:
     """Yield the names of routes, each at one of its ends or in its middle, where no other name is."""
-    taken: list[tuple[float, float, float, float]] = []
+    taken: list[tuple[float, float, float]] = []
     for key, colour, pixels in drawn if len(drawn) <= _MOST_NAMES else ():
         wide = len(key) * _LETTER_PX
-        for x, y in (pixels[0], pixels[-1], pixels[len(pixels) // 2]):
-            for left, below in (
-                (x + 6, y - 6),
-                (x + 6, y + 16),
-                (x - 6 - wide, y - 6),
-                (x - 6 - wide, y + 16),
-            ):
-                box = left, below - _LINE_PX, left + wide, below
-                if frame.has_room(box) and not any(_overlap(box, other) for other in taken):
-                    break
-            else:
-                continue
-            taken.append(box)
-            yield f'<text class="name" x="{left:.1f}" y="{below:.1f}" style="fill:{colour}">{html(key)}</text>'
-            break
+        places = (
+            (left, below, left + wide)
+            for x, y in (pixels[0], pixels[-1], pixels[len(pixels) // 2])
+            for left in (x + 6, x - 6 - wide)
+            for below in (y - 6, y + 16)
+            if left >= 0 and left + wide <= width and _LINE_PX <= below <= height - 20
+        )
+        free = next((place for place in places if not any(_overlap(place, other) for other in taken)), None)
+        if free is not None:
+            taken.append(free)
+            yield f'<text class="name" x="{free[0]:.1f}" y="{free[1]:.1f}" style="fill:{colour}">{html(key)}</text>'
 
 
-def _overlap(a: tuple[float, float, float, float], b: tuple[float, float, float, float]) -> bool:
-    return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
+def _overlap(a: tuple[float, float, float], b: tuple[float, float, float]) -> bool:
+    """Tell whether two lines of text (left, bottom, right) overlap."""
+    return a[0] < b[2] and b[0] < a[2] and abs(a[1] - b[1]) < _LINE_PX
 
 
 def _middle(routes: Sequence[Points]) -> tuple[float, float]:
@@ -147,11 +144,6 @@ class _Frame:
         x = (self.width - self.wide_m * self.scale) / 2 + (point[0] - self.left) * self.scale
         y = self.height - (self.height - self.high_m * self.scale) / 2 - (point[1] - self.bottom) * self.scale
         return round(x, 1), round(y, 1)
-
-    def has_room(self, box: tuple[float, float, float, float]) -> bool:
-        """Tell whether a box (left, top, right, bottom) lies in the picture, above the note about the grid."""
-        left, top, right, bottom = box
-        return left >= 0 and top >= 0 and right <= self.width and bottom <= self.height - 20
 
     def grid(self) -> list[str]:
         """Return lines every 1, 2 or 5 times a power of ten metres."""

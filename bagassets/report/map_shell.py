@@ -46,12 +46,7 @@ _WAYS = """
                 var style = {color: split.colour, weight: 4, radius: 4, fill: true};
                 var line = lines[way.key] = L.polyline(way.points, {color: split.colour, weight: 4});
                 line.bindTooltip(tooltip(way), {sticky: true}).addTo(layer);
-                var start = L.circleMarker(way.points[0], style).addTo(layer);
-                if (named) {
-                    var key = document.createElement("span");
-                    key.textContent = way.key;
-                    start.bindTooltip(key, {permanent: true, direction: "auto"});
-                } else { start.bindTooltip(tooltip(way)); }
+                L.circleMarker(way.points[0], style).bindTooltip(tooltip(way), {permanent: named}).addTo(layer);
                 every.push.apply(every, way.points);
             });
             name.textContent = "\u25a0 " + split.name;
@@ -63,9 +58,8 @@ _WAYS = """
         L.control.layers({}, overlays, {collapsed: false}).addTo(map);
         document.querySelectorAll("#beside [data-way]").forEach(function (name) {
             var line = lines[name.dataset.way];
-            name.addEventListener("mouseenter", function () { line.setStyle({weight: 10}).bringToFront(); });
-            name.addEventListener("mouseleave", function () { line.setStyle({weight: 4}); });
-            name.addEventListener("click", function () { map.fitBounds(line.getBounds(), {maxZoom: 17}); });
+            name.onmouseenter = function () { line.setStyle({weight: 10}).bringToFront(); };
+            name.onmouseleave = function () { line.setStyle({weight: 4}); };
         });
     })();
 {% endmacro %}

@@ -24,6 +24,8 @@ _MOST_GAPS = 5
 _MOST_PROBLEMS = 500
 _COUNTS = ("images", "sweeps", "poses", "boxes", "scenes", "keyframes")
 _SINGULAR = {"boxes": "box"}
+_FACTS = ("state", "reason", "format", "rig", "split", "size", "start_ns", "duration_s", "length_m", "daylight", "counts",
+          "boxes", "lost")  # fmt: skip
 _COLOURS = {"error": "failed", "warn": "stale"}
 
 
@@ -71,23 +73,8 @@ def report_json(data: ReportData) -> JsonObject:
         "recordings": [
             {
                 "recording": recording.key,
-                "state": recording.state,
-                "reason": recording.reason,
-                "format": recording.format,
-                "rig": recording.rig,
-                "split": recording.split,
-                "size": recording.size,
-                "start_ns": recording.start_ns,
-                "duration_s": recording.duration_s,
-                "length_m": recording.length_m,
-                "daylight": recording.daylight,
-                "counts": dict(recording.counts),
-                "boxes": dict(recording.boxes),
-                "gaps": [
-                    {"topic": gap.topic, "number": gap.number, "longest_s": gap.longest_s}
-                    for gap in recording.gaps
-                ],
-                "lost": list(recording.lost),
+                **{name: getattr(recording, name) for name in _FACTS},
+                "gaps": [asdict(gap) for gap in recording.gaps],
                 "checks": {
                     "passed": recording.checks_passed,
                     "problems": [asdict(one) for one in recording.problems],

@@ -8,7 +8,6 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from bagassets.escaping import html
 from bagassets.json_types import JsonObject
 from bagassets.report.grid_map import NamedRoute, grid_map, legend, thinned
 from bagassets.report.map_shell import FALLBACK_MARK, WAYS_MARK
@@ -82,7 +81,7 @@ def trajectory_map_page(routes: Sequence[MapRoute], shell: str) -> str:
     fallback = _FALLBACK.format(
         css=MAP_CSS,
         svg=_grids(routes),
-        legend=_legend(on_earth),
+        legend=_legend(routes),
         elsewhere=_elsewhere(routes),
         script=LEGEND_SCRIPT,
     )
@@ -117,9 +116,7 @@ def _elsewhere(routes: Sequence[MapRoute]) -> str:
     if not lost:
         return ""
     summary = f"<summary>{len(lost)} without a position on Earth</summary>"
-    names = ", ".join(html(key) for key, _, _ in lost)
-    box = f"{summary}{grid_map(lost, on_earth=False, width=400)}<p>{names}</p>"
-    return f"<details>{box}</details>"
+    return f"<details>{summary}{grid_map(lost, on_earth=False, width=400)}</details>"
 
 
 def _grid_page(routes: Sequence[MapRoute]) -> str:

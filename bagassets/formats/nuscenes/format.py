@@ -77,7 +77,7 @@ NUSCENES = Format(
 
 Samples, sweeps and maps are links to artifacts. The tables are swapped in one step, so that readers never see half a
 dataset. `dataset.lock.json` names every recording and artifact, and the recordings that were skipped or failed.""",
-    kinds=frozenset({"nuscenes", "dataset"}),
+    kinds=frozenset({"nuscenes"}),  # with another one, the Catalog shortens the name of the asset
     settings=NuScenes,
     part=NUSCENES_TABLES.name,
     assets=(NUSCENES_TABLES,),
