@@ -6,8 +6,10 @@ import re
 import signal
 import socket
 import subprocess
+import sys
 from contextlib import suppress
 from http.client import HTTPConnection
+from importlib.metadata import version
 from pathlib import Path
 from urllib.parse import quote
 from urllib.request import Request, urlopen
@@ -55,6 +57,17 @@ def ask(url, query):
 
 def servers_of(project):
     return [client.process.pid for client in Client.all_of(project / ".bagassets")]
+
+
+@pytest.mark.parametrize("missing", ["dagster_webserver", "uvicorn"])
+def test_without_the_web_server_it_says_what_to_install(missing, tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, missing, None)
+    assert main(["ui", "--recipe", str(make_project(tmp_path) / "recipe.yaml")]) == 1
+    [line] = capsys.readouterr().err.splitlines()
+    assert line == (
+        "error: the web UI needs dagster-webserver, which is not installed here, or not with all that it requires: "
+        f"`pip install dagster-webserver=={version('dagster')}`. Builds, the sensor and all other commands do without."
+    )
 
 
 def test_it_shows_the_project_and_leaves_nothing_behind(project):

@@ -107,6 +107,8 @@ def test_the_build_says_what_this_version_makes_again(built):
     expected = f"made again: {', '.join(raised)} of a.mcap, as far as this version of bagassets makes them differently"
     assert [line.partition(" (see")[0] for line in lines] == ([expected] if raised else [])
     assert all(re.search(r"; about \d+ s, going by what they took before$", line) for line in lines)
+    differences = re.findall(r"^  (\w+) [a-z]+ ", (built / "said.txt").read_text(), re.MULTILINE)
+    assert set(differences) == {*raised}
 
 
 def test_the_dataset_is_the_same(project, built):

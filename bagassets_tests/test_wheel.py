@@ -247,3 +247,33 @@ def test_type_checkers_see_its_types(programs, away):
     )
     said = run(*mypy, "--ignore-missing-imports", "--follow-imports", "silent", "use.py", cwd=away)
     assert "Recipe" in said.splitlines()[0]
+
+
+def test_what_is_optional_can_be_uninstalled_as_the_docs_say(programs, away):
+    """The last test of this file, since the environment lacks something from now on."""
+    page = (ROOT / "docs" / "install.md").read_text("utf-8")
+    listed = re.findall(r"^- `pip uninstall ([^`]+)` saves", page, re.MULTILINE)
+    assert len(listed) == 2
+    run(programs / "bagassets", "sample", "more/drive.mcap", "--duration", "2", cwd=away)
+    for name in ("with", "without"):
+        if name == "without":
+            packages = " ".join(listed).split()
+            run(programs / "python", "-m", "pip", "uninstall", "--quiet", "--yes", *packages, cwd=away)
+        run(programs / "bagassets", "init", name, "--bags", "more", cwd=away)
+        run(programs / "bagassets", "build", cwd=away / name)
+    one, other = (
+        {path.name: path.read_bytes() for path in (away / name / "dataset").rglob("*") if path.is_file()}
+        for name in ("with", "without")
+    )
+    same = {name for name in one if not name.endswith(".json")}
+    assert len(same) > 50
+    assert {name: one[name] for name in same} == {name: other[name] for name in same}
+    done = subprocess.run(
+        [programs / "bagassets", "ui", "--no-browser"],
+        cwd=away / "without", env=bare_environment(), capture_output=True, text=True, check=False, timeout=60,
+    )  # fmt: skip
+    assert done.returncode == 1
+    [line] = done.stderr.splitlines()
+    assert re.match(
+        r"error: the web UI needs dagster-webserver, .*: `pip install dagster-webserver==1\.", line
+    )

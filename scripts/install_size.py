@@ -1,7 +1,7 @@
 """Measure how much disk space an installation takes, and which packages take it.
 
-    python scripts/install_size.py                      # measures, writes benchmarks/results/install_size.json
-    python scripts/install_size.py --print              # the table of docs/install.md from that file
+    python -m scripts.install_size                      # measures, writes benchmarks/results/install_size.json
+    python -m scripts.install_size --print              # the table of docs/install.md from that file
 
 Makes an environment with the Python that runs this, installs the checkout with the versions of `requirements.lock`,
 as `pip install .` does, and adds up the files of each package. The environment is removed in the end.
@@ -16,30 +16,35 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from scripts.licences import required
+
 ROOT = Path(__file__).parents[1]
 RESULT = ROOT / "benchmarks" / "results" / "install_size.json"
 SHOWN = 8
 MB = 1e6
 
-# What each large package is for; one that is not listed here is shown without a reason.
+NEEDED = "needed"
+# What each large package is for, and how to do without.
 REASONS = {
-    "llvmlite": "compiles loops over images and points; optional",
-    "pyarrow": "Parquet: poses, boxes, indexes",
-    "opencv-python-headless": "decodes, undistorts and encodes images",
-    "dagster": "the assets, runs and their records",
-    "dagster-webserver": "the web UI",
-    "numpy": "arrays",
-    "grpcio": "of Dagster: talks to code servers",
-    "sqlalchemy": "of Dagster: its database",
-    "zstandard": "unpacks recordings",
+    "llvmlite": ("compiles loops over images and points", "uninstall it: the same bytes, more slowly"),
+    "pyarrow": ("Parquet: poses, boxes, indexes", NEEDED),
+    "opencv-python-headless": ("decodes, undistorts and encodes images", NEEDED),
+    "dagster": ("the assets, runs and their records", NEEDED),
+    "dagster-webserver": ("the web UI", "uninstall it where only builds or the daemon run"),
+    "numpy": ("arrays", NEEDED),
+    "grpcio": ("of Dagster: talks to code servers", NEEDED),
+    "sqlalchemy": ("of Dagster: its database", NEEDED),
+    "zstandard": ("unpacks recordings", NEEDED),
 }
+# Packages that may be missing, with all that only they require.
+OPTIONAL = ("llvmlite", "dagster-webserver")
 
 _SIZES = """
 import importlib.metadata, json
 sizes = {}
 for one in importlib.metadata.distributions():
     files = {str(file.locate().resolve()) for file in one.files or ()}
-    sizes[one.metadata["Name"].lower()] = [one.version, sorted(files)]
+    sizes[one.metadata["Name"].lower().replace("_", "-").replace(".", "-")] = [one.version, sorted(files)]
 print(json.dumps(sizes))
 """
 
@@ -70,11 +75,18 @@ def measure() -> dict[str, Any]:
             for name, (version, files) in json.loads(found.stdout).items()
         }
         total = sum(map(size_of, map(str, Path(folder).rglob("*"))))
+        compiled = sum(map(size_of, map(str, Path(folder).rglob("*.pyc"))))
+    alone = {name: sorted(required() - required(without=name)) for name in OPTIONAL}
     return {
         "python": platform.python_version(),
         "system": platform.system(),
         "machine": platform.machine(),
         "total_bytes": total,
+        "compiled_bytes": compiled,
+        "optional": {
+            name: {"packages": names, "bytes": sum(packages[one]["bytes"] for one in names)}
+            for name, names in alone.items()
+        },
         "packages": dict(sorted(packages.items(), key=lambda item: -item[1]["bytes"])),
     }
 
@@ -89,17 +101,33 @@ def table(result: dict[str, Any]) -> str:
     """Return the largest packages as Markdown, and the sum of all."""
     packages = list(result["packages"].items())
     rows = [
-        f"| `{name}` | {one['bytes'] / MB:.0f} | {REASONS.get(name, '')} |" for name, one in packages[:SHOWN]
+        f"| `{name}` | {one['bytes'] / MB:.0f} | {' | '.join(REASONS.get(name, ('', '')))} |"
+        for name, one in packages[:SHOWN]
     ]
     rest = result["total_bytes"] - sum(one["bytes"] for _, one in packages[:SHOWN])
     return "\n".join(
         [
-            "| package | MB | what for |",
-            "|---|--:|---|",
+            "| package | MB | what for | without it |",
+            "|---|--:|---|---|",
             *rows,
-            f"| {len(packages) - SHOWN} others | {rest / MB:.0f} | |",
-            f"| **all** | **{result['total_bytes'] / MB:.0f}** | |",
+            f"| {len(packages) - SHOWN} others | {rest / MB:.0f} | | |",
+            f"| **all** | **{result['total_bytes'] / MB:.0f}** | | |",
+            "",
+            *(_without(name, one) for name, one in result["optional"].items()),
+            f"- {result['compiled_bytes'] / MB:.0f} MB of all are compiled Python (`.pyc`): `pip install --no-compile` leaves out what is not imported later.",
         ]
+    )
+
+
+def _without(name: str, one: dict[str, Any]) -> str:
+    """Return how to do without an optional package, and what that saves."""
+    others = (
+        ""
+        if len(one["packages"]) == 1
+        else ", with all that only it requires; in an environment that has nothing else"
+    )
+    return (
+        f"- `pip uninstall {' '.join(one['packages'])}` saves {one['bytes'] / MB:.0f} MB: `{name}`{others}."
     )
 
 

@@ -96,14 +96,21 @@ def _extras() -> list[str]:
     )
 
 
-def required(extra: str = "") -> set[str]:
-    """Return the names of all packages that bagassets requires here, itself not included."""
+def required(extra: str = "", without: str = "") -> set[str]:
+    """Return the names of all packages that bagassets requires here, itself not included.
+
+    Args:
+        extra: of bagassets, whose packages are included.
+        without: a package that is left out, with all that only it requires.
+    """
     found: set[str] = set()
     waiting = [("bagassets", extra)]
     while waiting:
         name, wanted = waiting.pop()
         for one in _requirements(name, wanted):
             key = canonicalize_name(one.name)
+            if key == without:
+                continue
             new = [(key, more) for more in one.extras]
             if key not in found:
                 found.add(key)

@@ -182,7 +182,7 @@ def _dry_run(recipe: Path, options: "BuildOptions", *, check: bool, as_json: boo
         for line in dry_run_lines(pending, own_work) if not check else ():
             echo_lines(line)
         if again:
-            echo(again)
+            echo_lines(again)
         print_remarks(remarks, summary_console())
         for key, (was, now) in moved.items():
             echo(f"{key} would move from {was} to {now}; pin it in `splits.pinned` to keep it where it is.")

@@ -4,6 +4,7 @@ import os
 import signal
 import sys
 import time
+from importlib.util import find_spec
 from pathlib import Path
 from types import FrameType
 
@@ -11,6 +12,7 @@ import click
 
 from bagassets.cli.options import recipe_option
 from bagassets.cli.terminal import echo
+from bagassets.errors import BagAssetsError
 
 __all__ = ["ui"]
 
@@ -55,6 +57,13 @@ def ui(
     There is no password. Requests that other sites make with your browser are refused: those to a host name that is
     not the UI's own, and those from their pages.
     """
+    if find_spec("dagster_webserver") is None or find_spec("uvicorn") is None:
+        from importlib.metadata import version
+
+        raise BagAssetsError(
+            "the web UI needs dagster-webserver, which is not installed here, or not with all that it requires: "
+            f"`pip install dagster-webserver=={version('dagster')}`. Builds, the sensor and all other commands do without."
+        )
     from bagassets.defs.services import Services
 
     signals = _Signals()

@@ -78,7 +78,8 @@ def preload(modules: list[str]) -> Iterator[object]:
     _apply_dotenv()
     _stand_in_for_script()
     for module in _AHEAD:
-        import_module(module)
+        with suppress(ModuleNotFoundError):  # not all is required: dateutil comes with the web UI
+            import_module(module)
     share_migrations()
     for module in modules:
         preload_definitions(module)
