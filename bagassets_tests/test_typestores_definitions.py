@@ -1,6 +1,7 @@
 """Definitions that come with recordings or by hand: who wins, what they do to keys, messages that do not fit."""
 
 import struct
+from dataclasses import replace
 
 import pytest
 from mcap.writer import Writer as McapWriter
@@ -171,12 +172,16 @@ def write_mcap(path, definition, payloads, msgtype="my_msgs/msg/Pair", more=()):
 PAIR = b"\0\1\0\0" + struct.pack("<ff", 1.5, -2.5)
 
 
-def digest_with(tmp_path, name, definition):
+def digest_of(tmp_path, name, definition):
     path = write_mcap(tmp_path / f"{name}.mcap", definition, [PAIR, PAIR])
     inventory, pack = inventory_of(path, tmp_path / name)
     with pack:
-        values = [pack.decode(message).first for message in pack.messages(["/pair"])]
-    return inventory.topic("/pair").digest, values
+        return inventory.topic("/pair").digest, [pack.decode(message) for message in pack.messages(["/pair"])]
+
+
+def digest_with(tmp_path, name, definition):
+    digest, messages = digest_of(tmp_path, name, definition)
+    return digest, [message.first for message in messages]
 
 
 def test_a_definition_that_makes_other_numbers_of_the_same_bytes_changes_the_topics_digest(tmp_path):
@@ -192,6 +197,22 @@ def test_comments_and_blanks_in_a_definition_change_nothing(tmp_path):
     one, _ = digest_with(tmp_path, "one", "float32 first\nfloat32 second\n")
     commented, _ = digest_with(tmp_path, "two", "# A pair.\n\nfloat32   first # one\nfloat32 second\n")
     assert one == commented
+
+
+def test_line_ends_of_windows_in_a_definition_change_nothing(tmp_path):
+    fields = "float32 first\nfloat32 second\nstring NAME=pair\n"
+    text = f"uint8 MODE=1 # a constant\nInner inner\n{RULE}MSG: my_msgs/Inner\n{fields}"
+    one, _ = digest_of(tmp_path, "one", text)
+    windows, (message, _) = digest_of(tmp_path, "windows", text.replace("\n", "\r\n"))
+    assert (one, message.inner.first, message.inner.NAME) == (windows, 1.5, "pair")
+
+
+@pytest.mark.parametrize("definition", [Definition("msg", WHERE), Definition("idl", WHERE_IDL)])
+def test_line_ends_of_windows_mean_nothing_in_either_language(definition):
+    windows = replace(definition, text=definition.text.replace("\n", "\r\n"))
+    read, expected = (choice_of("my_msgs/msg/Where", "cdr", one, []) for one in (windows, definition))
+    assert isinstance(read, Choice), read
+    assert read.best.digest == expected.best.digest
 
 
 def test_constants_change_the_digest_because_decoders_may_read_them(tmp_path):

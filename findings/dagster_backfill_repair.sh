@@ -50,8 +50,9 @@ defs = dg.Definitions([images, dataset], jobs=[repair], sensors=[again])
 PYTHON
 cat >follow.py <<'PYTHON'
 import json
+import os
+import signal
 import subprocess
-import sys
 import time
 import urllib.request
 from pathlib import Path
@@ -105,7 +106,7 @@ def ended():
 
 
 log = Path("log").open("wb")
-server = subprocess.Popen(["dagster", "dev", "-f", "drives.py", "-p", str(PORT)], stdout=log, stderr=log)
+server = subprocess.Popen(["dagster", "dev", "-f", "drives.py", "-p", str(PORT)], stdout=log, stderr=log, start_new_session=True)
 try:
     wait("the web UI", 60, lambda: ask("{version}"))
     what = {"assetSelection": [{"path": ["images"]}, {"path": ["dataset"]}], "partitionNames": ["good", "slow", "bad"]}
@@ -116,6 +117,7 @@ try:
 finally:
     server.terminate()
     server.wait(60)
+    os.killpg(server.pid, signal.SIGKILL)  # its code servers stay for a minute
 print("backfill:", status, counts)
 print("asset:", images, " downstream:", dataset)
 assert (status, images) == ("COMPLETED_FAILED", {"numMaterialized": 3, "numFailed": 0})

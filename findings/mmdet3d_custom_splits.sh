@@ -2,9 +2,9 @@
 # What do the info files of mmdetection3d (tools/create_data.py nuscenes) hold for a dataset with splits of its own in splits.json,
 # which nuscenes-devkit 1.2 reads? Guess: they follow it, or refuse. Seen with mmdet3d 1.4.0 on 2026-11-28: neither. A scene whose
 # name is not in nuScenes' own list of training scenes goes to validation: for names of one's own the training file is empty, the
-# validation file has everything, those meant for training included, and the exit status is 0. Its evaluation then asks
-# for nuScenes' own `val`, too. Further silent changes: a category outside of ten keeps its long name, which no model knows; the
-# velocity of a box without neighbours is NaN. Six cameras are expected by name, else it is a KeyError.
+# validation file has everything, those meant for training included, and the exit status is 0. Further silent changes: a category
+# outside of ten keeps its long name, which no model knows; the velocity of a box without neighbours is NaN. By its source,
+# NuScenesMetric then evaluates on nuScenes' own `val` as well, and a rig without all six cameras is a KeyError.
 # The converter is the file in the wheel, and the devkit the real one; torch and what else mmdet3d imports is 2 GB that this path
 # does not use, so four helpers of mmengine are stood in for.
 set -euo pipefail

@@ -404,7 +404,8 @@ def _plain(description: object) -> object:
 
 def _parsed(definition: Definition, msgtype: str) -> Types:
     if definition.format == "msg":
-        return get_types_from_msg(definition.text, msgtype)
+        # The parser does not take the carriage returns of files from Windows, which ROS does.
+        return get_types_from_msg(definition.text.replace("\r\n", "\n"), msgtype)
     if _OPERATOR.search(_IDL_TEXT.sub("", definition.text)):
         raise ValueError("it computes")
     types: Typesdict = {}
