@@ -481,6 +481,24 @@ def test_label_files_named_after_parts_are_those_of_the_drive_unless_it_has_its_
     assert (file.name, file.path.name) == ("{stem}.json", "drive.json")
 
 
+def test_frames_of_parts_count_on_in_order_of_time(cut):
+    """However the recipe lists the parts; as files of 7, 7 and 5 clouds, of which the middle one has no labels."""
+    names = ("drive_2.bag", "drive_0.bag", "drive_1.bag")
+    (recording,) = discover(bags(cut, series={"drive": names})).recordings.values()
+    times = {"by": "topic", "topic": "/points"}
+    (entry,) = label_sources(
+        {"format": "kitti_labels", "path": "{stem}.txt", "frame": "lidar", "times": times}
+    )
+    for number in (0, 2):
+        (cut / f"drive_{number}.txt").write_text("")
+    found = find_labels([entry], recording)["{stem}.txt"].parts
+    assert {one.part: one.frames for one in found} == {
+        "drive_0.bag": (0, 7),
+        "drive_1.bag": (7, 7),
+        "drive_2.bag": (14, 5),
+    }
+
+
 @pytest.mark.parametrize("name", ["drive.bag", "drive_1.bag", "drive_*.bag", "drive*"])
 def test_a_recording_is_chosen_by_the_names_of_its_parts(cut, name):
     recordings = discover(bags(cut)).recordings
