@@ -29,6 +29,7 @@ endef
 $(VENV)/.made: pyproject.toml requirements.lock
 	$(call need,$(PYTHON))
 	$(call own,$(VENV))
+	@echo "Making the environment $(VENV), once: some minutes, most of them for downloads"
 	"$(PYTHON)" -m venv --clear $(VENV)
 	@touch $(VENV)/.by-make
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
@@ -42,6 +43,7 @@ $(VENV)/.made: pyproject.toml requirements.lock
 # --no-deps pip would refuse the numpy 2 in it for Pythons that have no other.
 $(DEVKIT)/.made: requirements-devkit.lock
 	$(call need,$(DEVKIT_PYTHON))
+	@echo "Making the environment $(DEVKIT), once: some minutes, most of them for downloads"
 	"$(DEVKIT_PYTHON)" -m venv --clear $(DEVKIT)
 	$(DEVKIT)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps -r requirements-devkit.lock
 	touch $@

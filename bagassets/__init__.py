@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = ["RecordingDatasets", "Report", "__version__", "build", "open_dataset"]
 
-__version__ = "0.1.0"
+__version__ = "0.2.0.dev0"
 
 # `build` is the package of that name, which can be called.
 _HOMES = {

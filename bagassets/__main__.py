@@ -7,6 +7,8 @@ server meanwhile. A command that only reads is carried out by that server, if it
 import os
 import sys
 
+from bagassets.unread_pipe import outliving_reader
+
 __all__ = ["main", "run"]
 
 # Commands that only read, or may (`build --check`).
@@ -53,6 +55,8 @@ def _main() -> int:
         # Names of recordings are UTF-8, whatever the locale; Python can only be started with that.
         os.execve(sys.executable, sys.orig_argv, os.environ | {"PYTHONUTF8": "1"})  # noqa: S606  (no shell)
     arguments = sys.argv[1:]
+    if arguments[:1] != ["watch"]:  # which would go on for ever
+        sys.stdout, sys.stderr = outliving_reader(sys.stdout), outliving_reader(sys.stderr)
     handed_over = None
     if arguments[:1] == ["build"]:
         from bagassets.freshness.decide import nothing_to_do, plain_build

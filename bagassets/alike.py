@@ -1,10 +1,10 @@
-"""Telling once what holds for many recordings: sentences that are the same, or differ in their numbers only."""
+"""Saying once what holds for many recordings: sentences that are the same, or differ in their numbers only."""
 
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-__all__ = ["Told", "names_text", "told_once"]
+__all__ = ["Told", "names_text", "told_once", "without_path"]
 
 _FEWEST = 4
 _MOST_NAMED = 3
@@ -12,6 +12,9 @@ _SPACES = re.compile(r"(\s+)")
 # A number or a time (ISO 8601), in what may surround it: brackets, a unit, a full stop.
 _NUMBER = re.compile(r"(\W*?)(\d{4}-\d\d-\d\dT[\d:.]+Z|-?\d+(?:\.\d+)?)(\D*)")
 _HERE = "\0"
+# A sentence may begin with the recording, also in a column, or behind its path.
+_PRONOUN = re.compile(r"(?:^|(?<=  )|(?<=…: ))its?\b")
+_OF_EACH = {"it": "each", "its": "their"}
 
 
 def names_text(names: Sequence[str]) -> str:
@@ -27,7 +30,8 @@ class Told:
     Attributes:
         kind: what they have in common besides, such as the check that found it.
         names: the recordings.
-        text: the sentence; of several, it has the range of numbers that differ, and `…` for the name of each recording.
+        text: the sentence; of several, it has the range of numbers that differ, and `…` for the name of each recording,
+            and it is about each of them.
     """
 
     kind: tuple[str, ...]
@@ -46,8 +50,8 @@ def told_once(found: Iterable[tuple[tuple[str, ...], str, str]], fewest: int = _
     """Return each sentence with the recordings that it is about, in the order in which they are met first.
 
     Args:
-        found: kind, name of the recording and sentence; only what is of one kind is told together.
-        fewest: fewer are told one by one.
+        found: kind, name of the recording and sentence; only what is of one kind is grouped.
+        fewest: fewer are listed one by one.
     """
     split: dict[tuple[str, str], tuple[list[str], tuple[str, ...]]] = {}
     alike: dict[tuple[tuple[str, ...], tuple[str, ...]], list[tuple[str, list[str]]]] = {}
@@ -66,7 +70,8 @@ def told_once(found: Iterable[tuple[tuple[str, ...], str, str]], fewest: int = _
             names = tuple(name for name, _ in same)
             different = {id(words): words for _, words in same}.values()
             columns = zip(*different, strict=True)
-            told.append(Told(kind, names, "".join(_summed_up(column, names[0]) for column in columns)))
+            text = "".join(_summed_up(column, names[0]) for column in columns)
+            told.append(Told(kind, names, _PRONOUN.sub(lambda found: _OF_EACH[found[0]], text)))
     return told
 
 
@@ -97,3 +102,9 @@ def _without(name: str, word: str, stand_in: str) -> str:
 
 def _value(number: str) -> float:
     return 0.0 if "T" in number else float(number)
+
+
+def without_path(key: str, text: str) -> str:
+    """Return a sentence about a recording without the path that it begins with, for where the key stands before it."""
+    path, colon, rest = text.partition(": ")
+    return rest if colon and path.startswith("/") and path.replace("/", "__").endswith(f"__{key}") else text

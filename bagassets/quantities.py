@@ -1,6 +1,6 @@
 """Numbers as people read them: with a noun in the singular or plural, or with a unit."""
 
-__all__ = ["count_text", "readable_bytes", "readable_length", "readable_time"]
+__all__ = ["count_text", "readable_bytes", "readable_length", "readable_time", "span_text"]
 
 
 def count_text(number: int, noun: str) -> str:
@@ -30,3 +30,14 @@ def readable_time(seconds: float) -> str:
 def readable_length(length_m: float) -> str:
     """Return a length in metres with a unit: `12 m`, `1.2 km`."""
     return f"{length_m:.0f} m" if length_m < 999.5 else f"{length_m / 1000:,.1f} km"
+
+
+def span_text(seconds: float | None) -> str:
+    """Return a duration: `7.5 s`, `2:03 min`, `1:02:03 h`."""
+    if seconds is None:
+        return ""
+    if seconds < 60:
+        return f"{seconds:.1f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02}:{rest:02} h" if hours else f"{minutes}:{rest:02} min"

@@ -32,7 +32,8 @@ class RecordingBuild:
             if graph.makes(name) and (outcome := graph.node(name).outcome) is not None:
                 yield AssetResult(name, outcome.artifact, outcome.action_digest, cached=True, seconds=0.0)
         if graph.node(SELECTION).skipped is not None:
-            yield Skipped(graph.node(SELECTION).skipped)
+            reason = graph.node(SELECTION).skipped
+            yield from (Skipped(name, reason) for name in graph.assets.names if graph.node(name).skipped)
             return
         states = graph.states()
         errors = {

@@ -33,7 +33,7 @@ def told(found):
 def test_equal_findings_are_one_with_the_first_few_named():
     found = [short(f"{number:03}.bag", 0.5) for number in range(300)]
     assert told(found) == [
-        ("300 recordings (000.bag, 001.bag, 002.bag and 297 more)", found[0][2]),
+        ("300 recordings (000.bag, 001.bag, 002.bag and 297 more)", found[0][2].replace("its ", "their ", 1)),
     ]
     assert told_once(found)[0].names == tuple(f"{number:03}.bag" for number in range(300))
 
@@ -42,7 +42,7 @@ def test_one_that_differs_is_told_beside_299_that_do_not():
     found = [short(f"{number:03}.bag", 0.5) for number in range(299)]
     other = (WARN, "other.bag", "the readings of LIDAR_TOP have no ego pose")
     assert told([*found[:100], other, *found[100:]]) == [
-        ("299 recordings (000.bag, 001.bag, 002.bag and 296 more)", found[0][2]),
+        ("299 recordings (000.bag, 001.bag, 002.bag and 296 more)", found[0][2].replace("its ", "their ", 1)),
         ("other.bag", other[2]),
     ]
 
@@ -53,10 +53,17 @@ def test_numbers_that_differ_become_their_range():
     assert told(found[:4]) == [
         (
             "4 recordings (0.bag, 1.bag, 2.bag and 1 more)",
-            "its 0.31 to 0.84 s are shorter than scenes.min_length_s (1); set that to 0",
+            "their 0.31 to 0.84 s are shorter than scenes.min_length_s (1); set that to 0",
         )
     ]
-    assert told(found)[0][1].startswith("its 0.31 to 10 s are")  # as numbers, not as texts
+    assert told(found)[0][1].startswith("their 0.31 to 10 s are")  # as numbers, not as texts
+
+
+def test_what_is_said_of_each_of_several_is_not_said_of_one():
+    found = [(WARN, f"{number}.bag", f"it has no scene: its {number}.5 s are too few") for number in range(4)]
+    assert told(found)[0][1] == "each has no scene: its 0.5 to 3.5 s are too few"
+    assert told(found[:3])[0] == ("0.bag", "it has no scene: its 0.5 s are too few")
+    assert told([(WARN, f"{number}", "items, itself") for number in range(4)])[0][1] == "items, itself"
 
 
 @pytest.mark.parametrize(
@@ -105,7 +112,7 @@ def test_a_name_that_is_part_of_other_words_does_not_change_them():
     assert [one.text for one in told_once(found)] == ["/bags/…/x.db3: a camera is cold"]
 
     found = [short(f"{number}", number + 0.5) for number in range(4)]
-    assert told(found)[0][1].startswith("its 0.5 to 3.5 s are")
+    assert told(found)[0][1].startswith("their 0.5 to 3.5 s are")
 
 
 def test_the_name_of_each_recording_in_its_sentence_makes_no_difference():
@@ -126,7 +133,7 @@ def sentence(key):
     return "something else" if key == KEYS[-1] else short(key, 0.5 + KEYS.index(key) / 1000)[2]
 
 
-TOLD = (TITLE, sentence(KEYS[0]).replace("0.5", "0.5 to 0.798"))
+TOLD = (TITLE, sentence(KEYS[0]).replace("its 0.5", "their 0.5 to 0.798"))
 
 
 def printed(show):
@@ -174,7 +181,7 @@ def test_status_and_dry_run_tell_reasons_once():
         for key in KEYS
     }
     pending = SimpleNamespace(
-        plan=Plan(bags, {}, ()), todo=dict.fromkeys(KEYS, ("frames",)), failed={}, datasets=()
+        plan=Plan(bags, {}, ()), todo=dict.fromkeys(KEYS, ("frames",)), failed={}, dataset_states={}
     )
     assert list(status._reasons(pending, bags)) == [
         f"{TOLD[0]}: frames stale: {TOLD[1]}",

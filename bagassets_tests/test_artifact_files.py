@@ -1,13 +1,18 @@
 """The pictures of the store, the map and the report, which `bagassets ui` serves, and nothing else."""
 
+import os
+import re
+
 import pytest
 from starlette.requests import Request
+from starlette.responses import HTMLResponse
+from starlette.routing import Route
 
 from bagassets.build.run_action import run_action
 from bagassets.defs.artifact_files import page_file, page_link, picture_file
-from bagassets.defs.webserver import page
+from bagassets.defs.webserver import page, styled
 from bagassets.errors import StoreError
-from bagassets.formats.report_data import map_path
+from bagassets.formats.report_data import map_path, report_path
 from bagassets.recipe import load_recipe
 from bagassets.store.action import Step
 from bagassets.store.store import Store
@@ -94,7 +99,16 @@ def test_pages_are_served_as_those_of_no_site(recipe, name):
 
 def test_the_pages_are_those_that_the_commands_write(recipe, tmp_path):
     assert page_file("map") == map_path(recipe)
-    assert page_file("report") == tmp_path / "report.html"
+    written = report_path(recipe)
+    assert page_file("report") == written  # with the dataset
+    written.parent.mkdir(parents=True, exist_ok=True)
+    written.touch()
+    by_command = tmp_path / "report.html"
+    by_command.touch()
+    for newer, older in ((by_command, written), (written, by_command)):
+        os.utime(older, (1, 1))
+        os.utime(newer, (2, 2))
+        assert page_file("report") == newer
     assert page_link("map") == "/bagassets/pages/map"
 
 
@@ -109,3 +123,17 @@ def test_a_page_that_was_not_made_says_what_makes_it(recipe, name, what):
 def test_there_are_no_other_pages(recipe, name):
     assert page_file(name) is None
     assert asked(name).status_code == 404
+
+
+@pytest.mark.parametrize(
+    ("path", "ours"), [("/", True), ("/{path:path}", True), ("/vendor/page.html", False)]
+)
+def test_long_words_wrap_on_the_pages_of_the_ui_and_nothing_else_changes(path, ours):
+    plain = "<html><head><title>Dagster</title></head><body></body></html>"
+    headers = {"Content-Security-Policy": "style-src 'unsafe-inline' 'self'"}
+    route = Route(path, lambda _: HTMLResponse(plain, headers=headers))
+    answer = styled(route).endpoint(None)
+    assert answer.headers["content-security-policy"] == headers["Content-Security-Policy"]
+    assert int(answer.headers["content-length"]) == len(answer.body)
+    assert ("overflow-wrap:anywhere" in answer.body.decode()) == ours
+    assert re.sub("<style>.*</style>", "", answer.body.decode(), flags=re.DOTALL) == plain

@@ -15,7 +15,8 @@ from bagassets.build.run_action import run_action
 from bagassets.build.summary_rows import summary_rows
 from bagassets.cli import progress
 from bagassets.cli.main import root
-from bagassets.cli.summary import counts_line, print_summary, span_text, splits_text, ui_command
+from bagassets.cli.summary import counts_line, print_summary, splits_text, ui_command
+from bagassets.quantities import span_text
 from bagassets.store.store import Store
 from bagassets_tests.recording_build import RECORDING_ASSETS
 

@@ -26,6 +26,7 @@ from bagassets.defs.events import event_database
 from bagassets.defs.exclusive import exclusive
 from bagassets.defs.runs import open_instance
 from bagassets.defs.worker_tag import RunWorker
+from bagassets.errors import BagAssetsError
 from bagassets.forkserver.client import Client
 from bagassets.forkserver.process import ProcessId
 from bagassets.forkserver.tasks import find_server
@@ -295,6 +296,35 @@ def test_a_killed_worker_fails_its_recording_and_the_build_goes_on(built):
     )
     built.write_text(text)
     assert recipe.nuscenes.output.is_dir()
+
+
+@pytest.mark.parametrize("victim", ["planner", pytest.param("server", marks=pytest.mark.long)])
+def test_what_is_killed_says_what_becomes_of_the_build(built, victim):
+    text = built.read_text()
+    built.write_text(
+        re.sub(r"/cam/image_raw(, quality: \d+)?", f"/cam/image_raw, quality: {30 + len(victim)}", text)
+    )
+    assert run(built, "--bag", KEYS[0], "--select", "bag").returncode == 0  # a server for this recipe
+    with find_server(built) as client:
+        process = client.process
+
+        def kill(event):
+            if event.kind == "started" and victim == "planner":
+                with find_server(built) as other:
+                    jobs = other.status()["jobs"]
+                    (planner,) = [job for job in jobs if job["function"].endswith("build_project_in_worker")]
+                    ProcessId.from_json(planner["process"]).send(signal.SIGKILL)
+            elif event.kind == "started":
+                process.send(signal.SIGKILL)
+
+        with pytest.raises(
+            BagAssetsError, match=r"ts runs end within seconds, .* the next build carries on"
+        ) as raised:
+            build_on_server(client, built, BuildOptions(jobs=1), kill, None)
+    assert "was killed" in str(raised.value)
+    again = run(built, "--json")
+    assert again.returncode == 0, again.stderr
+    built.write_text(text)
 
 
 def test_a_build_goes_through_the_launcher_that_dagster_yaml_names(tmp_path):

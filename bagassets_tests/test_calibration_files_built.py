@@ -84,7 +84,7 @@ class TestStale:
         found = planned.plan.bags[KEY].assets
         assert found["calibration"].state == "stale"
         assert found["calibration"].reason == "calibration file back/ost.yaml changed"
-        assert found["frames"].reason == "waits for calibration: calibration file back/ost.yaml changed"
+        assert found["frames"].reason == "waits for calibration — calibration file back/ost.yaml changed"
         fresh_ones = {name for name, state in states(planned, KEY).items() if state == "fresh"}
         assert {"bag", "inventory", "ego_poses"} <= fresh_ones
         assert main(["explain", KEY, "calibration", "--recipe", str(fresh)]) == 0

@@ -1,6 +1,8 @@
 """The real nuscenes-devkit loads, walks, renders and evaluates what we write."""
 
 import json
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +19,7 @@ from bagassets.store.store import Store
 pytestmark = [pytest.mark.devkit, pytest.mark.xdist_group("devkit")]
 
 VERSION = "v1.0-test"
+PAGE = (Path(__file__).parents[1] / "docs" / "devkit.md").read_text("utf-8")
 SPLITS = Splits(shares={"train": 0.5, "val": 0.5})
 
 
@@ -127,6 +130,47 @@ def test_what_the_drive_is_made_of_scores_perfectly_in_the_detection_evaluation(
             errors
         )
         assert errors["attr_err"] == 0.0
+
+
+def test_what_docs_devkit_says_of_it_is_so(dataroot, tmp_path):
+    """If a line fails, the devkit has changed: change docs/devkit.md, and perhaps what we write."""
+    seen = run_devkit("devkit_facts.py", dataroot, VERSION, tmp_path)
+    assert f"nuscenes-devkit {seen['version']}" in PAGE
+    splits = seen["splits"]
+    assert "this function cannot map to the correct NuScenes version" in splits["load_gt"]
+    assert splits["by_tokens"] == splits["samples"] > 0
+    assert splits["val"] == [150, 0]
+    assert "Requested split val which is not compatible with NuScenes version" in splits["val_refused"]
+    scenes, together = seen["listed"]
+    assert len(scenes) == 4
+    assert all(listed == boxes - last < boxes for listed, boxes, last in scenes)
+    assert together == "TypeError: '<' not supported between instances of 'dict' and 'dict'"
+    assert seen["tracking"] == "SkipTest: Skipping test as pandas was not found!"
+    assert seen["map_expansion"] == "AssertionError: Error: Unknown map name yard!"
+    assert seen["can_bus"].startswith("Exception: Error: CAN bus directory not found")
+    assert "The function is not implemented" in seen["video"]
+    assert seen["maps"]["log_in_no_map"].startswith("KeyError: ")
+    assert re.match(r"AssertionError: map mask .*gone\.png does not exist", seen["maps"]["no_picture"])
+    assert seen["radar"] == {
+        "valid": 2, "without_a_byte_more": "AssertionError", "no_target": "AssertionError",
+        "valid_by_its_docstring": 1, "nan_in_the_first": 0,
+    }  # fmt: skip
+    assert seen["evaluated"]["one_without_points"] == seen["evaluated"]["before"] - 1
+    assert seen["evaluated"]["without_lidar"] == "KeyError: 'LIDAR_TOP'"
+    assert seen["without_velocity"] == [0, len(boxes_of(dataroot)), len(boxes_of(dataroot))]
+    for words in (
+        together,
+        "this function cannot map",
+        "SkipTest",
+        "Unknown map name",
+        "map mask",
+        "KeyError: 'LIDAR_TOP'",
+    ):
+        assert words in PAGE, words
+
+
+def boxes_of(dataroot):
+    return json.loads((dataroot / VERSION / "sample_annotation.json").read_text())
 
 
 def test_a_dataset_without_recordings_loads_too(tmp_path):

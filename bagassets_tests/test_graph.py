@@ -141,8 +141,8 @@ def test_nothing_runs_while_a_graph_is_looked_at(project, ran):
     assert [node.name for node in graph.nodes()] == ["inventory", "poses", "boxes"]
     assert states(graph) == {
         "inventory": ("missing", "never made"),
-        "poses": ("unknown", "waits for inventory: never made"),
-        "boxes": ("unknown", "waits for inventory: never made"),
+        "poses": ("unknown", "waits for inventory — never made"),
+        "boxes": ("unknown", "waits for inventory — never made"),
     }
     assert graph.node("inventory").action is not None
     assert graph.node("poses").action is None
@@ -158,7 +158,7 @@ def test_a_graph_expands_as_what_is_above_becomes_known(project, ran):
     assert states(graph) == {
         "inventory": ("record-only", "the store has it, Dagster has no record"),
         "poses": ("missing", "never made"),
-        "images": ("unknown", "waits for poses: never made"),
+        "images": ("unknown", "waits for poses — never made"),
     }
     assert graph.node("images").parts == ()
     executed(graph)
@@ -170,8 +170,8 @@ def test_as_long_as_its_content_is_not_known_nothing_of_a_recording_is(project, 
     graph = project(step("poses", ran, INVENTORY), recorded={"poses": Recorded("1", "1")})
     graph = replace(graph, digest=None, bag=graph.bag._replace(state="stale", reason="size changed"))
     assert states(graph) == {
-        "inventory": ("missing", "waits for bag: size changed"),
-        "poses": ("unknown", "waits for bag: size changed"),
+        "inventory": ("missing", "waits for bag — size changed"),
+        "poses": ("unknown", "waits for bag — size changed"),
     }
 
 
@@ -194,10 +194,10 @@ def test_what_a_recording_holds_can_decide_what_a_node_depends_on(project, ran, 
 
     poses = step("poses", ran, INVENTORY)
     clouds = channels("clouds", ran, {"LIDAR": "/points"}, INVENTORY, poses, waits_for=needs)
-    assert states(project(poses, clouds))["clouds"] == ("unknown", "waits for inventory: never made")
+    assert states(project(poses, clouds))["clouds"] == ("unknown", "waits for inventory — never made")
     executed(project(poses, clouds, wanted={"inventory"}))
     state = states(project(poses, clouds))["clouds"]
-    assert state == (("unknown", "waits for poses: never made") if waits else ("missing", "never made"))
+    assert state == (("unknown", "waits for poses — never made") if waits else ("missing", "never made"))
 
 
 # --- execution ----------------------------------------------------------------------------
@@ -228,7 +228,7 @@ def test_a_failure_costs_what_depends_on_it_and_nothing_else(project, ran):
     # It is on record: the plan tells, and runs nothing.
     again = project(poses, places, boxes)
     assert states(again)["poses"] == ("failed", "poses is not to be made")
-    assert states(again)["boxes"] == ("unknown", "waits for poses: poses is not to be made")
+    assert states(again)["boxes"] == ("unknown", "waits for poses — poses is not to be made")
     assert ran["poses"] == 1
 
 
@@ -264,7 +264,7 @@ def test_a_recording_that_takes_no_part_has_an_inventory_only(project, ran):
     assert failed == {}
     reason = graph.node("selection").skipped
     assert reason.endswith("bags.min_duration_s asks for 100 s")
-    assert made == ["inventory", reason]
+    assert made == ["inventory", reason, reason]
     assert states(graph)["boxes"] == states(graph)["poses"] == ("skipped", reason)
     assert not ran
 
@@ -432,9 +432,16 @@ def test_what_is_the_same_under_another_code_version_is_only_recorded(project, r
     graph = project(poses)
     executed(graph)
     recorded = recorded_assets(graph)
-    recorded["poses"] = replace(recorded["poses"], code_version="0")
-    reason = "recipe or step version changed, the result did not"
-    assert states(project(poses, recorded=recorded))["poses"] == ("record-only", reason)
+    version, digest = recorded["poses"].code_version.split("-")
+    for before, changed in {
+        f"0-{digest}": "the step version",
+        f"{version}-0": "the recipe or a library version",
+        f"{version}-{digest}-0": "the installed decoder plug-ins",
+        f"0-{digest}-0": "the step version and the installed decoder plug-ins",
+    }.items():
+        recorded["poses"] = replace(recorded["poses"], code_version=before)
+        found = states(project(poses, recorded=recorded))["poses"]
+        assert found == ("record-only", f"{changed} changed, the result did not")
 
 
 def test_a_plan_names_the_artifacts_of_channels(project, ran):

@@ -5,6 +5,7 @@ import re
 import runpy
 import shlex
 import shutil
+import subprocess
 import sys
 import tomllib
 from textwrap import dedent
@@ -21,6 +22,7 @@ from bagassets.propose.project import dagster_home
 from bagassets.recipe import load_recipe
 from bagassets.recordings.discover import discover
 from bagassets_tests.in_process import build, make_project
+from bagassets_tests.services import BIN
 from bagassets_tests.small_drive import START_NS, STORE1, messages, write_drive
 
 
@@ -250,6 +252,20 @@ def test_what_dg_loads_is_the_recipe_of_the_project(init, tmp_path):
     (named,) = {
         settings["project"][key] for key in ("root_module", "defs_module", "code_location_target_module")
     }
+    ruff = [
+        BIN / "ruff",
+        "check",
+        "--isolated",
+        "--select",
+        "ALL",
+        "--ignore",
+        "D203,D213,CPY001,INP001,COM812",
+    ]
+    for command in (ruff, [BIN / "ruff", "format", "--check", "--isolated"]):
+        checked = subprocess.run(
+            [*command, project / f"{named}.py"], capture_output=True, text=True, check=False
+        )
+        assert checked.returncode == 0, checked.stdout
     # The name by which `.env` is found; without it the web UI and the launcher would know no recipe.
     paths = yaml.safe_load((project / "dagster.yaml").read_text())["secrets"]["custom"]["config"][
         "location_paths"

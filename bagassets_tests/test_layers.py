@@ -26,6 +26,7 @@ LAYERS = [
         "alike",
         "garbage",
         "interrupts",
+        "unread_pipe",
     ),
     ("errors",),
     ("extensions",),

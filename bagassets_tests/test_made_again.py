@@ -6,7 +6,8 @@ import pytest
 
 from bagassets.build.made_again import made_again
 from bagassets.build.plan import AssetState, BagPlan, Plan, Recorded
-from bagassets.formats.catalogue import recording_assets
+from bagassets.build.planner import Planner
+from bagassets.formats.catalogue import known_assets, recording_assets
 from bagassets.quantities import readable_time
 from bagassets.recipe.load import parse_recipe
 from bagassets_tests.small_drive import RECIPE
@@ -29,7 +30,7 @@ class Actions:
 def said(tmp_path):
     assets = recording_assets(parse_recipe(RECIPE.format(name="x", root="bags"), tmp_path / "recipe.yaml"))
 
-    def of(*bags, jobs=1, store=None, sizes=1000):
+    def of(*bags, jobs=1, store=None, sizes=1000, runs=0):
         """Bags: (key, assets that are not fresh, those whose version was raised), or their names alone for frames."""
         plan, recorded = {}, {}
         for key, states, raised in bags:
@@ -40,12 +41,15 @@ def said(tmp_path):
                 name: Recorded("d", f"{assets[name].version - (name in raised)}-0123456789ab", action=name)
                 for name in assets.names
             } | {"bag": Recorded("d", "0")}
-        todo = dict.fromkeys(plan, ("bag", *assets.names))
-        return made_again(
-            Plan(plan, {}, ()), recorded, todo, dict.fromkeys(plan, sizes), assets, store or Actions(), jobs
-        )
+        todo = dict.fromkeys(plan, (sizes, ("bag", *assets.names)))
+        planner = Planner(assets, store or Actions())
+        return made_again(planner, Plan(plan, {}, ()), recorded, todo, jobs, runs or len(plan))
 
     return of
+
+
+def first_line(text):
+    return text.partition("\n")[0]
 
 
 STATES = {"frames": "stale", "nuscenes_tables": "unknown", "preview": "unknown"}
@@ -53,18 +57,18 @@ STATES = {"frames": "stale", "nuscenes_tables": "unknown", "preview": "unknown"}
 
 def test_frames_of_all_recordings_are_told_once_with_the_time_that_they_took(said):
     bags = [(f"{number:03}.bag", STATES, {"frames"}) for number in range(300)]
-    # A pass of 60 s, and 10 s each for the tables and the pictures made of it: 300 times, two at a time.
-    assert said(*bags, jobs=2) == (
+    # A pass of 60 s, and 10 s each for the tables and the pictures made of it: 300 times, two at a time, in 20 runs.
+    assert first_line(said(*bags, jobs=2, runs=20)) == (
         f"made again: frames of 300 recordings (000.bag, 001.bag, 002.bag and 297 more), {WHY}; about 3.3 h, going by what "
         "they took before"
     )
-    hours = 300 * (60 + 2 * 10) / 2 / 3600
+    hours = (20 + 300 * (60 + 2 * 10)) / 2 / 3600
     assert hours == pytest.approx(3.3, abs=0.05)
 
 
 def test_only_what_was_raised_is_named_and_only_what_follows_takes_time(said):
     touched = dict.fromkeys(("bag", "inventory", "calibration", *STATES), "unknown")
-    assert said(("a.bag", touched, {"frames"})).startswith(f"made again: frames of a.bag, {WHY}; about 80 s,")
+    assert said(("a.bag", touched, {"frames"})).startswith(f"made again: frames of a.bag, {WHY}; about 81 s,")
     both = said(("a.bag", STATES, {"frames", "nuscenes_tables"}), ("b.bag", STATES, {"nuscenes_tables"}))
     assert both.startswith(f"made again: frames, nuscenes_tables of a.bag; nuscenes_tables of b.bag, {WHY}; ")
 
@@ -78,10 +82,28 @@ def test_a_changed_recipe_or_recording_is_not_the_versions_fault(said):
 
 def test_without_records_of_the_time_none_is_told(said):
     gone = SimpleNamespace(action=lambda _: None, seconds=lambda _: 0.0)
-    assert said(("a.bag", STATES, {"frames"}), store=gone) == f"made again: frames of a.bag, {WHY}"
-    assert said(("a.bag", STATES, {"frames"}), sizes=0).endswith(
-        "; about 80 s, going by what they took before"
-    )
+    told = said(("a.bag", STATES, {"frames"}), store=gone)
+    assert first_line(told) == f"made again: frames of a.bag, {WHY}"
+    told = said(("a.bag", STATES, {"frames"}), sizes=0)
+    assert first_line(told).endswith("; about 81 s, going by what they took before")
+
+
+def test_each_asset_says_what_is_different_now(said):
+    states = {**STATES, "inventory": "stale", "calibration": "unknown"}
+    _, *lines = said(
+        ("a.bag", states, {"frames", "inventory"}), ("b.bag", states, {"inventory"})
+    ).splitlines()
+    assets = {asset.name: asset for asset in known_assets()}
+    assert lines == [
+        f"  {name} {assets[name].changes[assets[name].version]}" for name in ("inventory", "frames")
+    ]
+
+
+def test_versions_raised_since_the_first_release_say_what_they_changed():
+    released = {"inventory": 6, "calibration": 3, "ego_poses": 3, "frames": 5, "sweeps": 3, "preview": 6}
+    released |= {"nuscenes_tables": 6, "annotations": 3, "vision_sequences": 2}
+    for asset in known_assets():
+        assert list(asset.changes) == list(range(released[asset.name] + 1, asset.version + 1)), asset.name
 
 
 def test_rough_times_have_a_unit_that_fits():

@@ -12,6 +12,7 @@ from bagassets.defs.exclusive import exclusive
 from bagassets.defs.naming import Naming
 from bagassets.defs.partitions import RecordingPartitions, add_partitions, recording_partitions
 from bagassets.defs.runs import open_instance
+from bagassets.errors import RecordingError
 from bagassets.recipe import load_recipe
 from bagassets_tests.services import BIN, bare_environment, make_project
 from bagassets_tests.small_drive import write_drive
@@ -159,3 +160,39 @@ def test_recordings_that_another_process_registers_at_the_same_moment(project):
         assert set(keys) <= set(instance.get_dynamic_partitions("test_recordings"))
         for key in keys:
             instance.delete_dynamic_partition("test_recordings", key)
+
+
+def test_a_range_is_refused_with_what_to_do_instead(project):
+    command = [BIN / "dagster", "asset", "materialize", "-m", "bagassets.definitions", "--select", "*"]
+    done = subprocess.run(
+        [*map(str, command), "--partition-range", "a.bag...b.mcap"],
+        check=False, cwd=project, env=bare_environment(), capture_output=True, text=True, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert (
+        "so a range of partitions cannot be given; give one with --partition KEY"
+        in done.stderr.splitlines()[-1]
+    )
+    assert "Traceback" not in done.stderr
+
+
+def test_a_range_from_its_end_to_its_start_is_no_empty_one(project):
+    """Dagster makes nothing of it, and ends well; our assets take no range, but the user's own may."""
+    partitions = recording_partitions(load_recipe(project / "recipe.yaml").bags, Naming("range"))
+
+    @dg.asset(partitions_def=partitions, backfill_policy=dg.BackfillPolicy.single_run())
+    def own(context: dg.AssetExecutionContext) -> None:
+        assert context.partition_keys == ["a.bag", "b.bag"]
+
+    with dg.DagsterInstance.ephemeral() as instance:
+        instance.add_dynamic_partitions("range_recordings", ["a.bag", "b.bag"])
+
+        def materialize_range(start, end):
+            tags = {"dagster/asset_partition_range_start": start, "dagster/asset_partition_range_end": end}
+            return dg.materialize([own], instance=instance, tags=tags)
+
+        assert materialize_range("a.bag", "b.bag").success
+        with pytest.raises(
+            RecordingError, match=r"a\.bag was registered before b\.bag.*write a\.bag\.\.\.b\.bag"
+        ):
+            materialize_range("b.bag", "a.bag")

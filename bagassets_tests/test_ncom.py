@@ -252,7 +252,7 @@ class TestPoses:
             Posed(tmp_path / "c", NCOM, *packets(TIMES), *noise)
 
     def test_nobody_of_that_address(self, tmp_path):
-        with pytest.raises(PoseError, match=r"from /ncom: none of 100 messages gives a pose"):
+        with pytest.raises(PoseError, match=r"from /ncom: none of 100 packets gives a pose"):
             Posed(tmp_path, NCOM | {"sender": "1.2.3.4"}, *packets(TIMES))
 
     def test_packets_without_pose_are_accounted_for(self, tmp_path):

@@ -15,6 +15,7 @@ from bagassets.cli.main import root
 from bagassets.forkserver.client import Client
 from bagassets.forkserver.tasks import find_server
 from bagassets.recipe import load_recipe
+from bagassets.unread_pipe import outliving_reader
 from bagassets_tests.in_process import make_project
 
 pytestmark = [pytest.mark.xdist_group("on_server"), pytest.mark.once]
@@ -191,6 +192,25 @@ def test_whatever_it_writes_to_gets_the_same(served, shell):
     assert said(f"{sys.executable} -m bagassets") == said(
         f"env PYTHONHASHSEED=0 {sys.executable} -m bagassets"
     )
+
+
+@pytest.mark.parametrize(("command", "status"), [("status --json", 3), ("docs recipe", 0)])
+def test_a_reader_that_goes_away_does_not_change_the_status(served, command, status):
+    """Nobody has to be quick enough: what is written is more than a pipe holds, or its reader is gone at once."""
+    piped = f"set -o pipefail; {sys.executable} -m bagassets {command} | true"
+    done = subprocess.run(["bash", "-c", piped], cwd=served.parent, capture_output=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (status, b"", b"")
+
+
+def test_what_is_written_to_nobody_is_dropped():
+    read, write = os.pipe()
+    with os.fdopen(write, "w") as plain:
+        stream = outliving_reader(plain)
+        print("read", file=stream, flush=True)
+        assert os.read(read, 99) == b"read\n"
+        os.close(read)
+        for _ in range(2):
+            print("x" * 100_000, file=stream, flush=True)
 
 
 def test_a_full_disk_costs_the_command_and_not_the_server(served):

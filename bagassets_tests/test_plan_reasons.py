@@ -57,7 +57,7 @@ def test_a_parameter_of_one_camera(recipe):
     states = output(recipe)
     assert states["frames"] == ("stale", "CAM_FRONT: quality 90 -> 40")
     assert states["sweeps"] == ("fresh", "up to date")
-    assert states["nuscenes_tables"] == ("unknown", "waits for frames: CAM_FRONT: quality 90 -> 40")
+    assert states["nuscenes_tables"] == ("unknown", "waits for frames — CAM_FRONT: quality 90 -> 40")
 
 
 def test_parameters_of_both_cameras(recipe):
@@ -71,7 +71,7 @@ def test_a_channel_more(recipe):
     edit(recipe, "      LIDAR_TOP:", line)
     states = output(recipe)
     assert states["calibration"][0] == "stale"
-    assert states["frames"] == ("unknown", f"waits for calibration: {states['calibration'][1]}")
+    assert states["frames"] == ("unknown", f"waits for calibration — {states['calibration'][1]}")
     assert states["nuscenes_tables"] == states["frames"], "one chain of reasons, not one in another"
 
 
@@ -80,7 +80,7 @@ def test_a_change_that_cannot_matter(recipe):
     lacking = "      CAM_LEFT: {modality: camera, topic: /nowhere}\n      CAM_BACK:"
     edit(recipe, "      CAM_BACK:", lacking)
     states = output(recipe)
-    assert states["frames"] == ("record-only", "recipe or step version changed, the result did not")
+    assert states["frames"] == ("record-only", "the recipe or a library version changed, the result did not")
     assert states["inventory"] == states["sweeps"] == ("fresh", "up to date")
 
 
@@ -96,7 +96,7 @@ def test_a_result_that_is_gone_from_the_store(recipe):
     states = output(recipe)
     shutil.move(aside, store.artifact_folder(digest))
     assert states["calibration"] == ("stale", "its artifact is gone from the store")
-    assert states["annotations"] == ("unknown", "waits for calibration: its artifact is gone from the store")
+    assert states["annotations"] == ("unknown", "waits for calibration — its artifact is gone from the store")
 
 
 def test_a_record_that_is_gone_from_the_store(recipe):
@@ -145,7 +145,7 @@ def test_a_new_recording_was_never_made(recipe):
 def test_a_recording_that_was_touched_has_to_be_read(recipe):
     """The last one here: even with its old time the file is doubted from now on."""
     (recipe.parent / "bags" / KEY).touch()
-    why = "size or time changed: its content has to be read"
+    why = "size or time changed; its content has to be read"
     states = output(recipe)
     assert states.pop("bag") == ("stale", why)
-    assert set(states.values()) == {("unknown", f"waits for bag: {why}")}
+    assert set(states.values()) == {("unknown", f"waits for bag — {why}")}

@@ -120,12 +120,18 @@ def test_an_unrelated_plugin_leaves_all_keys_alone(tmp_path, site, recording):
     site.restart()
     recipe = project(tmp_path / "project", recording)
     build(recipe)
+    versions = recording_assets(recipe).versions
     site.install(
         "other", "3.0", "def decode(message):\n    raise SystemExit\n", image__other_msgs__Frame="decode"
     )
     made, errors = build(recipe, dry=True)
     assert errors == {}
     assert all(result.cached for result in made.values())
+    assets = recording_assets(recipe)
+    changes = {
+        name: change for name in assets.names if (change := assets.version_changes(name, versions[name]))
+    }
+    assert changes == {"frames": "the installed decoder plug-ins"}, "as status says, and nothing else"
 
 
 def test_a_plugin_that_is_upgraded_while_a_process_runs_is_not_keyed_by_the_old_version(

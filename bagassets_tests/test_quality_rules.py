@@ -226,6 +226,14 @@ class TestChannels:
                 {"read": 2, "written": 1, "lost": {"its data are cut off": 1}},
                 "CAM_FRONT: 1 of 2 messages (50%) was lost because its data are cut off. If that is ",
             ),
+            (
+                {"written": 1, "merged": 75, "lost": {"incomplete revolution": 24}},
+                "CAM_FRONT: 24 of 100 packets (24%) were lost because they belong to incomplete revolutions. ",
+            ),
+            (
+                {"written": 0, "lost": {"incomplete revolution": 100}},
+                "CAM_FRONT: 100 packets were read, but no file was written",
+            ),
         ],
     )
     def test_broken_counts_are_named(self, counts, words):
@@ -310,6 +318,8 @@ class TestPoses:
         assert warning.endswith(
             "raise limits.reported_losses in the recipe; else name another source as ego_pose"
         )
+        (of_packets,) = poses_complete(counts, "/odom", 0.05, "packet")
+        assert of_packets == warning.replace("messages of", "packets of")
         finding = poses_cover_sensors(drive_along(), STAMPS, PosesCheck(), [warning])
         assert (finding.problems, finding.sentences, finding.weight("error")) == ([], [warning], "warn")
 
@@ -610,8 +620,28 @@ class TestScenes:
         assert reason in problem
 
     def test_one_with_a_scene_passes(self):
-        counts = {"scenes": 1, "samples": 4, "remainder_s": 0.2, "dropped_keyframes": 1, "channels": {}}
-        assert scenes_made({"reference": "LIDAR_TOP", "counts": counts}, ten_hz, 1.5).passed
+        counts = {"scenes": 1, "samples": 4, "remainder_s": 0.0, "dropped_keyframes": 1, "channels": {}}
+        assert scenes_made({"reference": "LIDAR_TOP", "counts": counts}, ten_hz, 1.5, 0.0).passed
+
+    @pytest.mark.parametrize(
+        ("remainders", "words"),
+        [
+            ({"remainder_s": 0.5}, ""),
+            (
+                {"remainder_s": 0.6},
+                "0.6 s are in no scene, since scenes.min_length_s (1.5) is longer than that stretch; set it to 0.59 for a scene more",
+            ),
+            (
+                {"remainder_s": 2.4, "longest_remainder_s": 1.4},
+                "2.4 s are in no scene, since scenes.min_length_s (1.5) is longer than those stretches, up to 1.4 s long; set it to 1.39 for a scene more",
+            ),
+        ],
+    )
+    def test_stretches_too_short_for_a_scene_are_named_beside_one(self, remainders, words):
+        channels = {"LIDAR_TOP": {"span_ns": [T0, T0 + 10 * S]}}
+        counts = {"scenes": 1, "samples": 4, "dropped_keyframes": 0, "channels": channels} | remainders
+        found = scenes_made({"reference": "LIDAR_TOP", "counts": counts}, ten_hz, 1.5, 0.05)
+        assert "".join(found.problems) == words
 
 
 class TestKeyframes:

@@ -27,6 +27,7 @@ NOT_RUN = {
     "make demo": "it makes an environment; its last line is run in the one there is",
     "make test": "it runs this",
     "pip install .": "test_wheel installs into a new environment",
+    "pip install '.[dg]'": "it is tried by hand, with each release of Dagster",
     "pip uninstall llvmlite": "test_kernels runs without it",
     "export PATH=$PWD/.venv/bin:$PATH": "the environment of the tests is on the PATH",
 }
@@ -101,6 +102,18 @@ def test_every_command_is_run_or_listed_with_the_reason_why_not():
         *(line.split("#")[0].strip() for block in blocks() for line in block.splitlines()),
     ]
     assert NOT_RUN.keys() <= set(page), "what is not on the page needs no reason"
+
+
+@pytest.mark.skipif(not (ROOT / ".git").exists(), reason="no git checkout")
+def test_what_it_makes_in_a_checkout_is_ignored_by_git_and_so_by_linters():
+    made = [
+        re.search(pattern, README)[1]
+        for pattern in (r"\$ cp -r \S+ (\S+)", r"\$ bagassets convert \S+ (\S+)", r"\$ bagassets init (\S+)")
+    ]
+    assert made == ["recordings", "drive_1", "van"]
+    for name in ("build", *made):
+        ignored = subprocess.run(["git", "check-ignore", "--quiet", f"{name}/"], cwd=ROOT, check=False)
+        assert ignored.returncode == 0, name
 
 
 def plain(text, folder):

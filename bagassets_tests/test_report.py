@@ -17,7 +17,7 @@ from bagassets.formats.report_data import build_map, map_path, report_data
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model_splits import Splits
 from bagassets.recordings.discover import discover
-from bagassets.report.grid_map import colour_of_split, grid_map
+from bagassets.report.grid_map import colour_of_split, grid_map, legend
 from bagassets.report.map_shell import map_shell
 from bagassets.report.model import Gaps, Problem, RecordingFacts, ReportData, Route
 from bagassets.report.page import report_json, report_page
@@ -215,6 +215,40 @@ class TestGridMap:
         assert len(points) <= 1002
         assert float(points[-1].split(",")[0]) == pytest.approx(900 - 34, abs=0.2)
 
+    def names_in(self, svg):
+        found = re.findall(r'<text class="name" x="([\d.]+)" y="([\d.]+)"[^>]*>([^<]*)<', svg)
+        return {name: (float(x), float(y)) for x, y, name in found}
+
+    def test_every_line_has_its_name_beside_it(self):
+        routes = [(f"drive_{n}", "#000", [(0.0, 40.0 * n), (300.0, 40.0 * n)]) for n in range(9)]
+        svg = grid_map(routes, on_earth=False)
+        names = self.names_in(svg)
+        assert names.keys() == {key for key, _, _ in routes}
+        starts = dict(zip(names, self.places(svg), strict=True))
+        assert all(abs(y - starts[key][1]) <= 16 for key, (_, y) in names.items())
+
+    def test_names_stay_in_the_picture_and_apart(self):
+        routes = [
+            (f"a_long_name_of_drive_{n:02}", "#000", [(0.0, 1.0 * n), (300.0, 1.0 * n)]) for n in range(40)
+        ]
+        svg = grid_map(routes, on_earth=False)
+        width, height = map(int, re.search(r'viewBox="0 0 (\d+) (\d+)"', svg).groups())
+        places = list(self.names_in(svg).values())
+        assert 4 < len(places) < 40
+        for number, (x, y) in enumerate(places):
+            assert 0 <= x <= width - 23 * 6.6
+            assert 14 <= y <= height - 20
+            assert all(abs(y - b) >= 14 or abs(x - a) >= 23 * 6.6 for a, b in places[:number])
+        assert svg.count("<title>") == 40, "the others have theirs when they are pointed at"
+
+    def test_the_legend_has_all_names_by_split(self):
+        said = legend(
+            [("val", "#111", "c"), ("train", "#222", "<a>"), *[("x", "#333", f"d{n}") for n in range(9)]]
+        )
+        assert "<a>" not in said
+        assert Page(said).text == "■ train (1) <a> ■ val (1) c ■ x (9) " + " ".join(f"d{n}" for n in range(9))
+        assert [attrs for tag, attrs in Page(said).found if tag == "details"] == [{"open": None}] * 2 + [{}]
+
     def test_nothing_to_draw(self):
         assert grid_map([("a", "#000", [])], on_earth=True) == ""
         assert colour_of_split("x", ["train"]) == "#7f7f7f"
@@ -282,11 +316,15 @@ class TestTrajectoryMap:
             page.index('<div id="nomap">') : page.index("</script>", page.index('<div id="nomap">'))
         ]
         assert fallback.count("<polyline") == 3
+        assert fallback.count('<text class="name"') == 3
+        assert "train" in fallback[fallback.index('<div class="legend">') :]
         assert 'typeof L !== "undefined"' in fallback
 
     def test_those_that_are_nowhere_on_earth_are_named(self, shell):
         page = trajectory_map_page(WAYS, shell)
         assert "1 without a position on Earth" in page
+        beside = page[page.index('<div id="beside">') : page.index('<div id="nomap">')]
+        assert [key in beside for key in ("monday", "&lt;tuesday&gt;", "hall")] == [True] * 3
         only_local = trajectory_map_page(WAYS[2:], shell)
         assert "hall" in only_local
         assert "leaflet" not in only_local
@@ -348,6 +386,14 @@ class TestGathered:
         assert new.weight == "error"
         assert "m/s" in new.sentence
 
+    def test_reasons_leave_out_the_path_of_what_stands_beside_them(self, tmp_path):
+        torn = RecordingFacts(
+            "monday__torn.bag", "failed", "/data/monday/torn.bag: it is cut off; copy it again."
+        )
+        page = Page(report_page(data_of(tmp_path, [torn]))).text
+        assert "failed it is cut off; copy it again." in page
+        assert "/data/" not in page
+
     def test_failed_and_skipped_recordings_are_reported_with_reason(self, built):
         recipe, made = built
         plan = plan_of(recipe, made)
@@ -363,6 +409,26 @@ class TestGathered:
             "short": ("skipped", "too short"),
         }
         assert sum(share.recordings for share in data.shares) == 1
+
+    def test_a_copy_is_left_out_of_the_totals_as_it_is_of_the_dataset(self, built):
+        recipe, made = built
+        data = report_data(recipe, Store(recipe.store_path), plan_of(recipe, made, 3))
+        assert [(r.state, r.reason) for r in data.recordings] == [
+            ("ready", ""),
+            *[("copy", "the same content as drive_0000")] * 2,
+        ]
+        assert sum(share.recordings for share in data.shares) == 1
+        page = Page(report_page(data)).text
+        assert "1 recording 2.1 seconds" in page
+        assert "2 recordings" not in page
+        assert "drive_0001 copy the same content as drive_0000" in page
+
+    def test_time_is_that_of_scenes_as_in_the_dataset(self, built):
+        recipe, made = built
+        data = report_data(recipe, Store(recipe.store_path), plan_of(recipe, made))
+        scenes_s = made["nuscenes_tables"].artifact.summary()["counts"]["duration_s"]
+        assert data.recordings[0].scenes_s == scenes_s
+        assert sum(share.duration_s for share in data.shares) == scenes_s
 
     def test_a_pin_that_holds_nothing_is_reported(self, built):
         recipe, made = built

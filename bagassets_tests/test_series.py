@@ -3,6 +3,8 @@
 import json
 import os
 import resource
+import shutil
+from contextlib import ExitStack
 from types import SimpleNamespace
 
 import pytest
@@ -24,8 +26,10 @@ from bagassets.recordings.discover import bags_of_parts, discover
 from bagassets.recordings.open import open_recording
 from bagassets.recordings.part_facts import part_facts
 from bagassets.recordings.series import Part, PartFacts, candidates, judge
+from bagassets.sample.recorder import open_recorder
 from bagassets.splits import Ties, deal
 from bagassets.store.canonical import digest_bytes, digest_json
+from bagassets_tests.killed_recorder import leave_journal, leave_log
 from bagassets_tests.pose_data import Written
 from bagassets_tests.series import write_part, write_parts
 from bagassets_tests.small_drive import START_NS
@@ -76,7 +80,7 @@ CASES = {
 def test_the_rule(case):
     parts, kind, why = CASES[case]
     verdict = judge(parts)
-    assert (verdict.kind, verdict.why) == (kind, why)
+    assert ("one" if verdict.parts else "asked" if verdict.why else "apart", verdict.why) == (kind, why)
     if kind == "one":
         assert verdict.parts == tuple(one.name for one in parts if isinstance(one.facts, PartFacts))
     if kind == "asked":
@@ -88,14 +92,14 @@ def test_of_two_drives_in_one_row_of_numbers_each_stays_in_one_split():
     verdict = judge(
         [part(0, 0, 10), part(1, 10, 20), part(2, HOUR_S, HOUR_S + 9), part(3, HOUR_S + 9, HOUR_S + 18)]
     )
-    assert verdict.kind == "asked"
+    assert verdict.why
     assert verdict.near == (("d_0.bag", "d_1.bag"), ("d_2.bag", "d_3.bag"))
 
 
 def test_files_around_another_drive_stay_in_one_split():
     """A part that was replaced by another drive: those before and after it are near, though their numbers are not."""
     verdict = judge([part(0, 0, 10), part(1, HOUR_S, HOUR_S + 9), part(2, 20, 30)])
-    assert (verdict.kind, verdict.why) == ("asked", "d_1.bag begins 3590.0 s after d_0.bag ends")
+    assert verdict.why == "d_1.bag begins 3590.0 s after d_0.bag ends"
     assert verdict.near == (("d_0.bag", "d_2.bag"),)
     assert judge([part(0, 0, 100), part(1, 5, 6), part(2, 140, 150)]).near == (
         ("d_0.bag", "d_1.bag", "d_2.bag"),
@@ -155,7 +159,6 @@ def test_topics_and_times_are_those_that_a_reader_finds(drives):
         assert facts.topics == types
         assert (facts.start_ns, facts.end_ns) == (times[0], times[-1])
         assert facts.latched == sorted({"/tf_static"} & types.keys())
-        assert facts.period_ns == pytest.approx(0.1e9, rel=0.25) or len(times) < 200
 
 
 def content(recording):
@@ -395,13 +398,11 @@ def test_what_was_seen_of_parts_is_remembered_by_process_and_project(cut, tmp_pa
     state.mkdir()
     looked = []
     monkeypatch.setattr(seeing, "part_facts", lambda path: looked.append(path.name) or part_facts(path))
-    monkeypatch.setattr(seeing, "_seen", {})
     of_project = bags(cut).with_state(state)
     assert list(discover(of_project).recordings) == ["drive.bag"]
     assert len(looked) == 3
     discover(of_project)
-    monkeypatch.setattr(seeing, "_seen", {})  # as in another process
-    monkeypatch.setattr(join_parts, "_judged", {})
+    monkeypatch.setattr(join_parts, "_judged", {})  # as in another process
     assert list(discover(of_project).recordings) == ["drive.bag"]
     assert len(looked) == 3
     os.utime(cut / "drive_1.bag")
@@ -519,12 +520,94 @@ def test_a_part_that_is_damaged_or_gone_is_named(cut):
 
 
 def test_a_part_that_nobody_may_read_is_looked_into_again(cut, monkeypatch):
-    monkeypatch.setattr(seeing, "_seen", {})
-
     def refused(path):
         raise PermissionError(13, "Permission denied", str(path))
 
     with monkeypatch.context() as patched:
-        patched.setattr(seeing, "part_facts", refused)
+        patched.setattr(seeing, "refuse_pointer", refused)
         assert len(keys(cut)) == 3
     assert keys(cut) == ["drive.bag"]
+
+
+# --- periods -----------------------------------------------------------------------------
+
+
+def write_slow_parts(folder, suffix, pause_s):
+    """Write two parts: topics of 1 and 2 s, one of which was silent for half a minute, a latched and a rare one."""
+    times_s = {
+        "/fast": range(12),
+        "/slow": [*range(0, 20, 2), 50, 52],
+        "/rare": range(0, 36, 9),
+        "/tf_static": range(0, 50, 5),
+    }
+    text = b"\x05\0\0\0text\0" if suffix == ".bag" else b"\0\1\0\0\x05\0\0\0text\0"
+    for number in range(2):
+        path = folder / f"drive_{number}{suffix}"
+        writing = folder / "writing" if suffix == ".db3" else path
+        with ExitStack() as stack:
+            formats = {".bag": "ros1", ".mcap": "mcap", ".db3": "ros2"}
+            recorder = open_recorder(writing, formats[suffix], "none", stack)
+            for time_s, topic in sorted(
+                (time_s, topic) for topic, times in times_s.items() for time_s in times
+            ):
+                begin_s = number * (52 + pause_s)
+                recorder.write_raw(topic, "std_msgs/msg/String", START_NS + (begin_s + time_s) * 10**9, text)
+        if suffix == ".db3":
+            shutil.move(next(writing.glob("*.db3")), path)
+            shutil.rmtree(writing)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_pause_may_take_three_median_periods_of_the_slowest_topic_that_is_regular(tmp_path, suffix):
+    for pause_s, found in ((6, [f"drive{suffix}"]), (7, [f"drive_0{suffix}", f"drive_1{suffix}"])):
+        folder = tmp_path / str(pause_s)
+        folder.mkdir()
+        write_slow_parts(folder, suffix, pause_s)
+        discovery = discover(bags(folder))
+        assert list(discovery.recordings) == found
+        assert len(discovery.asked) == len(found) - 1
+
+
+def test_periods_are_read_once_and_only_where_they_decide(tmp_path, monkeypatch):
+    (state := tmp_path / ".state").mkdir()
+    looked, look = [], seeing._longest_period_ns
+    monkeypatch.setattr(
+        seeing, "_longest_period_ns", lambda path, *of: looked.append(path.name) or look(path, *of)
+    )
+    for name, pause_s in (("soon", 2), ("pause", 6), ("hour", 3600)):
+        (tmp_path / name).mkdir()
+        write_slow_parts(tmp_path / name, ".mcap", pause_s)
+    for _ in range(2):
+        monkeypatch.setattr(join_parts, "_judged", {})  # as in another process
+        found = list(discover(bags(tmp_path).with_state(state)).recordings)
+        assert found == ["hour__drive_0.mcap", "hour__drive_1.mcap", "pause__drive.mcap", "soon__drive.mcap"]
+        assert looked == ["drive_0.mcap", "drive_1.mcap"]
+
+
+# --- killed recorders --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("leave", [lambda path: leave_log(path, 5), leave_journal])
+def test_a_part_whose_recorder_was_killed_is_joined_with_what_is_in_its_log(tmp_path, leave):
+    whole = write_part(tmp_path / "whole" / "drive.db3", duration_s=2.0)
+    last = write_parts(tmp_path / "cut" / "drive.db3", CUTS_S, 2.0)[-1]
+    before = part_facts(last)
+    leave(last)
+    left = sorted(tmp_path.glob("cut/*"))
+    assert len(left) == 4
+    assert part_facts(last) == before
+    (cut,) = discover(bags(tmp_path / "cut", settle_s=0)).recordings.values()
+    assert cut.files == tuple(left)
+    assert content(cut)[0] == content(whole)[0]
+    assert sorted(tmp_path.glob("cut/*")) == left
+
+
+def test_a_part_whose_recorder_is_at_work_is_not_copied_at_each_look(tmp_path, monkeypatch):
+    parts = write_parts(tmp_path / "drive.db3", CUTS_S, 2.0)
+    leave_log(parts[-1], 5)
+    with monkeypatch.context() as patched:
+        patched.setattr(shutil, "copyfile", lambda *of: pytest.fail(f"{of} was copied"))
+        assert keys(tmp_path, settle_s=60) == ["drive.db3", "drive_2.db3"]
+    for path in tmp_path.iterdir():
+        os.utime(path, (1_700_000_000, 1_700_000_000))
+    assert keys(tmp_path, settle_s=60) == ["drive.db3"]

@@ -8,7 +8,9 @@ import sys
 import pytest
 from click.testing import CliRunner
 
+from bagassets.build.build_report import BuildReport
 from bagassets.cli.main import root
+from bagassets.cli.summary import print_summary
 from bagassets.defs.events import all_assets, event_database, latest_ids
 from bagassets.defs.naming import Naming
 from bagassets.defs.runs import open_instance
@@ -79,7 +81,7 @@ def test_after_a_build_every_state_has_its_reason(built):
     assert broken["inventory"]["state"] == "failed"
     assert "rosbag reindex" in broken["inventory"]["reason"]
     assert broken["nuscenes_tables"]["state"] == "unknown"
-    assert broken["nuscenes_tables"]["reason"].startswith("waits for inventory: ")
+    assert broken["nuscenes_tables"]["reason"].startswith("waits for inventory — ")
     assert value["datasets"] == {"nuscenes_dataset": "fresh"}
 
 
@@ -93,6 +95,12 @@ def test_a_closed_stream_is_no_defect(built, closed):
     assert done.returncode == whole.returncode == FAILED
     assert done.stdout == (whole.stdout if ">&-" not in closed.split() else "")
     assert done.stderr == ""
+
+
+@pytest.mark.parametrize("command", [["status"], ["build", "-n"], ["check"]])
+def test_long_plans_say_how_far_they_are(edited, monkeypatch, command):
+    monkeypatch.setattr("bagassets.build.planner.AT_A_TIME", 1)
+    assert run(*command, recipe=edited).stderr.startswith("Planned 1 of 3 recordings\n")
 
 
 def test_the_table_names_reasons_once(built):
@@ -110,7 +118,7 @@ def test_reasons_lead_back_to_what_changed_first(edited):
     assert (assets["frames"]["state"], assets["frames"]["reason"]) == ("stale", "CAM_FRONT: quality 90 -> 33")
     tables = assets["nuscenes_tables"]
     assert tables["state"] == "unknown"
-    assert tables["reason"] == "waits for frames: CAM_FRONT: quality 90 -> 33"
+    assert tables["reason"] == "waits for frames — CAM_FRONT: quality 90 -> 33"
     assert assets["sweeps"]["state"] == "fresh"
 
 
@@ -126,7 +134,7 @@ def test_a_dry_run_runs_nothing_and_shows_what_would(edited):
     code, value = output("build", "-n", recipe=edited)
     assert code == ALL_WELL
     assert value["settled"] is False
-    assert list(value["recordings"]) == [GOOD]
+    assert list(value["recordings"]) == [GOOD, SHORT]  # that skips are of this recipe is recorded, too
     with open_instance(str(edited.parent)) as instance:
         assert (
             latest_ids(instance, Naming("test"), all_assets()),
@@ -215,6 +223,76 @@ def test_explain_puts_no_parentheses_into_others(edited):
         expected = "has failed: " if (key, asset) == (BROKEN, "inventory") else "is "
         assert lines[0].startswith(f"{asset} of {key} {expected}")
         assert not [line for line in lines if re.search(r"\([^)]*\(", line)]
+
+
+def test_a_dataset_says_which_result_it_waits_for(edited):
+    assert output("status", recipe=edited)[1]["dataset_reasons"] == {
+        "nuscenes_dataset": f"waits for nuscenes_tables of {GOOD}"
+    }
+    assert (
+        f"nuscenes_dataset unknown: waits for nuscenes_tables of {GOOD}\n"
+        in run("status", recipe=edited).stdout
+    )
+    done = run("build", "-n", recipe=edited)
+    assert f"nuscenes_dataset\n  may run  waits for nuscenes_tables of {GOOD}\n" in done.stdout
+    assert done.stdout.splitlines()[-1] == "to do: build 1 recording, update nuscenes_dataset."
+
+
+def test_what_has_no_part_in_a_dataset_leaves_it_fresh(built):
+    text = built.read_text()
+    built.write_text(text.replace("preview: {enabled: false}", ""))
+    code, value = output("status", recipe=built)
+    mapped = run("explain", GOOD, "trajectory_map", recipe=built).stdout
+    last_line = run("build", "-n", recipe=built).stdout.splitlines()[-1]
+    built.write_text(text)
+    assert value["recordings"][GOOD]["assets"]["preview"]["state"] == "missing"
+    assert value["datasets"] == {"nuscenes_dataset": "fresh", "trajectory_map": "stale"}
+    assert (code, value["dataset_reasons"]) == (STALE, {"trajectory_map": "never made"})
+    assert mapped.startswith("trajectory_map is stale: never made\n")
+    assert f"made from ego_poses of 1 recording\n    {GOOD}: " in mapped
+    assert last_line == "to do: build 1 recording, update trajectory_map."
+
+
+def test_explain_says_what_a_dataset_is_made_from(edited, monkeypatch):
+    assert run("explain", "frames", recipe=edited).exit_code == USAGE
+    waiting = run("explain", "nuscenes_dataset", recipe=edited).stdout.splitlines()
+    assert waiting[0] == f"nuscenes_dataset is unknown: waits for nuscenes_tables of {GOOD}"
+    assert "made from nuscenes_tables of 1 recording, 1 as before" in waiting
+    assert [line.split(" (")[0] for line in waiting[-2:]] == [f"left out: {SHORT}", f"left out: {BROKEN}"]
+    build(edited, monkeypatch, select=("nuscenes_tables",))
+    whole = run("explain", "nuscenes_dataset", recipe=edited).stdout
+    assert whole.startswith("nuscenes_dataset is stale: its recordings changed since it was made\n")
+    assert re.search(rf"^  \* {GOOD}: \w{{16}} -> \w{{16}}$", whole, re.MULTILINE)
+    one = run("explain", GOOD, "nuscenes_dataset", recipe=edited).stdout
+    assert f"  * {GOOD}: " in one
+    assert SHORT not in one
+    _, value = output("explain", SHORT, "nuscenes_dataset", recipe=edited)
+    assert list(value["left_out"]) == list(value["recordings"]) == [SHORT]
+
+
+def test_named_datasets_are_explained_and_named_at_the_end_of_a_build(built, monkeypatch, capsys):
+    text = built.read_text()
+    named = text + "datasets: [{name: all, min_speed_mps: 0.0}, {name: fast, min_speed_mps: 99.0}]\n"
+    built.write_text(named)
+    fast = run("explain", "dataset_fast", recipe=built).stdout
+    report, _ = build(built, monkeypatch)
+    again, _ = build(built, monkeypatch)
+    made = [run("explain", name, recipe=built).stdout for name in ("dataset_all", "dataset_fast")]
+    built.write_text(text)
+    assert fast.startswith("dataset_fast is stale: never made\n")
+    assert f"  * {GOOD}: " in fast
+    assert "1 as before" in made[0]
+    assert f"left out: {GOOD} (" in made[1]
+    names = ["nuscenes_dataset", "dataset_all", "dataset_fast"]
+    assert [(name, one["state"]) for name, one in report.datasets.items()] == [
+        (name, "updated") for name in names
+    ]
+    assert {one["state"] for one in again.datasets.values()} == {"fresh"}
+    print_summary(BuildReport.from_json(report.as_json()), [], built)
+    printed = capsys.readouterr().out
+    assert [
+        one for one in report.datasets.values() if f"dataset: {one['path']} (updated)\n" not in printed
+    ] == []
 
 
 def test_explain_says_what_is_not_known_yet(edited):

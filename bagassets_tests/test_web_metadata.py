@@ -1,15 +1,22 @@
 """What the web UI shows of an asset: numbers that it can plot, what matters first, columns, and links to pages."""
 
+from dataclasses import astuple
 from pathlib import Path
 
 import dagster as dg
 import pyarrow.parquet as pq
 import pytest
 
-from bagassets.defs import pending_work
+from bagassets.defs import pending_work, written_report
+from bagassets.defs.artifact_files import page_file
+from bagassets.defs.check_records import findings_on_record
+from bagassets.defs.instance_plan import plan_instance
 from bagassets.defs.location import build_definitions
-from bagassets.defs.reporting import dataset_metadata
+from bagassets.defs.reporting import dataset_metadata, inputs_metadata
 from bagassets.formats.assembly import DatasetSummary
+from bagassets.formats.checking import check_bag
+from bagassets.formats.dataset_build import DatasetInputs
+from bagassets.formats.report_data import report_path
 from bagassets_tests.in_process import build, make_project
 from bagassets_tests.small_drive import write_drive
 
@@ -22,6 +29,8 @@ def made(tmp_path_factory):
     project = make_project(folder, (KEY,), duration_s=3.0)
     write_drive(folder / "bags" / "short.bag", "ros1", duration_s=0.4)
     project.write_text(project.read_text().replace("settle_s: 0", "settle_s: 0, min_duration_s: 0.8"))
+    with project.open("a") as recipe:
+        recipe.write("checks: {poses_cover_sensors: {max_speed_mps: 0.5}}\n")
     with pytest.MonkeyPatch.context() as patch:
         build(project, patch, jobs=1)
         with pending_work.open_project(project) as (instance, workspace):
@@ -54,16 +63,17 @@ def test_what_people_count_is_a_number_and_stands_first(made, asset, names):
 def test_the_numbers_are_those_of_the_artifacts(made):
     _, instance, workspace = made
     frames = metadata(instance, "frames", KEY)
-    artifact = workspace.store.artifact(
-        instance.get_latest_materialization_event(dg.AssetKey("frames")).asset_materialization.tags[
-            "dagster/data_version"
-        ]
-    )
+    artifact = workspace.store.artifact(Path(frames["artifact"].value).name)
     channels = artifact.summary()["channels"]
     assert frames["written"].value == sum(channel["written"] for channel in channels.values()) > 0
     dataset = metadata(instance, "nuscenes_dataset")
     tables = metadata(instance, "nuscenes_tables", KEY)
     assert all(tables[name].value == dataset[name].value for name in ("scenes", "keyframes", "boxes"))
+
+
+def test_counts_say_what_is_counted(made):
+    assert "| CAM_FRONT (messages) | " in metadata(made[1], "frames", KEY)["channels"].value
+    assert metadata(made[1], "ego_poses", KEY)["counts"].value.startswith("| messages | read | ")
 
 
 def test_a_skipped_recording_says_why_above_all_else(made):
@@ -75,9 +85,92 @@ def test_a_skipped_recording_says_why_above_all_else(made):
 def test_a_dataset_says_which_recordings_failed_before_its_numbers():
     summary = DatasetSummary("0" * 64, Path("/data"), {"scenes": 2}, ())
     found = dataset_metadata(summary, {"cut.bag": "it cannot be read"})
-    assert list(found)[:2] == ["report", "failed"]
-    assert "| cut.bag | it cannot be read |" in found["failed"].value
-    assert list(dataset_metadata(summary, {}))[:2] == ["report", "folder"]
+    assert next(iter(found)) == "failed"
+    assert found["failed"].value == "- **cut.bag**: it cannot be read"
+    assert next(iter(dataset_metadata(summary, {}))) == "folder"
+
+
+def test_the_report_is_there_as_soon_as_its_link_is(made, monkeypatch):
+    project, instance, _ = made
+    found = metadata(instance, "nuscenes_dataset")
+    assert next(iter(found)) == "report"
+    assert found["report"].value == "[Open the report](/bagassets/pages/report)"
+    monkeypatch.setenv("BAGASSETS_RECIPE", str(project))
+    page = page_file("report").read_text()
+    assert page_file("report").parent == project.parent / ".bagassets"
+    for words in (KEY, "short.bag", "bags.min_duration_s asks for 0.8 s", "<h2>Checks</h2>"):
+        assert words in page, words
+
+
+def test_the_report_has_what_checks_found_when_they_ran(made):
+    _, instance, workspace = made
+    planned = plan_instance(instance, workspace)
+    verdicts = list(check_bag(workspace.recipe, workspace.store, planned.discovery, planned.plan.bags[KEY]))
+    problems, passed = findings_on_record(instance, workspace)[KEY]
+    failed = [one for one in verdicts if not one.finding.passed]
+    assert passed == len(verdicts) - len(failed)
+    assert sorted(map(astuple, problems)) == sorted(
+        (one.check, one.weight, one.finding.sentences[0], len(one.finding.sentences) - 1) for one in failed
+    )
+    assert problems, "or the comparison is empty"
+    assert problems[0].sentence in report_path(workspace.recipe).read_text()
+
+
+def test_where_there_is_no_report_there_is_no_link(made, monkeypatch):
+    _, instance, workspace = made
+    planned = plan_instance(instance, workspace)
+    with monkeypatch.context() as patch:
+        patch.setattr(written_report, "MOST_RECORDINGS", 1)
+        said = written_report.write_report(instance, workspace, planned).value
+        assert said == "`bagassets report` writes it (more than 1 recordings)"
+    place = report_path(workspace.recipe)
+    content = place.read_text()
+    place.unlink()
+    place.mkdir()
+    said = written_report.write_report(instance, workspace, planned).value
+    assert "could not be written" in said
+    assert "](" not in said
+    place.rmdir()
+    place.write_text(content)
+
+
+PATH = "/data/drives of 2026/monday/cut.bag"
+
+
+def test_reasons_are_a_list_whose_lines_wrap_and_not_a_table():
+    why = {
+        "monday__cut.bag": f"{PATH}: its index is damaged; copy it again.",
+        "other.bag": f"{PATH}: its index is damaged; copy it again.",
+    }
+    inputs = DatasetInputs(
+        {}, {"short.bag": "1.0 s long, bags.min_duration_s asks for 2 s"}, {"nuscenes": why}
+    )
+    found = inputs_metadata(inputs)
+    assert found["why_failed"].value.splitlines() == [
+        r"- **monday\_\_cut.bag**: its index is damaged; copy it again.",
+        f"- **other.bag**: {PATH}: its index is damaged; copy it again.",
+    ]
+    assert found["why_skipped"].value == "- **short.bag**: 1.0 s long, bags.min_duration_s asks for 2 s"
+
+
+def test_equal_reasons_are_told_once_and_many_stay_short_enough_to_be_shown_without_a_click():
+    equal = {f"a{number}.bag": "no /tf_static" for number in range(300)}
+    (line,) = inputs_metadata(DatasetInputs({}, equal))["why_skipped"].value.splitlines()
+    assert line == "- **300 recordings (a0.bag, a1.bag, a2.bag and 297 more)**: no /tf_static"
+    different = {f"b{number}.bag": f"reason {'x' * number}" for number in range(50)}
+    said = inputs_metadata(DatasetInputs({}, different))["why_skipped"].value
+    *lines, rest = said.splitlines()
+    assert 700 < len(said) < 1000
+    assert rest == f"- … and {50 - len(lines)} more recordings; `bagassets status` lists them all"
+
+
+def test_recordings_that_moved_or_are_there_twice_are_lists_as_well():
+    summary = DatasetSummary(
+        "0" * 64, Path("/data"), {}, (), duplicates={"copy.bag": "a.bag"}, moved={"b.bag": ("val", "train")}
+    )
+    found = dataset_metadata(summary, {})
+    assert found["duplicates"].value == "- **copy.bag**: left out: the same content as a.bag"
+    assert found["moved"].value == "- **b.bag**: was in val, is in train"
 
 
 @pytest.mark.parametrize(

@@ -1,12 +1,15 @@
 """The wheel, as somebody has it who never saw the checkout: installed elsewhere, with the versions of the lock."""
 
 import json
+import os
 import re
+import shutil
 import subprocess
 import sys
 from email.parser import HeaderParser
 from pathlib import Path
-from urllib.request import urlopen
+from urllib.error import URLError
+from urllib.request import Request, urlopen
 from zipfile import ZipFile
 
 import pytest
@@ -21,10 +24,10 @@ CITED = re.compile(r"`bagassets docs\s+page ([a-z-]+)`")
 pytestmark = [pytest.mark.long, pytest.mark.xdist_group("wheel")]
 
 
-def run(*command, cwd, status=0):
+def run(*command, cwd, status=0, **environment):
     done = subprocess.run(
         [str(part) for part in command],
-        cwd=cwd, env=bare_environment(), capture_output=True, text=True, check=False, timeout=600,
+        cwd=cwd, env=bare_environment() | environment, capture_output=True, text=True, check=False, timeout=600,
     )  # fmt: skip
     assert done.returncode == status, f"{command}\n{done.stdout[-2000:]}\n{done.stderr[-4000:]}"
     return done.stdout
@@ -46,12 +49,17 @@ def away(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def programs(wheel, away):
-    """The programs of an environment with nothing but the wheel and what it asks for."""
+    """The programs of an environment with nothing but the wheel and what it asks for, made by the line of the docs."""
+    page = (ROOT / "docs" / "install.md").read_text("utf-8")
+    [line] = re.findall(r"^```\n(pip install .*)\n```$", page, re.MULTILINE)
+    shutil.copy(wheel, away)
     run(sys.executable, "-m", "venv", "venv", cwd=away)
-    python = away / "venv" / "bin" / "python"
-    install = ("-m", "pip", "install", "--quiet", "--disable-pip-version-check")
-    run(python, *install, "--constraint", ROOT / "requirements.lock", wheel, cwd=away)
-    return python.parent
+    folder = away / "venv" / "bin"
+    path = f"{folder}{os.pathsep}{os.environ['PATH']}"
+    # The versions of the lock, which pip is told here, as with `--constraint`.
+    lock = {"PIP_CONSTRAINT": str(ROOT / "requirements.lock"), "PIP_DISABLE_PIP_VERSION_CHECK": "1"}
+    run("bash", "-c", line, cwd=away, PATH=path, **lock)
+    return folder
 
 
 @pytest.fixture(scope="module")
@@ -158,6 +166,59 @@ def test_a_sample_drive_is_built(programs, project):
     scenes = json.loads(next((project / "dataset" / "nuscenes").glob("v1.0-*/scene.json")).read_text())
     assert len(scenes) == 1
     assert "fresh" in run(programs / "bagassets", "status", cwd=project)
+
+
+def test_a_notebook_builds_and_reads_it(programs, project):
+    code = (
+        "import bagassets\n"
+        "report = bagassets.build('recipe.yaml')\n"
+        "dataset = bagassets.open_dataset(report.dataset)\n"
+        "print(len(dataset.scenes), dataset[0].image('CAM_FRONT').shape)"
+    )
+    assert run(programs / "python", "-c", code, cwd=project).startswith("1 (")
+
+
+def test_its_loops_are_compiled(programs, project):
+    code = "from bagassets.kernels import moving; print(moving._MOVE.function() is not None)"
+    assert run(programs / "python", "-c", code, cwd=project).strip() == "True"
+
+
+def test_dagster_materializes_in_the_project_folder(programs, project):
+    everything = ("--select", "*nuscenes_tables", "--partition", "drive.mcap")
+    run(programs / "dagster", "asset", "materialize", "-m", "bagassets.definitions", *everything, cwd=project)
+    assert "9 fresh" in run(programs / "bagassets", "status", cwd=project)
+
+
+def test_dagster_dev_loads_the_project(programs, project):
+    log, port = project.parent / "dev.log", free_port()
+    with running([programs / "dagster", "dev", "--port", port], project, log) as process:
+        query = json.dumps({"query": "{assetNodes {assetKey {path}}}"}).encode()
+        request = Request(f"http://127.0.0.1:{port}/graphql", query, {"Content-Type": "application/json"})
+
+        def assets():
+            try:
+                with urlopen(request, timeout=30) as answer:
+                    return {node["assetKey"]["path"][-1] for node in json.load(answer)["data"]["assetNodes"]}
+            except URLError:
+                assert process.poll() is None, log.read_text()
+                return None
+
+        eventually(assets, "it answers")
+        assert {"bag", "frames", "nuscenes_dataset"} <= assets()
+
+
+def test_its_examples_install(programs, away):
+    folder = programs.parent / "share" / "doc" / "bagassets"
+    assert {path.name for path in folder.iterdir()} >= {"deploy", "docs", "examples", "requirements.lock"}
+    pip = (programs / "python", "-m", "pip", "--quiet", "--disable-pip-version-check")
+    run(*pip, "install", "--no-deps", folder / "examples" / "decoder_plugin", cwd=away)
+    assert "acme_msgs/msg/RawFrame" in run(programs / "bagassets", "decoders", cwd=away)
+    run(*pip, "uninstall", "--yes", "acme-decoders", cwd=away)
+
+
+def test_the_demo_needs_no_checkout(programs, away):
+    said = run(programs / "bagassets", "demo", "demo", "--seconds", "1.5", cwd=away)
+    assert said.count(" built") >= 6
 
 
 def test_the_web_ui_starts_and_answers(programs, project):

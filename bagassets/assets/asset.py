@@ -280,7 +280,8 @@ class Asset(Generic[P, U]):
             pass over the recording; each gets its own topics.
         checks: checks of its artifacts, and of others derived from them.
         along: hidden assets that are made whenever it is made, since others will need them.
-        spared: version -> tells of which actions it left the bytes alone; they keep the version before, and their artifacts.
+        spared: version -> returns whether it left the bytes of an action alone; such actions keep the version before, and their artifacts.
+        changes: version -> what it does that the one before did not, as a verb phrase for builds after an upgrade.
     """
 
     name: str
@@ -302,6 +303,7 @@ class Asset(Generic[P, U]):
     distribution: str = ""
     along: "tuple[AnyAsset, ...]" = ()
     spared: Mapping[int, Callable[[U], bool]] = field(default_factory=dict)
+    changes: Mapping[int, str] = field(default_factory=dict)
 
     @property
     def step(self) -> Step:

@@ -259,6 +259,7 @@ def _make(use: Use[CalibrationUse], inputs: Inputs, out: ArtifactWriter) -> Summ
 CALIBRATION = Asset(
     name="calibration",
     version=4,
+    changes={4: "takes P of a CameraInfo whose K is zero"},
     title="Where each sensor sits on the vehicle, and the lens of each camera.",
     description="""Extrinsics `ego <- sensor` are resolved from TF, a URDF file, the recipe or a calibration file; intrinsics and distortion come from
 CameraInfo, the recipe or a calibration file: `calibration.json`.""",

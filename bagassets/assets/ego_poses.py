@@ -20,6 +20,7 @@ from bagassets.geometry.se3 import SE3, Floats
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.geometry.urdf import urdf_edges
 from bagassets.json_types import JsonObject
+from bagassets.quality.counted import counted_in_poses
 from bagassets.quality.finding import clock
 from bagassets.recipe.model import Recipe, Rig
 from bagassets.recipe.model_base import Clock
@@ -167,9 +168,10 @@ def make_ego_poses(use: FixedPose | MovingRig, recording: Recording, out: Artifa
     samples = read_samples(use.source, use, recording)
     counts = samples.counts
     if not samples.poses:
+        read = f"{counts.read} {counted_in_poses(use.source.source)}s"
         lost = "; ".join(f"{number} because {reason}" for reason, number in counts.lost.items())
         raise PoseError(
-            f"ego poses from {use.source_name}: none of {counts.read} messages gives a pose"
+            f"ego poses from {use.source_name}: none of {read} gives a pose"
             f"{' (' + lost + ')' if lost else ''}; name another topic, or TF, as ego_pose in the recipe."
         )
     stamps_ns, rows, repeated = _ordered(samples)
@@ -233,8 +235,8 @@ def _check_losses(use: MovingRig, samples: PoseSamples) -> None:
     if samples.failed > use.lost_messages * counts.read:
         reason = max(counts.lost, key=lambda name: counts.lost[name])
         raise LossLimitError(
-            f"ego poses from {use.source_name}: {samples.failed} of {counts.read} messages cannot be used, most often "
-            f"because {reason}; limits.lost_messages in the recipe accepts a share of {use.lost_messages:g}."
+            f"ego poses from {use.source_name}: {samples.failed} of {counts.read} "
+            f"{counted_in_poses(use.source.source)}s cannot be used, most often because {reason}; limits.lost_messages in the recipe accepts a share of {use.lost_messages:g}."
         )
 
 
@@ -311,6 +313,7 @@ def _make(use: Use[FixedPose | MovingRig], inputs: Inputs, out: ArtifactWriter) 
 EGO_POSES = Asset(
     name="ego_poses",
     version=4,
+    changes={4: "leaves out stray fixes, zero quaternions and what was recorded twice"},
     libraries=("pyarrow",),
     title="Where the vehicle was, over time, in local metres.",
     description="""From odometry, poses, TF, GNSS with IMU, or fixed; the origin in the world is kept where it is known:

@@ -307,6 +307,7 @@ def _outlasts_the_call(data: bytes | memoryview) -> bool:
 FRAMES = Asset(
     name="frames",
     version=6,
+    changes={6: "undistorts to the same bytes on every processor"},
     # Of 6 are the maps of `undistortion_maps`.
     spared={6: lambda use: ImageOutput(use, None).undistort is None},
     libraries=("opencv-python-headless", "pyarrow"),

@@ -286,6 +286,7 @@ class _TopicProbe:
 INVENTORY = Asset(
     name="inventory",
     version=7,
+    changes={7: "lists topics that metadata.yaml leaves out, and knows stray fixes and clocks that were set"},
     # rosbags has the standard types, which recordings without definitions are decoded with.
     libraries=("pyarrow", "rosbags"),
     title="What is in the recording: topics, types, counts, rates, gaps, offsets between clocks, the place, day or night.",

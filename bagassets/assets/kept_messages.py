@@ -42,7 +42,7 @@ class KeptMessages:
         messages = self._kept.get(name)
         if messages is None:
             return
-        if isinstance(message.data, RefusedBytes):  # in the recording, it can be told why
+        if isinstance(message.data, RefusedBytes):  # the recording itself says why
             self._drop(name)
             return
         messages.append((number, message._replace(data=bytes(message.data))))

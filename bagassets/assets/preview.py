@@ -171,6 +171,11 @@ def make(use: Use[PreviewUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
 PREVIEW = Asset(
     name="preview",
     version=9,
+    changes={
+        7: "fits the view from above to small robots and long ranges",
+        8: "rounds its timeline to milliseconds and rates, so that a message more seldom changes it",
+        9: "averages over whole pixels",
+    },
     libraries=("opencv-python-headless",),
     title="Pictures of the recording for people; the small ones are shown with each materialization.",
     kinds=frozenset({"image"}),

@@ -325,6 +325,7 @@ def _waits_for(params: SweepsParams, inventory: Inventory | None) -> frozenset[s
 SWEEPS = Asset(
     name="sweeps",
     version=4,
+    changes={4: "drops points at exactly 0, 0, 0, and decides for a whole topic what times of points mean"},
     # Of 4 are times of points that are decided per topic, and points at the origin that are left out.
     spared={4: lambda use: not isinstance(use, CloudUse)},
     libraries=("pyarrow", "velodyne-decoder"),

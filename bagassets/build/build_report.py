@@ -1,11 +1,14 @@
 """Options of a build, events while it works, and its report."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal, Self
 
+from bagassets.alike import told_once
+from bagassets.escaping import visible
 from bagassets.json_types import JsonMapping, JsonObject
+from bagassets.quantities import count_text
 
 if TYPE_CHECKING:
     # Not imported: the command line only waits for the server, and should not import all of this.
@@ -21,10 +24,12 @@ __all__ = [
     "Remark",
     "Result",
     "SummaryRow",
+    "remark_lines",
 ]
 
 Result = Literal["built", "hit", "fresh", "skipped", "failed", "stopped"]
 OwnResult = Literal["made", "fresh", "skipped", "failed", "not made", "stopped"]
+_MOST_REMARKS = 12
 
 
 @dataclass(frozen=True)
@@ -82,6 +87,11 @@ class Event:
     message: str = ""
     sizes: Mapping[str, int] = field(default_factory=dict)
     share: float | None = None
+
+    @classmethod
+    def planning(cls, done: int, total: int) -> Self:
+        """Return the event that so many recordings have been planned."""
+        return cls("planning", message=f"Planned {done} of {count_text(total, 'recording')}")
 
     @property
     def is_preparation(self) -> bool:
@@ -149,6 +159,18 @@ class Remark:
         return asdict(self)
 
 
+def remark_lines(remarks: Iterable[Remark]) -> list[str]:
+    """Return remarks as lines: errors first, what is alike once, and no more than fits on a screen."""
+    ranked = sorted(remarks, key=lambda remark: remark.severity != "error")
+    told = told_once(((one.severity, one.check), one.key, one.problem) for one in ranked)
+    lines = [
+        visible(f"{one.kind[0]} {one.title or 'dataset'}: {one.text} ({one.kind[1]})")
+        for one in told[:_MOST_REMARKS]
+    ]
+    more = sum(len(one.names) for one in told[_MOST_REMARKS:])
+    return [*lines, *([f"{more} more; `bagassets check` lists all."] if more else [])]
+
+
 @dataclass
 class BuildReport:
     """The report of a build.
@@ -167,6 +189,7 @@ class BuildReport:
         dataset: `updated`, `fresh`, `failed`, `stopped`, `not made`, or `not selected`.
         dataset_problem: why the dataset could not be made, or is empty.
         dataset_path: its dataroot.
+        datasets: asset of each dataset -> `path` and `state` (as `dataset`, which is that of the first one).
         own: asset of the user's -> what became of it.
         own_left_out: asset of the user's -> why builds do not make it.
         own_problem: why none of the user's assets are known, if so.
@@ -186,6 +209,7 @@ class BuildReport:
     dataset: str = "fresh"
     dataset_problem: str = ""
     dataset_path: Path = Path()
+    datasets: Mapping[str, JsonMapping] = field(default_factory=dict)
     own: dict[str, OwnOutcome] = field(default_factory=dict)
     own_left_out: Mapping[str, str] = field(default_factory=dict)
     own_problem: str = ""
@@ -233,6 +257,7 @@ class BuildReport:
                 "path": str(self.dataset_path),
                 "problem": self.dataset_problem,
             },
+            "datasets": {name: dict(one) for name, one in self.datasets.items()},
             "own": {name: one.as_json() for name, one in self.own.items()},
             "own_left_out": dict(self.own_left_out),
             "own_problem": self.own_problem,
@@ -258,6 +283,7 @@ class BuildReport:
             dataset=value["dataset"]["state"],
             dataset_problem=value["dataset"]["problem"],
             dataset_path=Path(value["dataset"]["path"]),
+            datasets=value["datasets"],
             own={name: OwnOutcome(**one) for name, one in value["own"].items()},
             own_left_out=value["own_left_out"],
             own_problem=value["own_problem"],

@@ -50,8 +50,9 @@ class AssetResult:
 
 @dataclass(frozen=True)
 class Skipped:
-    """The recording takes no part in the dataset; `reason` says why."""
+    """An asset that is not made, as its recording takes no part in the dataset; `reason` says why."""
 
+    asset: str
     reason: str
 
 
@@ -90,10 +91,10 @@ def execute(graph: Graph, *, threads: int | None = None) -> Iterator[AssetResult
                     yield _result(node, node.outcome)
                 elif node.error is not None:
                     failed[node.name] = node.error
+                elif node.skipped is not None:
+                    yield Skipped(node.name, node.skipped)
         selection = graph.node(SELECTION)
-        if selection.skipped is not None:
-            yield Skipped(selection.skipped)
-        elif selection.error is not None:
+        if selection.error is not None:
             raise selection.error
         if failed:
             raise BuildFailure(failed, graph.recording.path)

@@ -13,9 +13,9 @@ from bagassets.recordings.model import RecordingFiles
 from bagassets.store.canonical import digest_json
 from bagassets.store.store import Store
 
-__all__ = ["ActionPair", "Explanation", "explain_asset"]
+__all__ = ["SHOWN", "ActionPair", "Explanation", "explain_asset"]
 
-_SHOWN = ("data_version", "code_version", "run_id", "cached")  # of what is recorded
+SHOWN = ("data_version", "code_version", "run_id", "cached")  # of what is recorded
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class Explanation:
             "asset": self.asset,
             **self.state.as_json(),
             "code_version": self.code_version,
-            "recorded": last and {name: getattr(last, name) for name in _SHOWN},
+            "recorded": last and {name: getattr(last, name) for name in SHOWN},
             "actions": [pair.as_json() for pair in self.actions],
         }
 

@@ -17,7 +17,7 @@ from bagassets.assets.asset import AnyAsset, AnyUse
 from bagassets.assets.selection import choose_rig, skip_reason
 from bagassets.build.differences import compare_actions, describe_changes
 from bagassets.build.inputs import RecordingInputs
-from bagassets.build.plan import AssetState, Recorded, version_as_input
+from bagassets.build.plan import AssetState, Recorded, skip_version, version_as_input
 from bagassets.build.recording_assets import RecordingAssets
 from bagassets.build.source import MessageSource
 from bagassets.build.unexpected import explained_error
@@ -79,6 +79,13 @@ class Node:
         if self.action is None:
             raise TypeError(f"the action of {self.name} is not known")
         return self.action
+
+    @property
+    def data_version(self) -> str | None:
+        """What Dagster is to record of it, if that is known."""
+        if self.skipped is not None:
+            return skip_version(self.skipped)
+        return None if self.artifact is None else self.artifact.digest
 
     @property
     def is_cached(self) -> bool:
@@ -276,7 +283,7 @@ class Graph:
         nodes = {asset.name: self.node(asset.name) for asset in self.assets}
         current = {name: record.data_version for name, record in self.recorded.items()}
         current |= {} if self.digest is None else {BAG: self.digest}
-        current |= {name: node.artifact.digest for name, node in nodes.items() if node.artifact is not None}
+        current |= {name: known for name, node in nodes.items() if (known := node.data_version) is not None}
         states = {BAG: self.bag}
         for name, node in nodes.items():
             states[name] = self._state(node, current, states)
@@ -295,15 +302,16 @@ class Graph:
 
     def _state(self, node: Node, current: Mapping[str, str], states: Mapping[str, AssetState]) -> AssetState:
         recorded = self.recorded.get(node.name)
-        if node.artifact is not None:
-            return self._known_state(node.artifact.digest, node.name, current, states)
-        if node.skipped is not None:
-            return AssetState("skipped", node.skipped)
+        if node.data_version is not None:
+            state = self._known_state(node.data_version, node.name, current, states)
+            if node.skipped is None:
+                return state
+            return AssetState("skipped", node.skipped, to_record=state.state != "fresh")
         if node.waits_for is not None:
             reason = states[node.waits_for].reason
-            # Name only the first cause: "waits for frames: waits for calibration: …" would say less.
+            # Name only the first cause: "waits for frames — waits for calibration — …" would say less.
             if not reason.startswith("waits for"):
-                reason = f"waits for {node.waits_for}: {reason}"
+                reason = f"waits for {node.waits_for} — {reason}"
             is_new = self.digest is None and recorded is None
             return AssetState("missing" if is_new else "unknown", reason)
         failure = self._failure(node)
@@ -321,8 +329,8 @@ class Graph:
             return AssetState("record-only", "the store has it, Dagster has no record", digest)
         if recorded.data_version != digest:
             return AssetState("record-only", "the store has the result for the new inputs", digest)
-        if recorded.code_version != self.assets.versions[name]:
-            return AssetState("record-only", "recipe or step version changed, the result did not", digest)
+        if changes := self.assets.version_changes(name, recorded.code_version):
+            return AssetState("record-only", f"{changes} changed, the result did not", digest)
         for above, data_version in recorded.inputs.items():
             if above in current and version_as_input(current[above]) != data_version:
                 state = states.get(above)
@@ -332,6 +340,8 @@ class Graph:
 
     def _what_changed(self, node: Node, recorded: Recorded) -> str:
         """Return a text that names the differences between a node's action and the one that Dagster recorded last."""
+        if recorded.is_skip:
+            return f"the recording was skipped before: {recorded.why_skipped}"
         before = None if recorded.action is None else self.store.action(recorded.action)
         if before is None:
             return "the record of the action that made it is gone"

@@ -4,58 +4,72 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from bagassets.alike import told_once
 from bagassets.build.plan import Plan, Recorded
-from bagassets.build.recording_assets import RecordingAssets
+from bagassets.build.planner import Planner
 from bagassets.quantities import readable_time
 from bagassets.store.store import Store
 
 __all__ = ["made_again"]
 
-# What the others took is told from these, by their size.
+# What the others took is estimated from these, by their size.
 _MOST_COMPARED = 20
+_RUN_S = 1.0  # what a run takes beside its work
 
 
 def made_again(
+    planner: Planner,
     plan: Plan,
     recorded: Mapping[str, Mapping[str, Recorded]],
-    todo: Mapping[str, Sequence[str]],
-    sizes: Mapping[str, int],
-    assets: RecordingAssets,
-    store: Store,
+    todo: Mapping[str, tuple[int, Sequence[str]]],
     jobs: int,
+    runs: int,
 ) -> str:
-    """Return one line about the assets whose version was raised since they were recorded; "" if there are none.
+    """Return a line about the assets whose version was raised since they were recorded, and one for each; "" if there are none.
 
     Args:
+        planner: has the assets with their versions, and the store with the time that actions took.
         plan: states of all recordings.
         recorded: partition key -> asset -> what Dagster recorded last.
-        todo: recording that needs a run -> assets that it is about.
-        sizes: size of each recording in bytes.
-        assets: assets of recordings, with their versions.
-        store: has the actions that made what is recorded, and the time that they took.
+        todo: recording that needs a run -> its size in bytes, and the assets that the run is about.
         jobs: recordings built at the same time.
+        runs: runs that all of `todo` takes.
     """
+    assets, store = planner.assets, planner.store
     found: dict[str, list[str]] = {}
+    since: dict[str, int] = {}
     told: list[tuple[tuple[str, ...], str, str]] = []
-    for key, names in todo.items():
+    for key, (_, names) in todo.items():
         states, before = plan.bags[key].assets, recorded.get(key, {})
         changed = [name for name in names if states[name].state in {"stale", "unknown"} and name in before]
-        raised = {name for name in changed if name != "bag" and _is_older(before[name], assets[name].version)}
+        versions = {name: _version(before[name]) for name in changed if name != "bag"}
+        raised = {name: was for name, was in versions.items() if was not in {None, assets[name].version}}
         if raised:
-            found[key] = [name for name in changed if not raised.isdisjoint(assets.with_upstream([name]))]
+            since |= {name: min(was, since.get(name, was)) for name, was in raised.items()}
+            found[key] = [
+                name for name in changed if not raised.keys().isdisjoint(assets.with_upstream([name]))
+            ]
             told.append(((), key, ", ".join(name for name in names if name in raised)))
     if not found:
         return ""
     what = "; ".join(f"{one.text} of {one.title}" for one in told_once(told, fewest=2))
     compared = list(found)[:: max(1, len(found) // _MOST_COMPARED)]
     took_s = sum(_took_s(store, [recorded[key][name] for name in found[key]]) for key in compared)
-    share = sum(1 + sizes[key] for key in compared) / sum(1 + sizes[key] for key in found)
-    time = f"; about {readable_time(took_s / share / jobs)}, going by what they took before" if took_s else ""
-    return f"made again: {what}, as far as this version of bagassets makes them differently (see its changelog){time}"
+    share = sum(1 + todo[key][0] for key in compared) / sum(1 + todo[key][0] for key in found)
+    all_s = (took_s / share + runs * _RUN_S) / jobs
+    time = f"; about {readable_time(all_s)}, going by what they took before" if took_s else ""
+    line = f"made again: {what}, as far as this version of bagassets makes them differently (see its changelog){time}"
+    differences = [
+        f"  {asset.name} {text}"
+        for asset in assets
+        for version, text in asset.changes.items()
+        if since.get(asset.name, asset.version) < version
+    ]
+    return "\n".join([line, *differences])
 
 
-def _is_older(record: Recorded, version: int) -> bool:
-    """Return whether an asset was recorded with another version of its step, which its code version begins with."""
-    return record.code_version is not None and record.code_version.partition("-")[0] != str(version)
+def _version(record: Recorded) -> int | None:
+    """Return the version of the step that an asset was recorded with, which its code version begins with."""
+    version = ("" if record.is_skip else record.code_version or "").partition("-")[0]
+    return int(version) if version.isdecimal() else None
 
 
 def _took_s(store: Store, records: Iterable[Recorded]) -> float:

@@ -1,7 +1,7 @@
 """The plan: the state of every asset of every recording."""
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from typing import TYPE_CHECKING, Literal, NamedTuple, Self
 
@@ -14,9 +14,19 @@ if TYPE_CHECKING:
     from bagassets.store.artifact import Artifact
     from bagassets.store.store import Store
 
-__all__ = ["AssetState", "BagPlan", "Plan", "Recorded", "State", "version_as_input"]
+__all__ = [
+    "AssetState",
+    "BagPlan",
+    "Plan",
+    "Recorded",
+    "State",
+    "is_skip",
+    "skip_version",
+    "version_as_input",
+]
 
 State = Literal["fresh", "record-only", "stale", "unknown", "failed", "missing", "skipped"]
+_SKIPPED = "skipped:"
 
 
 @dataclass(frozen=True)
@@ -24,7 +34,7 @@ class Recorded:
     """The latest materialization of one asset partition in Dagster's event log.
 
     Attributes:
-        data_version: digest of the recording or of the artifact.
+        data_version: digest of the recording or of the artifact; see `skip_version` for one that was skipped.
         code_version: Dagster's code version, from step version and recipe fields.
         inputs: upstream asset -> data version that it was made from.
         stat: for `bag`, sizes and times of the files when the digest was taken.
@@ -34,6 +44,7 @@ class Recorded:
         made_along: for `bag`, the action of the inventory if the same pass has run it.
         content: for what was made from `bag`, the digest of the recording; "" if that is not recorded, and something else if
             it was made from assets of several contents.
+        why_skipped: why there is no artifact, if it was skipped.
     """
 
     data_version: str
@@ -45,6 +56,12 @@ class Recorded:
     run_id: str = ""
     made_along: str = ""
     content: str = ""
+    why_skipped: str = ""
+
+    @property
+    def is_skip(self) -> bool:
+        """True if there is no artifact, since the recording took no part."""
+        return is_skip(self.data_version)
 
 
 class AssetState(NamedTuple):
@@ -55,12 +72,19 @@ class AssetState(NamedTuple):
         reason: a text that says why, back to the first cause.
         data_version: digest of the artifact that is or would be current, if known.
         is_final: it failed for a reason that is known without running it, so trying again would not help.
+        to_record: it is skipped, and Dagster's record says something else, or there is none.
     """
 
     state: State
     reason: str
     data_version: str | None = None
     is_final: bool = False
+    to_record: bool = False
+
+    @property
+    def is_settled(self) -> bool:
+        """True if nothing is to be done about it, and it has not failed."""
+        return self.state in {"fresh", "skipped"} and not self.to_record
 
     def as_json(self) -> JsonObject:
         """Return the state as JSON."""
@@ -75,13 +99,14 @@ class BagPlan:
         key: partition key.
         assets: asset -> its state.
         format: of the recording.
-        recorded: asset -> data version that Dagster recorded last.
+        recorded: asset -> data version that Dagster recorded last; without those that were skipped.
         channels: digests of the single channels' artifacts in frames and sweeps.
         optional: assets on which no dataset but their own depends.
         rig: name of the rig that made the recording; "" if none did.
         touched: its files have the names and sizes on record, but another time; whether their content is the same is
             not known, or it is known to be. So a settled recording is never one.
         outdated: assets whose record is of other content than the record of `bag`; none if it is settled.
+        findings: severity, check and problem of what quick checks found in it; None if they have not been run.
     """
 
     key: str
@@ -93,6 +118,7 @@ class BagPlan:
     rig: str = ""
     touched: bool = False
     outdated: frozenset[str] = frozenset()
+    findings: tuple[tuple[str, str, str], ...] | None = None
 
     @property
     def skipped(self) -> str | None:
@@ -128,7 +154,7 @@ class BagPlan:
     @property
     def settled(self) -> bool:
         """True if nothing is to be done and nothing failed."""
-        return all(state.state in {"fresh", "skipped"} for state in self.assets.values())
+        return all(state.is_settled for state in self.assets.values())
 
     @property
     def artifacts(self) -> tuple[str, ...]:
@@ -152,7 +178,8 @@ class BagPlan:
         wanted = tuple(self.assets)
         if select is not None:
             wanted = tuple(name for name in wanted if name in select)
-        return wanted if any(self.assets[name].state not in idle for name in wanted) else ()
+        states = [self.assets[name] for name in wanted]
+        return wanted if any(one.state not in idle or one.to_record for one in states) else ()
 
     def current_artifact(self, store: "Store", asset: str) -> "Artifact | None":
         """Return the current artifact of an asset, else the last recorded one, if the store still has it."""
@@ -168,14 +195,16 @@ class BagPlan:
 
     def as_row(self) -> list[Json]:
         """Return a settled plan without its key as compact JSON: there may be 10,000 of them."""
-        return [self.assets, self.format, self.recorded, self.channels, sorted(self.optional), self.rig]
+        facts = [self.assets, self.format, self.recorded, self.channels, sorted(self.optional), self.rig]
+        return [*facts, self.findings]
 
     @classmethod
     def from_row(cls, key: str, row: list[Json]) -> Self:
         """Inverse of `as_row`, from decoded JSON."""
-        states, file_format, recorded, channels, optional, rig = row
+        states, file_format, recorded, channels, optional, rig, findings = row
         assets = {name: AssetState(*state) for name, state in states.items()}
-        return cls(key, assets, file_format, recorded, tuple(channels), frozenset(optional), rig)
+        plan = cls(key, assets, file_format, recorded, tuple(channels), frozenset(optional), rig)
+        return plan if findings is None else replace(plan, findings=tuple(map(tuple, findings)))
 
 
 @dataclass(frozen=True)
@@ -208,6 +237,19 @@ class Plan:
         """Those of `removed` that have become parts of nothing."""
         joined = {key for keys in self.joined.values() for key in keys}
         return tuple(key for key in self.removed if key not in joined)
+
+
+def skip_version(reason: str) -> str:
+    """Return the data version of an asset of a recording that takes no part, which is no digest of an artifact.
+
+    It differs if the reason does, so what was recorded for another reason is recorded again.
+    """
+    return _SKIPPED + sha256(reason.encode()).hexdigest()
+
+
+def is_skip(data_version: str) -> bool:
+    """Return whether a data version is of `skip_version`; all others of assets of recordings are of artifacts."""
+    return data_version.startswith(_SKIPPED)
 
 
 def version_as_input(data_version: str) -> str:

@@ -59,7 +59,8 @@ class Planner:
             for part in node.parts
             if part.artifact is not None
         )
-        on_record = {asset: record.data_version for asset, record in recorded.items()}
+        made = {asset: record for asset, record in recorded.items() if not record.is_skip}
+        on_record = {asset: record.data_version for asset, record in made.items()}
         rig = "" if graph.rig is None else graph.rig.name
         touched = _is_touched(states["bag"], recorded.get("bag"), graph.stat)
         return BagPlan(
@@ -71,7 +72,7 @@ class Planner:
             self.assets.optional,
             rig,
             touched,
-            _outdated(states, recorded),
+            _outdated(states, made),
         )
 
     def graph(self, recording: RecordingFiles, recorded: Mapping[str, Recorded]) -> Graph:
@@ -99,7 +100,7 @@ def _bag_state(
         return digest, stat, AssetState("missing", "new recording", digest)
     if digest == recorded.data_version:
         return digest, stat, AssetState("record-only", "touched, content unchanged", digest)
-    reason = f"{why}: its content has to be read" if digest is None else "content changed"
+    reason = f"{why}; its content has to be read" if digest is None else "content changed"
     differing = _differing_parts(recording, recorded.stat, stat)
     return digest, stat, AssetState("stale", f"{differing}; {reason}" if differing else reason, digest)
 
@@ -162,6 +163,7 @@ class Planning:
         storage_ids: asset -> partition key -> id of Dagster's latest record.
         fetch: takes assets and partition keys, and returns partition key -> asset -> what Dagster recorded last.
         kept: states of recordings that are not planned again.
+        check: returns what quick checks find in a recording with nothing to do (`BagPlan.findings`); kept with its plan.
     """
 
     assets: RecordingAssets
@@ -173,6 +175,7 @@ class Planning:
     storage_ids: Mapping[str, Mapping[str, int]]
     fetch: Fetch
     kept: Mapping[str, BagPlan] = field(default_factory=dict)
+    check: Callable[[BagPlan], tuple[tuple[str, str, str], ...] | None] = lambda _: None
 
     def __post_init__(self) -> None:
         self._cache = PlanCache(self.assets.recipe.state, self.store.root / "artifacts")
@@ -214,6 +217,12 @@ class Planning:
             if on_planned is not None and len(changed) > AT_A_TIME:
                 on_planned(examined, len(changed))
         settled = {key: bags[key] for key in self._fingerprints.keys() - unchanged if bags[key].settled}
+        bags |= {
+            key: replace(bag, findings=self.check(bag))
+            for key, bag in settled.items()
+            if bag.findings is None
+        }
+        settled = {key: bags[key] for key in settled}
         self._cache.save(
             {key: (self._fingerprints[key], bag.as_row(), bag.artifacts) for key, bag in settled.items()},
             self._before.keys() - unchanged - settled.keys(),

@@ -1,4 +1,4 @@
-"""How far this process has come with reading a recording, told now and then to whoever waits."""
+"""How far this process has come with reading a recording, reported now and then to whoever waits."""
 
 import time
 from collections.abc import Callable, Iterator

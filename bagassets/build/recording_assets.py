@@ -86,6 +86,14 @@ class RecordingAssets:
         """Asset -> its code version in Dagster."""
         return {asset.name: _code_version(self.recipe, asset) for asset in self}
 
+    def version_changes(self, name: str, recorded: str | None) -> str:
+        """Return which parts of the code version of an asset differ from one on record; "" if it is the same."""
+        if recorded == self.versions[name]:
+            return ""
+        before, now = (f"{version}--".split("-") for version in (recorded or "", self.versions[name]))
+        parts = "the step version", "the recipe or a library version", "the installed decoder plug-ins"
+        return " and ".join(part for part, was, one in zip(parts, before, now, strict=False) if was != one)
+
     def upstream(self, name: str) -> tuple[str, ...]:
         """Return the names of the assets that an asset reads."""
         return tuple(asset.name for asset in self[name].reads)
@@ -110,8 +118,10 @@ class RecordingAssets:
 
 
 def _code_version(recipe: Recipe, asset: AnyAsset) -> str:
-    """Return `<version>-<digest>` of an asset: of its libraries, decoder plug-ins and its parameters for every rig.
+    """Return `<version>-<digest>` of an asset: of its libraries and its parameters for every rig.
 
+    Where decoder plug-ins are installed for its messages, `-<digest>` of these follows. Which types the recordings have, the
+    recipe does not say; so plug-ins for other types count, too.
     Dagster cannot see parameters; through this text a changed recipe shows in its UI as a changed code version.
     `match` decides, in order, which rig a recording belongs to: it counts where the parameters of rigs differ.
     """
@@ -129,5 +139,6 @@ def _code_version(recipe: Recipe, asset: AnyAsset) -> str:
         if plugin.family == family
     ]
     package = [asset.distribution] if asset.distribution else []
-    digest = digest_json([rigs, list(asset.libraries), plugins, *package])
-    return f"{asset.version}-{digest[:12]}"
+    # The empty list was that of plug-ins.
+    version = f"{asset.version}-{digest_json([rigs, list(asset.libraries), [], *package])[:12]}"
+    return f"{version}-{digest_json(plugins)[:12]}" if plugins else version

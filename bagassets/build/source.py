@@ -28,7 +28,7 @@ class MessageSource:
         stat: sizes and times of its files when its digest was taken.
         message_definitions: folders of `.msg` files.
         limits: limits on the memory that reading may take.
-        on_read: told how far reading has come; see `open_recording`.
+        on_read: called with how far reading has come; see `open_recording`.
         what: what the whole recording is read for, for those who wait.
     """
 

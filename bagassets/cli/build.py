@@ -13,7 +13,7 @@ import click
 from bagassets.cli.early import JOBS_PER_PROCESSOR, MOST_ROWS, HandedOver
 from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.options import recipe_option
-from bagassets.cli.progress import progress_for
+from bagassets.cli.progress import planning_shown, progress_for
 from bagassets.cli.terminal import echo, echo_lines
 from bagassets.json_types import JsonObject
 from bagassets.quantities import count_text
@@ -165,10 +165,10 @@ def _dry_run(recipe: Path, options: "BuildOptions", *, check: bool, as_json: boo
     from bagassets.formats.checking import remarks_on_record
     from bagassets.formats.emptiness import why_empty
 
-    with open_project(recipe) as (instance, known_as):
+    with planning_shown() as on_planned, open_project(recipe) as (instance, known_as):
         own = load_own(known_as, options)
         workspace = own.workspace
-        pending = find_pending_work(instance, workspace, options, own)
+        pending = find_pending_work(instance, workspace, options, own, on_planned=on_planned)
         own_work = own.survey(instance, pending, options)
         moved = expected_moves(pending, workspace.recipe) if pending.datasets else {}
         # Recordings that will be built will also be checked again.

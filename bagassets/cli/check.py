@@ -31,8 +31,8 @@ Examples:
 
 \b
 Exit status:
-  0  no check of severity error failed
-  1  something is wrong with the recipe or a folder
+  0  no check of severity error failed, and no recording
+  1  a recording failed on its current input, or something is wrong with the recipe or a folder
   3  a check of severity error failed"""
 )
 @recipe_option
@@ -47,12 +47,13 @@ def check(recipe: Path, bags: tuple[str, ...], as_json: bool) -> int:
     """
     from bagassets.build.build_report import BuildOptions
     from bagassets.build.choose import SelectionError
+    from bagassets.cli.progress import planning_shown
     from bagassets.defs.pending_work import find_pending_work, open_project
     from bagassets.formats.checking import check_bag, check_datasets
 
     try:
-        with open_project(recipe) as (instance, workspace):
-            pending = find_pending_work(instance, workspace, BuildOptions(bags=bags))
+        with planning_shown() as on_planned, open_project(recipe) as (instance, workspace):
+            pending = find_pending_work(instance, workspace, BuildOptions(bags=bags), on_planned=on_planned)
     except SelectionError as err:
         raise click.UsageError(str(err)) from err
     loaded, store = workspace.recipe, workspace.store
@@ -67,7 +68,11 @@ def check(recipe: Path, bags: tuple[str, ...], as_json: bool) -> int:
         echo_lines(json.dumps([verdict.as_json() for verdict in verdicts], indent=1))
     else:
         _print(verdicts)
-    return ExitStatus.FOUND if any(verdict.is_error for verdict in verdicts) else 0
+    for told in told_once(((), key, reason) for key, reason in pending.failed.items()):
+        echo_lines(f"failed {told.title}: {told.text}", err=True)
+    if any(verdict.is_error for verdict in verdicts):
+        return ExitStatus.FOUND
+    return ExitStatus.FAILED if pending.failed else 0
 
 
 def _print(verdicts: Sequence["Verdict"]) -> None:

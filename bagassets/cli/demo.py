@@ -1,5 +1,7 @@
 """`bagassets demo`: sample drives and their dataset, with one command."""
 
+import sys
+import time
 from pathlib import Path
 
 import click
@@ -19,7 +21,7 @@ Exit status: that of `bagassets build`."""
 @click.argument("folder", type=click.Path(file_okay=False, path_type=Path), default=Path("build/demo"))
 @click.option(
     "--seconds",
-    type=click.FloatRange(1, 600),
+    type=click.FloatRange(1.5, 600),  # of less there is no scene
     default=5.0,
     show_default=True,
     help="Duration of each drive.",
@@ -33,8 +35,9 @@ def demo(ctx: click.Context, folder: Path, seconds: float) -> None:
     is up to date.
     """
     from bagassets.cli.build import build
+    from bagassets.cli.terminal import echo
     from bagassets.propose.project import FILES, write_project
-    from bagassets.quantities import count_text
+    from bagassets.quantities import count_text, readable_time
     from bagassets.recipe import load_recipe
     from bagassets.sample.demo import missing_drives, write_drives
     from bagassets.sample.recipe import sample_recipe
@@ -46,14 +49,18 @@ def demo(ctx: click.Context, folder: Path, seconds: float) -> None:
     recordings = folder / "recordings"
     missing = missing_drives(recordings)
     if missing:
+        began = time.monotonic()
         with click.progressbar(
             write_drives(recordings, missing, seconds),
             length=len(missing),
-            label=f"Writing {count_text(len(missing), 'sample drive')}",
+            label=f"Writing {count_text(len(missing), 'sample drive')}, once, which takes about a minute or less",
             item_show_func=lambda name: name or "",
         ) as names:
-            for _ in names:
-                pass
+            for number, name in enumerate(names, 1):
+                if not sys.stdout.isatty():  # where there is no bar
+                    echo(
+                        f"wrote    {number}/{len(missing)} {name} ({readable_time(time.monotonic() - began)})"
+                    )
     if not recipe.exists():
         write_project(folder, sample_recipe(name="demo", version="v1.0-demo"))
     elif not all((folder / name).exists() for name in FILES):

@@ -202,6 +202,7 @@ def _section(asset: "AnyAsset", assets: "tuple[AnyAsset, ...]") -> str:
         "decoder plug-ins": ", ".join(asset.families),
         "libraries": ", ".join(asset.libraries),
         "version": str(asset.version),
+        "what versions changed": "; ".join(f"{version} {text}" for version, text in asset.changes.items()),
         "if it fails": "the recording still enters datasets that are not made from it"
         if asset.optional
         else "",

@@ -22,6 +22,7 @@ _VERBS: dict[State, str] = {
     "unknown": "may run",
     "record-only": "record",
     "failed": "failed",
+    "skipped": "skip",
 }
 _OWN_VERBS = {
     "missing": "run",
@@ -53,11 +54,12 @@ def dry_run_lines(pending: "PendingWork", own: "OwnWork") -> Iterator[str]:
     for whole, keys in pending.plan.joined.items():
         yield f"{names_text(keys)}\n  would be joined into {whole}, as its parts"
     for key in pending.plan.gone:
-        yield f"{key}\n  is gone: its partition and scenes would be removed"
+        then = pending.held.get(key, "its partition and scenes would be removed")
+        yield f"{key}\n  is gone: {then}"
     for question in pending.plan.asked.values():
         yield f"to be decided: {visible(question)}"
-    if pending.datasets:
-        yield f"dataset\n  {_dataset(pending)}"
+    for name, one in pending.dataset_states.items():
+        yield f"{name}\n  {_VERBS.get(one.state, 'up to date'):<8} {one.reason}".rstrip()
     yield from _own_lines(own)
 
 
@@ -85,7 +87,8 @@ def verdict(pending: "PendingWork", own: "OwnWork") -> str:
     gone, joined = pending.plan.gone, len(pending.plan.removed) - len(pending.plan.gone)
     parts += [f"join {count_text(joined, 'part')}"] if joined else []
     parts += [f"remove {count_text(len(gone), 'recording')}"] if gone else []
-    parts += ["update the dataset"] if pending.datasets and (parts or not pending.dataset_is_current) else []
+    behind = [name for name, one in pending.dataset_states.items() if one.state != "fresh"]
+    parts += [f"update {', '.join(behind)}"] if behind else []
     parts += [f"make {', '.join(to_make)}"] if to_make else []
     return f"to do: {', '.join(parts)}."
 
@@ -117,22 +120,8 @@ def dry_run_json(
         "removed": list(pending.plan.removed),
         "moved": {key: list(splits) for key, splits in moved.items()},
         "remarks": [remark.as_json() for remark in remarks],
-        "datasets": {name: _dataset_state(pending) for name in pending.datasets},
+        "datasets": {name: one.state for name, one in pending.dataset_states.items()},
+        "dataset_reasons": {name: one.reason for name, one in pending.dataset_states.items() if one.reason},
         "own": own.as_json(),
     }
     return json.dumps(value, indent=1)
-
-
-def _dataset(pending: "PendingWork") -> str:
-    state = _dataset_state(pending)
-    if state == "fresh":
-        return "up to date"
-    if state == "unknown":
-        return "may be updated, once the recordings above are done"
-    return "would be updated: its recordings, the recipe or the version changed, or its files did"
-
-
-def _dataset_state(pending: "PendingWork") -> str:
-    if pending.todo:
-        return "unknown"
-    return "fresh" if pending.dataset_is_current and not pending.plan.removed else "stale"

@@ -7,14 +7,19 @@ from typing import TYPE_CHECKING
 
 import click
 
+from bagassets.alike import told_once
 from bagassets.cli.options import recipe_option
 from bagassets.cli.terminal import echo, echo_json, echo_lines
 from bagassets.errors import RecipeError
 from bagassets.escaping import visible
+from bagassets.quantities import count_text
 
 if TYPE_CHECKING:
     from bagassets.build.explain import ActionPair, Explanation
+    from bagassets.build.plan import Recorded
     from bagassets.defs.own_states import OwnState
+    from bagassets.defs.pending_work import PendingWork
+    from bagassets.recipe.model import Recipe
 
 __all__ = ["explain"]
 
@@ -27,30 +32,35 @@ _SHORT_DIGEST = 16
 Examples:
   bagassets explain monday.bag frames
   bagassets explain 'runs/tuesday' nuscenes_tables --json
+  bagassets explain nuscenes_dataset            # which recordings it has, and what would change
+  bagassets explain monday.bag nuscenes_dataset # what it has of one
   bagassets explain monday.bag sharpness        # an asset of your own that reads ours
 
 \b
 Exit status: 0 in any state; 1 if the recipe is wrong; 2 if there is no such recording or asset."""
 )
-@click.argument("bag")
-@click.argument("asset")
+@click.argument("bag", metavar="[BAG]")
+@click.argument("asset", required=False, metavar="ASSET")
 @recipe_option
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
-def explain(bag: str, asset: str, recipe: Path, as_json: bool) -> None:
+def explain(bag: str, asset: str | None, recipe: Path, as_json: bool) -> None:
     """Show what an asset of a recording is made from, and what has changed since the last time.
 
     BAG is the key or path of a recording, ASSET one of its assets. The inputs, parameters and libraries of its action
     are printed beside those of the action that Dagster recorded last. ASSET may be one of your own, too: what it read
-    last is printed beside what it would read now.
+    last is printed beside what it would read now. For a dataset, BAG may be left out.
     """
     from bagassets.build.build_report import BuildOptions
     from bagassets.build.choose import SelectionError, choose_assets, choose_recordings
     from bagassets.build.explain import explain_asset
     from bagassets.build.planner import Planner
+    from bagassets.defs.events import recorded_whole
     from bagassets.defs.instance_plan import recorded_assets
     from bagassets.defs.own_build import load_own
     from bagassets.defs.pending_work import find_pending_work, open_project
+    from bagassets.formats.dataset_build import dataset_code_versions
 
+    wanted, asset = ([bag], asset) if asset is not None else ([], bag)
     with open_project(recipe) as (instance, known_as):
         own = load_own(known_as)
         workspace = own.workspace
@@ -58,17 +68,27 @@ def explain(bag: str, asset: str, recipe: Path, as_json: bool) -> None:
             asset = workspace.names.shorten(asset)
         recordings = workspace.discover().recordings
         planner = Planner(workspace.assets, workspace.store, workspace.index)
-        known = ("bag", *planner.assets.names)
+        datasets = dataset_code_versions(workspace.recipe)
+        known = ("bag", *planner.assets.names, *datasets)
         if own.problem and asset not in known:
             raise RecipeError(own.problem)
         try:
-            keys = sorted(choose_recordings(recordings, [bag]))
+            keys = sorted(choose_recordings(recordings, wanted))
             choose_assets((*known, *own.assets), [asset])
         except SelectionError as err:
             raise click.UsageError(str(err)) from err
         if len(keys) > 1:
             raise click.UsageError(
                 f"{bag}: matches {len(keys)} recordings ({', '.join(keys[:3])}, …); name one."
+            )
+        if asset in datasets:
+            pending = find_pending_work(instance, workspace)
+            record = recorded_whole(instance, workspace.names, asset)
+            _explain_dataset(asset, keys, pending, workspace.recipe, record, as_json=as_json)
+            return
+        if not keys and (asset not in own.assets or own.assets[asset].is_partitioned):
+            raise click.UsageError(
+                f"{asset}: each recording has its own; name one: `bagassets explain BAG {asset}`."
             )
         if asset in own.assets:
             pending = find_pending_work(instance, workspace)
@@ -84,6 +104,55 @@ def explain(bag: str, asset: str, recipe: Path, as_json: bool) -> None:
         echo(line)
 
 
+def _explain_dataset(
+    asset: str,
+    keys: list[str],
+    pending: "PendingWork",
+    recipe: "Recipe",
+    recorded: "Recorded | None",
+    *,
+    as_json: bool,
+) -> None:
+    """Print why a dataset is in its state, and what it has of all recordings, or of those named by `keys`."""
+    from bagassets.build.explain import SHOWN
+    from bagassets.formats.dataset_build import dataset_code_versions
+    from bagassets.formats.dataset_contents import dataset_contents
+
+    state, version = pending.dataset_states[asset], dataset_code_versions(recipe)[asset]
+    contents = dataset_contents(recipe, pending.planned.inputs, asset)
+    shown = keys or sorted(contents.now.keys() | (contents.last or {}).keys())
+    last = contents.now if contents.last is None else contents.last
+    rows = {key: (last.get(key), contents.now.get(key)) for key in shown}
+    left_out = {key: why for key, why in contents.left_out.items() if not keys or key in keys}
+    if as_json:
+        echo_json(
+            {
+                "asset": asset,
+                "state": state.state,
+                "reason": state.reason,
+                "code_version": version,
+                "recorded": recorded and {name: getattr(recorded, name) for name in SHOWN},
+                "made_from": contents.part,
+                "recordings": {key: {"last": was, "now": now} for key, (was, now) in rows.items()},
+                "left_out": left_out,
+            }
+        )
+        return
+    echo(_head(asset, "", state.state, state.reason))
+    for line in _record_lines(recorded, None if recorded is None else recorded.data_version, version):
+        echo(line)
+    same = 0 if keys or contents.last is None else sum(was == now for was, now in rows.values())
+    echo(
+        f"made from {contents.part} of {count_text(len(contents.now), 'recording')}{f', {same} as before' if same else ''}"
+    )
+    for key, (was, now) in rows.items():
+        if (keys and (was or now)) or was != now:
+            for line in _row(key, was, now):
+                echo(line)
+    for told in told_once(((), key, why) for key, why in left_out.items()):
+        echo(f"left out: {told.title} ({told.text})")
+
+
 def _print_own(asset: str, key: str, states: "Mapping[str, OwnState]", *, as_json: bool) -> None:
     """Print why one of the user's own assets is in its state; `key` is empty for one that is made once."""
     one = states[key]
@@ -91,28 +160,36 @@ def _print_own(asset: str, key: str, states: "Mapping[str, OwnState]", *, as_jso
         value = {"key": key or None, "asset": asset, **one.as_json(), "reads": dict(one.reads)}
         echo_json(value | {"recorded": None if one.recorded is None else dict(one.recorded)})
         return
-    of_key = f" of {key}" if key else ""
-    echo_lines(f"{asset}{of_key} {_predicate(one.state)}: {visible(one.reason)}")
+    echo_lines(_head(asset, key, one.state, visible(one.reason)))
     for name, now in one.reads.items():
         for line in _row(f"reads {name}", (one.recorded or {}).get(name) or None, now or None):
             echo_lines(line)
 
 
-def _predicate(state: str) -> str:
-    return "has failed" if state == "failed" else f"is {state}"
+def _head(asset: str, key: str, state: str, reason: str) -> str:
+    of_key = f" of {key}" if key else ""
+    why = "" if state == "fresh" else f": {reason}"  # which may hold parentheses
+    return f"{asset}{of_key} {'has failed' if state == 'failed' else f'is {state}'}{why}"
+
+
+def _record_lines(
+    last: "Recorded | None", data_version: str | None, code_version: str | None
+) -> Iterator[str]:
+    """Yield what is recorded of an asset, beside what would be recorded now, as far as that is known."""
+    before = last and last.data_version
+    yield from _row("data version", before, data_version, unknown="not known yet")
+    yield from _row("code version", last and last.code_version, code_version)
+    if last is not None:
+        yield f"  recorded by run {last.run_id}" if last.run_id else "  recorded without a run"
 
 
 def explanation_lines(explanation: "Explanation") -> Iterator[str]:
     """Yield an explanation as lines of text."""
-    # Reasons may hold parentheses.
-    state = explanation.state
-    yield f"{explanation.asset} of {explanation.key} {_predicate(state.state)}: {state.reason}"
-    last = explanation.recorded
-    yield from _row("data version", last and last.data_version, explanation.state.data_version)
-    if explanation.code_version is not None:
-        yield from _row("code version", last and last.code_version, explanation.code_version)
-    if last is not None:
-        yield f"  recorded by run {last.run_id or '(none)'}"
+    state, last = explanation.state, explanation.recorded
+    yield _head(explanation.asset, explanation.key, state.state, state.reason)
+    of_bag = None if last is None else last.code_version  # never another
+    version = explanation.code_version if explanation.asset != "bag" else of_bag
+    yield from _record_lines(last, state.data_version, version)
     for pair in explanation.actions:
         yield from _action_lines(pair)
     if explanation.asset != "bag" and not explanation.actions:
@@ -126,9 +203,9 @@ def _action_lines(pair: "ActionPair") -> Iterator[str]:
     # If one of them is not known, there is nothing to compare, and the other is printed alone.
     last, now = value["last"] or value["now"] or {}, value["now"] or value["last"] or {}
     of = f" of {pair.channel}" if pair.channel else ""
-    remark = "" if pair.now is not None else " (the last one; the current one is not known yet)"
-    remark = remark if pair.last is not None else " (there was none before)"
-    yield f"action{of}: {now.get('step')}{remark}"
+    remark = "" if pair.now is not None else ", as it was last; the current one is not known yet"
+    remark = remark if pair.last is not None else ", the first one"
+    yield f"action {now.get('step')}{of}{remark}"
     yield from _row("digest", last.get("digest"), now.get("digest"))
     yield from _row("version", last.get("version"), now.get("version"))
     for group, name_of in (("libraries", "library"), ("params", "param"), ("inputs", "input")):
@@ -137,17 +214,19 @@ def _action_lines(pair: "ActionPair") -> Iterator[str]:
             yield from _row(f"{name_of} {name}", before.get(name), after.get(name))
 
 
-def _row(name: str, last: object, now: object) -> Iterator[str]:
-    """Yield one line; if the values differ, it shows both and is marked."""
+def _row(name: str, last: object, now: object, unknown: str = "none") -> Iterator[str]:
+    """Yield one line; if the values differ, it shows both and is marked; `unknown` stands for one that is None."""
     if last == now:
-        yield f"    {name}: {_value(now)}"
+        yield f"    {name}: {_value(now, unknown)}"
+    elif last is None:
+        yield f"  * {name}: {_value(now)} (new)"
     else:
-        yield f"  * {name}: {_value(last)} -> {_value(now)}"
+        yield f"  * {name}: {_value(last)} -> {_value(now, unknown)}"
 
 
-def _value(value: object) -> str:
+def _value(value: object, unknown: str = "none") -> str:
     if value is None:
-        return "-"
+        return unknown
     text = value if isinstance(value, str) else json.dumps(value, sort_keys=True)
     if len(text) == 64 and set(text) <= set("0123456789abcdef"):
         return text[:_SHORT_DIGEST]

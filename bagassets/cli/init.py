@@ -2,7 +2,7 @@
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -80,18 +80,24 @@ def init(project: Path, bags: Path | None, look_at: int, force: bool) -> None:
         unchanged = ", ".join(name for name in kept if name not in written)
         echo(f"Wrote {', '.join(written)} in {project}; kept {unchanged}.")
         return
-    present = [name for name in FILES if (project / name).exists()]
-    if present and not force:
-        raise RecipeError(
-            f"{project}: {', '.join(present)} would be replaced; --force does that, another folder avoids it."
-        )
+    if not force:
+        _refuse_to_replace(project, FILES)
     proposal, unreadable = _propose(project, bags.resolve(), look_at)
-    written = write_project(project, proposal.text)
+    if not force:
+        _refuse_to_replace(project, proposal.files)
+    written = write_project(project, proposal.text, more=proposal.files)
     print_found(proposal, unreadable)
     problems = [] if proposal.questions else _problems(recipe_file)
     print_next_steps(project, written, proposal, problems)
     if proposal.questions or problems:
         click.get_current_context().exit(ExitStatus.UNDECIDED)
+
+
+def _refuse_to_replace(project: Path, names: Iterable[str]) -> None:
+    if present := [name for name in names if (project / name).exists()]:
+        raise RecipeError(
+            f"{project}: {', '.join(present)} would be replaced; --force does that, another folder avoids it."
+        )
 
 
 def _propose(project: Path, path: Path, look_at: int) -> "tuple[Proposal, dict[str, str]]":
@@ -148,6 +154,7 @@ def _propose(project: Path, path: Path, look_at: int) -> "tuple[Proposal, dict[s
         found=len(recordings),
         digest_attributes=digest_attributes,
         calibrations=find_calibrations(root, project, nested=not is_one),
+        urdfs=True,
     )
     return proposal, unreadable
 

@@ -18,6 +18,7 @@ from bagassets.forkserver.client import Client, ServerRefusedError
 from bagassets.forkserver.process import ProcessId
 from bagassets.forkserver.tasks import find_server
 from bagassets.json_types import JsonObject
+from bagassets.unread_pipe import outliving_reader
 
 __all__ = ["COMMANDS", "answer", "run_on_server"]
 
@@ -151,4 +152,4 @@ def _write_to(process: ProcessId, streams: JsonObject) -> None:
         os.close(opened[name])
         encoding, errors = streams[name]
         stream = open(descriptor, "w", encoding=encoding, errors=errors, closefd=False)  # noqa: SIM115  (to the end of the process)
-        setattr(sys, name, stream)
+        setattr(sys, name, outliving_reader(stream))

@@ -2,6 +2,8 @@
 
 import sys
 import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from types import TracebackType
 from typing import TYPE_CHECKING, Protocol, Self
 
@@ -13,7 +15,14 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.live import Live
 
-__all__ = ["BuildProgress", "LinesProgress", "LiveProgress", "SilentProgress", "progress_for"]
+__all__ = [
+    "BuildProgress",
+    "LinesProgress",
+    "LiveProgress",
+    "SilentProgress",
+    "planning_shown",
+    "progress_for",
+]
 
 _BAR_WIDTH, _SMALL_BAR_WIDTH = 30, 10
 _MOST_SHOWN = 12
@@ -187,6 +196,20 @@ def clock(seconds: float) -> str:
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"
+
+
+@contextmanager
+def planning_shown() -> Iterator[Callable[[int, int], None]]:
+    """Show how far planning is, from the first call on: most plans take no longer than a display would be of use."""
+    with ExitStack() as stack:
+        displays: list[BuildProgress] = []
+
+        def show(done: int, total: int) -> None:
+            if not displays:
+                displays.append(stack.enter_context(progress_for()))
+            displays[0](Event.planning(done, total))
+
+        yield show
 
 
 def progress_for(*, quiet: bool = False) -> BuildProgress:

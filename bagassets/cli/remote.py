@@ -30,6 +30,7 @@ __all__ = ["InterruptedBuildError", "build_on_server", "end_servers", "server_fo
 _END_GRACE_S = 5.0
 _END_S = 60.0
 _POLL_S = 0.02
+_CARRIED_ON = "its runs end within seconds, what is finished is kept, and the next build carries on."
 _INTERRUPT_POLL_S = 0.2  # the longest time in which an interrupt goes unnoticed
 
 
@@ -128,12 +129,17 @@ def build_on_server(
         import rich.table  # noqa: F401
 
         is_cancelled = False
-        while (event := _end_of(client, job, on_event)) is None:
-            if interrupt.asked and not is_cancelled:
-                client.cancel(job, grace_s=GRACE_S)
-                is_cancelled = True
+        try:
+            while (event := _end_of(client, job, on_event)) is None:
+                if interrupt.asked and not is_cancelled:
+                    client.cancel(job, grace_s=GRACE_S)
+                    is_cancelled = True
+        except ServerRefusedError as err:
+            raise BagAssetsError(
+                f"the server of this build was killed; {_CARRIED_ON} Its log is {client.files.log}."
+            ) from err
     if event["event"] == "killed":
-        raise BagAssetsError(*str(event["reason"]).split("\n"))
+        raise BagAssetsError(*str(event["reason"]).split("\n"), _CARRIED_ON.capitalize())
     if event["exit"] != 0:
         raise _raised(event["error"])
     report: JsonObject = event["result"]

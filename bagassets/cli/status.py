@@ -74,16 +74,17 @@ def status(recipe: Path, bags: tuple[str, ...], show_all: bool, as_json: bool) -
     """
     from bagassets.build.build_report import BuildOptions
     from bagassets.build.choose import SelectionError
+    from bagassets.cli.progress import planning_shown
     from bagassets.defs.own_build import load_own
     from bagassets.defs.pending_work import find_pending_work, open_project
     from bagassets.formats.catalogue import problems_of
 
     try:
-        with open_project(recipe) as (instance, known_as):
+        with planning_shown() as on_planned, open_project(recipe) as (instance, known_as):
             options = BuildOptions(bags=bags)
             project = load_own(known_as)
             workspace = project.workspace
-            pending = find_pending_work(instance, workspace, options)
+            pending = find_pending_work(instance, workspace, options, on_planned=on_planned)
             own = project.survey(instance, pending, options)
     except SelectionError as err:
         raise click.UsageError(str(err)) from err
@@ -109,19 +110,14 @@ def status_json(pending: "PendingWork", own: "OwnWork", problems: Sequence[str] 
             key: {"format": bag.format, "registered": key in pending.planned.live, "assets": bag.as_json()}
             for key, bag in bags.items()
         },
-        "datasets": {name: _dataset_state(pending) for name in pending.datasets},
+        "datasets": {name: one.state for name, one in pending.dataset_states.items()},
+        "dataset_reasons": {name: one.reason for name, one in pending.dataset_states.items() if one.reason},
         "own": own.as_json(),
         "removed": list(pending.plan.removed),
         "excluded": dict(pending.plan.excluded),
         **({"asked": dict(pending.plan.asked)} if pending.plan.asked else {}),
         **({"problems": list(problems)} if problems else {}),
     }
-
-
-def _dataset_state(pending: "PendingWork") -> str:
-    if pending.todo or pending.plan.removed:
-        return "unknown"
-    return "fresh" if pending.dataset_is_current else "stale"
 
 
 def _print(pending: "PendingWork", own: "OwnWork", *, show_all: bool) -> None:
@@ -140,8 +136,8 @@ def _print(pending: "PendingWork", own: "OwnWork", *, show_all: bool) -> None:
         console.print(f"{number} more {'is' if number == 1 else 'are'} fresh or skipped; --all lists all.")
     for line in _reasons(pending, listed):
         print_lines(console, line)
-    for name in pending.datasets:
-        console.print(f"{name}: {_dataset_state(pending)}")
+    for name, one in pending.dataset_states.items():
+        print_lines(console, f"{name} {one.state}: {one.reason}" if one.reason else f"{name}: {one.state}")
     for line in _own_lines(own):
         print_lines(console, line)
     counts = Counter[str](state.state for bag in bags.values() for state in bag.assets.values())
@@ -198,7 +194,8 @@ def _reasons(pending: "PendingWork", listed: JsonMapping) -> Iterator[str]:
     for whole, keys in pending.plan.joined.items():
         yield f"{names_text(keys)}: parts of {whole}, into which the next build joins them"
     for key in pending.plan.gone:
-        yield f"{key}: the recording is gone; the next build removes its partition and its scenes"
+        then = pending.held.get(key, "the next build removes its partition and its scenes")
+        yield f"{key}: the recording is gone; {then}"
     for relative, reason in pending.plan.excluded.items():
         if not reason.startswith("not matched"):
             yield f"{visible(relative)}: left out: {visible(reason)}"

@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bagassets.alike import Told, told_once
-from bagassets.build.build_report import BuildReport, Remark, SummaryRow
+from bagassets.build.build_report import BuildReport, Remark, SummaryRow, remark_lines
 from bagassets.cli.terminal import print_lines
 from bagassets.escaping import visible
 from bagassets.formats.nuscenes.schema import devkit_split_name
 from bagassets.json_types import JsonMapping
-from bagassets.quantities import count_text
+from bagassets.quantities import count_text, span_text
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -133,19 +133,19 @@ def _quoted(path: Path) -> str:
 
 
 def print_remarks(remarks: Sequence[Remark], console: "Console") -> None:
-    """Print the findings of checks: errors first, what is alike once, and no more than fits on a screen."""
-    ranked = sorted(remarks, key=lambda remark: remark.severity != "error")
-    _print_once(
-        console,
-        (((one.severity, one.check), one.key, one.problem) for one in ranked),
-        lambda one: f"{one.title or 'dataset'}: {visible(one.text)} ({one.kind[1]})",
-        "`bagassets check` lists all",
-    )
+    """Print the findings of checks, each severity in its colour; see `remark_lines`."""
+    for line in remark_lines(remarks):
+        severity, space, rest = line.partition(" ")
+        is_remark = severity in _COLOURS
+        if is_remark:
+            console.print(f"[{_COLOURS[severity]}]{severity}[/]", end=space)
+        print_lines(console, rest if is_remark else line)
 
 
 def _print_dataset(report: BuildReport, console: "Console") -> None:
-    state = {"fresh": "up to date", "stopped": "not updated"}.get(report.dataset, report.dataset)
-    print_lines(console, f"dataset: {report.dataset_path} ({state})")
+    for one in report.datasets.values():
+        state = {"fresh": "up to date", "stopped": "not updated"}.get(one["state"], one["state"])
+        print_lines(console, f"dataset: {one['path']} ({state})")
     if report.dataset_problem:
         print_lines(console, f"         {report.dataset_problem}")
     has_recordings = any(share["recordings"] for share in report.splits.values())
@@ -204,17 +204,6 @@ def _table(rows: Sequence[SummaryRow]) -> "Table":
         result = Text(row.result, style=_COLOURS.get(row.result, ""))
         table.add_row(row.recording, row.format or "", span_text(row.span_s), *numbers, result)
     return table
-
-
-def span_text(seconds: float | None) -> str:
-    """Return a duration: `7.5 s`, `2:03 min`, `1:02:03 h`."""
-    if seconds is None:
-        return ""
-    if seconds < 60:
-        return f"{seconds:.1f} s"
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02}:{rest:02} h" if hours else f"{minutes}:{rest:02} min"
 
 
 def _number(value: int | None) -> str:

@@ -44,7 +44,7 @@ def status_of_unwritten(err: OSError) -> int | None:
     """Say why the output of a command cannot be written; return its exit status, or None if `err` is about something else."""
     if err.errno in _FULL and err.filename is None:
         echo(f"error: the output of this command, or a file, cannot be written ({err.strerror}).", err=True)
-    elif err.errno != errno.EPIPE:  # else whoever read it has seen enough
+    elif err.errno != errno.EPIPE:  # else nobody reads any more what `watch` writes
         return None
     # What is left to be written must not fail again as Python ends.
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

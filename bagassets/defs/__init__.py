@@ -20,6 +20,7 @@ if TYPE_CHECKING:
         per_recording,
         publish,
         recipe_beside,
+        skipped,
     )
     from bagassets.defs.workspace import Workspace
 
@@ -33,6 +34,7 @@ __all__ = [
     "per_recording",
     "publish",
     "recipe_beside",
+    "skipped",
 ]
 
 _MODULES = dict.fromkeys(__all__, "steps") | {

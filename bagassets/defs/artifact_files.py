@@ -8,7 +8,7 @@ import os
 import re
 from pathlib import Path
 
-from bagassets.formats.report_data import map_path
+from bagassets.formats.report_data import map_path, report_path
 from bagassets.recipe import load_recipe
 from bagassets.store.store import Store
 
@@ -57,4 +57,8 @@ def page_file(name: str) -> Path | None:
     recipe_file = Path(os.environ["BAGASSETS_RECIPE"]).absolute()
     if name == "map":
         return map_path(load_recipe(recipe_file))
-    return recipe_file.with_name("report.html") if name == "report" else None
+    if name != "report":
+        return None
+    # That of the last build, unless `bagassets report` has written one since.
+    places = (report_path(load_recipe(recipe_file)), recipe_file.with_name("report.html"))
+    return max(places, key=lambda file: file.stat().st_mtime_ns if file.is_file() else 0)

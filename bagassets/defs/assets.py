@@ -10,7 +10,6 @@ from bagassets.assets.asset import AnyAsset
 from bagassets.assets.ego_poses import POSE_SCHEMA
 from bagassets.assets.frames import INDEX_SCHEMA
 from bagassets.assets.sweep_files import LIDAR_SCHEMA
-from bagassets.build.execute import Skipped
 from bagassets.build.recording_assets import RecordingAssets
 from bagassets.defs.exclusive import RecordingLock
 from bagassets.defs.making import dependencies, make_assets, read_bag, recorded_bag
@@ -19,7 +18,6 @@ from bagassets.defs.not_made import failures_observed
 from bagassets.defs.partitions import recording_partitions
 from bagassets.defs.reporting import BAG_CODE_VERSION, code_link, errors_explained
 from bagassets.defs.workspace import Workspace
-from bagassets.escaping import visible
 from bagassets.formats.catalogue import recording_assets
 from bagassets.recipe.model import Recipe
 from bagassets.recordings.pack import PACK_SCHEMA
@@ -117,7 +115,6 @@ def _spec(assets: RecordingAssets, names: Naming, asset: AnyAsset) -> dg.AssetSp
             **(_columns(_SCHEMAS[asset.name]) if asset.name in _SCHEMAS else {}),
             **code_link(asset.make or asset.use),
         },
-        skippable=True,
     )
 
 
@@ -144,9 +141,6 @@ def _build(
         recording_lock.take(context)
         source = recorded_bag(context.instance, names, workspace.recording(key), context.run.run_id)
         for made in make_assets(context.instance, workspace, source, wanted, context.run.run_id):
-            if isinstance(made, Skipped):
-                context.log.info("%s is skipped: %s.", key, visible(made.reason))
-                continue
             recording_lock.check()
             # Not in the result, where it would be recorded twice: with the output of the step, too.
             asset = names.key(made.asset)

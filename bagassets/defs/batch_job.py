@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import dagster as dg
 from dagster import AssetRecordsFilter
 
-from bagassets.build.execute import Skipped
-from bagassets.build.plan import version_as_input
+from bagassets.build.plan import is_skip, version_as_input
 from bagassets.build.unsettled import Unsettled
 from bagassets.defs.batches import Batch
 from bagassets.defs.check_records import record_passed
@@ -37,7 +36,6 @@ from bagassets.defs.reporting import BAG_CODE_VERSION
 from bagassets.defs.run_progress import note_begun, note_ended
 from bagassets.defs.workspace import Workspace
 from bagassets.errors import BagAssetsError, RunEndedError, StoreError, UnexpectedError
-from bagassets.escaping import visible
 from bagassets.formats.dataset_build import dataset_code_versions, datasets_of
 from bagassets.quantities import count_text
 from bagassets.recordings.model import RecordingFiles
@@ -244,7 +242,8 @@ class _Part(ABC):
             self._names.key(made.asset), partition=self.key or None, metadata=made.metadata, tags=tags
         )
         kind = dg.DagsterEventType.ASSET_MATERIALIZATION
-        message = f"Materialized {made.asset}{self._of_key}."
+        verb = "Skipped" if is_skip(made.data_version) else "Materialized"
+        message = f"{verb} {made.asset}{self._of_key}."
         timestamp = self._log(kind, StepMaterializationData(recorded), message)
         self._made.add(made.asset)
         self._latest.pop(made.asset, None)
@@ -353,9 +352,6 @@ class _Recording(_Part):
             source = recorded_bag(self._instance, self._names, recording, run_id)
         results = make_assets(self._instance, self._workspace, source, rest, run_id) if rest else ()
         for result in results:
-            if isinstance(result, Skipped):
-                self._context.log.info("%s is skipped: %s.", self.key, visible(result.reason))
-                return
             self._lock.check()
             version = self._workspace.assets.versions[result.asset]
             self._record(result, version, self._inputs_of(result.asset))
@@ -389,13 +385,13 @@ class _Datasets(_Part):
 
     def build(self) -> str | None:
         self._planned = plan_instance(self._instance, self._workspace)
+        record_inputs(self._instance, self._workspace, self._planned.inputs)
         if dataset_is_current(self._instance, self._workspace, self._planned.inputs):
             return None
         return super().build()
 
     def _make(self) -> None:
         recipe, planned = self._workspace.recipe, self._planned
-        record_inputs(self._instance, self._workspace, planned.inputs)
         problems = []
         for asset, version in dataset_code_versions(recipe).items():
             if asset not in self._wanted:

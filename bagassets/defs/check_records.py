@@ -1,22 +1,27 @@
-"""Checks that passed, recorded where Dagster looks checks up, and not in the log of their run, too.
+"""Checks of recordings where Dagster looks them up: those that passed recorded, and all of them read, many at a time.
 
 There are a dozen of each recording. Dagster would update and insert one at a time, and spell out what is empty: here they
-are one statement, and take a quarter less room.
+are one statement, and take a quarter less room; they are not in the log of their run, too.
 """
 
 import json
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any
 
 import dagster as dg
 from sqlalchemy.exc import IntegrityError
 
+from bagassets.defs.checks import check_groups
 from bagassets.defs.dagster_private import AssetCheckExecutionsTable, SqlEventLogStorage
+from bagassets.defs.workspace import Workspace
+from bagassets.report.model import Problem
 
-__all__ = ["record_passed"]
+__all__ = ["findings_on_record", "record_passed"]
 
-_SUCCEEDED = "SUCCEEDED"  # as Dagster's `AssetCheckExecutionRecordStatus` has it
+_SUCCEEDED, _FAILED = "SUCCEEDED", "FAILED"  # as Dagster's `AssetCheckExecutionRecordStatus` has them
+_BATCH = 500
 _PARTS = ("dagster_event", "event_specific_data")  # of an event, one in the other
 
 
@@ -73,3 +78,42 @@ def _compact(serialized: str) -> str:
         part[name] = {field: value for field, value in part[name].items() if value is not None}
         part = part[name]
     return json.dumps(event, separators=(",", ":"))
+
+
+def findings_on_record(
+    instance: dg.DagsterInstance, workspace: Workspace
+) -> Mapping[str, tuple[Sequence[Problem], int]]:
+    """Return recording -> what its checks found, and how many found nothing, if they were run on what is recorded last."""
+    storage, names = instance.event_log_storage, workspace.names
+    checks = [
+        dg.AssetCheckKey(names.key(asset), check.name)
+        for group in check_groups(workspace.recipe).values()
+        for asset, of_asset in group.items()
+        for check in of_asset
+    ]
+    found: defaultdict[str, tuple[list[Problem], int]] = defaultdict(lambda: ([], 0))
+    failed: defaultdict[dg.AssetCheckKey, dict[str, Any]] = defaultdict(dict)
+    for info in storage.get_asset_check_partition_info(checks):
+        if info.partition_key is None or not info.is_current:
+            continue
+        problems, passed = found[info.partition_key]
+        found[info.partition_key] = problems, passed + (info.latest_execution_status.value == _SUCCEEDED)
+        if info.latest_execution_status.value == _FAILED:
+            failed[info.check_key][info.partition_key] = info.latest_execution_status
+    for check, wanted in failed.items():
+        cursor, status = None, {*wanted.values()}
+        while wanted:  # newest first, so that the first of a recording is the one that counts
+            records = storage.get_asset_check_execution_history(check, _BATCH, cursor, status)
+            for record in records:
+                if record.partition in wanted and record.event is not None:
+                    del wanted[record.partition]
+                    found[record.partition][0].append(_problem(_evaluation(record.event)))
+            if len(records) < _BATCH:
+                break
+            cursor = records[-1].id
+    return found
+
+
+def _problem(evaluation: Any) -> Problem:
+    more = evaluation.metadata["problems"].value - 1
+    return Problem(evaluation.check_name, evaluation.severity.value.lower(), evaluation.description, more)

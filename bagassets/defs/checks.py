@@ -4,12 +4,11 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 
 import dagster as dg
 
-from bagassets.assets.selection import choose_rig
+from bagassets.assets.selection import choose_rig, skip_reason
 from bagassets.defs.naming import Naming
 from bagassets.defs.partitions import recording_partitions
 from bagassets.defs.reporting import errors_explained
 from bagassets.defs.workspace import Workspace
-from bagassets.errors import RecipeError
 from bagassets.escaping import markdown, visible
 from bagassets.formats import checking
 from bagassets.formats.catalogue import MAIN, recording_assets
@@ -89,7 +88,7 @@ def _operation(recipe: Recipe, names: Naming, name: str, wanted: Checks) -> dg.A
 def run_checks(
     workspace: Workspace, recording: RecordingFiles, wanted: Checks, artifact: Callable[[str], Artifact]
 ) -> Iterator[dg.AssetCheckResult]:
-    """Yield the results of checks of a recording.
+    """Yield the results of checks of a recording; there are none of one that is skipped.
 
     Args:
         workspace: recipe and store.
@@ -98,12 +97,14 @@ def run_checks(
         artifact: finds the current artifact of an asset of the recording.
 
     Raises:
-        BagAssetsError: no rig is for this recording, or an artifact is missing.
+        BagAssetsError: an artifact is missing.
     """
     rig = choose_rig(workspace.recipe, *recording.names)
     if rig is None:
-        raise RecipeError(f"{recording.relative}: no rig of the recipe matches; correct rigs[].match.")
+        return
     evidence = Evidence(workspace.recipe, rig, workspace.store, artifact)
+    if skip_reason(workspace.recipe, rig, evidence.inventory) is not None:
+        return
     for asset, checks in wanted.items():
         for check in checks:
             yield _result(

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
         StepMaterializationData,
     )
     from dagster._core.execution import compute_logs
+    from dagster._core.execution.backfill import BulkActionsFilter, BulkActionStatus
     from dagster._core.execution.plan.objects import ErrorSource
     from dagster._core.instance import InstanceRef, T_DagsterInstance
     from dagster._core.launcher import CheckRunHealthResult, LaunchRunContext, RunLauncher, WorkerStatus
@@ -126,6 +127,9 @@ _PLACES = {
     "StepMaterializationData": "dagster._core.events",  # 1.7
     # A partition that registers itself when it is asked for: `partitions`.
     "PartitionLoadingContext": "dagster._core.definitions.partitions.context",  # 1.12
+    # Backfills that have not ended, and what they target: `partitions`.
+    "BulkActionStatus": "dagster._core.execution.backfill",  # 1.7
+    "BulkActionsFilter": "dagster._core.execution.backfill",  # 1.9
     # Its command that makes assets, when it lacks a partition: `missing_partition`.
     "asset": "dagster._cli",  # 1.7
     # SQLite databases made whole or not at all, and kept open while a run writes: `databases`, `connections`.

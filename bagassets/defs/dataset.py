@@ -6,14 +6,15 @@ from functools import partial
 import dagster as dg
 
 from bagassets.defs.artifact_files import page_link
-from bagassets.defs.events import CODE_VERSION, DATA_VERSION, latest_ids, recorded_whole
+from bagassets.defs.events import CODE_VERSION, DATA_VERSION, latest_ids
 from bagassets.defs.fence import refuse_if_ended
 from bagassets.defs.instance_plan import InstancePlan, plan_in_run
 from bagassets.defs.making import MadeAsset
 from bagassets.defs.naming import DATASET_INPUTS, Naming
 from bagassets.defs.reporting import code_link, dataset_metadata, errors_explained, inputs_metadata
 from bagassets.defs.workspace import Workspace
-from bagassets.formats.catalogue import formats, recording_assets
+from bagassets.defs.written_report import write_report
+from bagassets.formats.catalogue import MAIN, formats, recording_assets
 from bagassets.formats.dataset_build import (
     DatasetInputs,
     build_dataset,
@@ -25,7 +26,7 @@ from bagassets.formats.dataset_build import (
 from bagassets.formats.report_data import build_map, map_path
 from bagassets.recipe.model import Recipe
 
-__all__ = ["dataset_assets", "dataset_is_current", "make_dataset", "record_inputs"]
+__all__ = ["dataset_assets", "dataset_is_current", "datasets_behind", "make_dataset", "record_inputs"]
 
 TRAJECTORY_MAP = "trajectory_map"
 INPUTS_CODE_VERSION = "1"
@@ -42,44 +43,49 @@ Without a network, it shows the same routes on a plain grid."""
 
 def dataset_is_current(instance: dg.DagsterInstance, workspace: Workspace, inputs: DatasetInputs) -> bool:
     """Return whether all datasets on disk were made from `inputs` with this recipe and code."""
+    return not datasets_behind(instance, workspace, inputs)
+
+
+def datasets_behind(
+    instance: dg.DagsterInstance, workspace: Workspace, inputs: DatasetInputs
+) -> dict[str, str]:
+    """Return each dataset that is not on disk as made from `inputs` with this recipe and code -> why."""
     names, versions = workspace.names, dataset_code_versions(workspace.recipe)
     keys = {asset: names.key(asset) for asset in versions}
     latest = instance.event_log_storage.get_latest_materialization_events(list(keys.values()))
 
-    def is_current(asset: str) -> bool:
+    def reason(asset: str) -> str:
         event = latest.get(keys[asset])
         if event is None or event.asset_materialization is None:
-            return not any(inputs.parts.values())
+            return "never made" if any(inputs.parts.values()) else ""
         tags = event.asset_materialization.tags or {}
-        return (
-            tags.get(names.input_tag(DATASET_INPUTS)) == inputs.digest
-            and tags.get(CODE_VERSION) == versions[asset]
-            and is_on_disk(workspace.recipe, asset)
-        )
+        if tags.get(names.input_tag(DATASET_INPUTS)) != inputs.digest:
+            return "its recordings changed since it was made"
+        if tags.get(CODE_VERSION) != versions[asset]:
+            return "its settings, the splits or its version changed"
+        return "" if is_on_disk(workspace.recipe, asset) else "its files are gone or were changed"
 
-    return all(map(is_current, versions))
+    return {asset: why for asset in versions if (why := reason(asset))}
 
 
 def record_inputs(instance: dg.DagsterInstance, workspace: Workspace, inputs: DatasetInputs) -> None:
-    """Record `dataset_inputs` without a run (about 10 ms), if it changed.
+    """Record `dataset_inputs` without a run (about 10 ms), if it changed, or records that it points to did.
 
     Its tags name its inputs, as those of a run would: without them Dagster would mark it as stale.
     """
     key = workspace.names.key(DATASET_INPUTS)
-    newest = recorded_whole(instance, workspace.names, DATASET_INPUTS)
-    if newest is not None and newest.data_version == inputs.digest:
-        return
-    instance.report_runless_asset_event(
-        dg.AssetMaterialization(
-            asset_key=key,
-            metadata=inputs_metadata(inputs),
-            tags={
-                DATA_VERSION: inputs.digest,
-                CODE_VERSION: INPUTS_CODE_VERSION,
-                **_provenance(instance, workspace, inputs),
-            },
+    tags = {
+        DATA_VERSION: inputs.digest,
+        CODE_VERSION: INPUTS_CODE_VERSION,
+        **_provenance(instance, workspace, inputs),
+    }
+    newest = instance.get_latest_materialization_event(key)
+    recorded = None if newest is None else newest.asset_materialization
+    if recorded is None or not tags.items() <= (recorded.tags or {}).items():
+        metadata = inputs_metadata(inputs)
+        instance.report_runless_asset_event(
+            dg.AssetMaterialization(asset_key=key, metadata=metadata, tags=tags)
         )
-    )
 
 
 def _provenance(instance: dg.DagsterInstance, workspace: Workspace, inputs: DatasetInputs) -> dict[str, str]:
@@ -184,4 +190,5 @@ def make_dataset(
     dataset = datasets_of(recipe)[asset]
     summary = build_dataset(dataset, recipe, workspace.store, planned.plan, planned.inputs, permit)
     failed = planned.inputs.failed.get(dataset.kind.name, {})
-    return MadeAsset(asset, summary.digest, dataset_metadata(summary, failed))
+    report = {"report": write_report(instance, workspace, planned)} if asset == MAIN.asset else {}
+    return MadeAsset(asset, summary.digest, report | dataset_metadata(summary, failed))

@@ -36,8 +36,9 @@ CODE_VERSION = "dagster/code_version"
 STAT = "file_stat"
 MADE_ALONG = "inventory_action"
 CONTENT, SEVERAL = "content_digest", "several"
+REASON = "reason"
 _CACHED, _ACTION = "cached", "action_digest"
-_OF_RECORDED = {STAT, _CACHED, _ACTION, MADE_ALONG, CONTENT}
+_OF_RECORDED = {STAT, _CACHED, _ACTION, MADE_ALONG, CONTENT, REASON}
 
 # Records are fetched by storage id; more ids at a time would exceed SQLite's limit of variables.
 _BATCH = 500
@@ -184,4 +185,5 @@ def _recorded(names: Naming, materialization: dg.AssetMaterialization, run_id: s
         run_id=run_id,
         made_along=str(said.get(MADE_ALONG, "")),
         content=str(said.get(CONTENT, "")),
+        why_skipped=str(said.get(REASON, "")),
     )

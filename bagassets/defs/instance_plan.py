@@ -13,6 +13,7 @@ from bagassets.build.planner import Planning
 from bagassets.defs.events import all_assets, fetch_recorded, latest_ids, live_partitions
 from bagassets.defs.naming import Naming
 from bagassets.defs.workspace import Workspace
+from bagassets.formats.checking import quick_findings
 from bagassets.formats.dataset_build import DatasetInputs, select_inputs
 from bagassets.freshness.fingerprints import PlanNeeded, loaded_code_fingerprint, project_fingerprint
 from bagassets.garbage import uncollected
@@ -111,6 +112,7 @@ class InstancePlanning:
                 ids,
                 fetch,
                 kept,
+                lambda bag: quick_findings(workspace.recipe, workspace.store, self.discovery, bag),
             )
 
     def touched(self) -> dict[str, Touched]:

@@ -8,11 +8,12 @@ import dagster as dg
 from bagassets.build.execute import Skipped, execute
 from bagassets.build.first_pass import first_pass
 from bagassets.build.graph import SELECTION, Graph
+from bagassets.build.plan import skip_version
 from bagassets.build.recording_assets import RecordingAssets
 from bagassets.defs.events import CONTENT, MADE_ALONG, SEVERAL, recorded_partition
 from bagassets.defs.naming import Naming
 from bagassets.defs.not_made import last_failure
-from bagassets.defs.reporting import Metadata, bag_metadata, result_metadata
+from bagassets.defs.reporting import Metadata, bag_metadata, result_metadata, skip_metadata
 from bagassets.defs.run_progress import readings_noted
 from bagassets.defs.workspace import Workspace
 from bagassets.errors import StoreError
@@ -41,7 +42,10 @@ class Source:
 
 @dataclass(frozen=True)
 class MadeAsset:
-    """An asset of a recording to be recorded as materialized."""
+    """An asset of a recording to be recorded as materialized, which it is if it was skipped, too.
+
+    Without a materialization Dagster would take it as failed in a backfill, and request nothing below it.
+    """
 
     asset: str
     data_version: str
@@ -107,8 +111,8 @@ def recorded_bag(
 
 def make_assets(
     instance: dg.DagsterInstance, workspace: Workspace, source: Source, wanted: set[str], run_id: str
-) -> Iterator[MadeAsset | Skipped]:
-    """Bring assets of a recording up to date, and yield each as soon as it is; last, why the recording takes no part.
+) -> Iterator[MadeAsset]:
+    """Bring assets of a recording up to date, and yield each as soon as it is.
 
     Args:
         instance: where their upstream is recorded.
@@ -125,7 +129,7 @@ def make_assets(
     # The inventory decides whether the recording takes part, even if the asset (of a package) does not read it.
     upstream = {"inventory", *(name for asset in wanted for name in assets.upstream(asset))} - wanted
     records = {name: recorded_partition(instance, names, name, key) for name in sorted(upstream)}
-    found = {name: record for name, record in records.items() if record is not None}
+    found = {name: record for name, record in records.items() if record is not None and not record.is_skip}
     given = {name: workspace.store.artifact(record.data_version) for name, record in found.items()}
     failures = {
         name: why
@@ -148,12 +152,13 @@ def make_assets(
     with readings_noted(instance, run_id, key):
         for result in execute(graph):
             if isinstance(result, Skipped):
-                yield result
-                return
-            reason = graph.node(SELECTION).skipped if result.asset == "inventory" else None
-            cached = result.cached and result.action_digest != source.made_along
-            skipped: Metadata = {"skipped": reason} if reason else {}  # first: nothing else follows of it
-            metadata = skipped | result_metadata(replace(result, cached=cached))
+                version, metadata = skip_version(result.reason), skip_metadata(result.reason)
+            else:
+                reason = graph.node(SELECTION).skipped if result.asset == "inventory" else None
+                cached = result.cached and result.action_digest != source.made_along
+                skipped: Metadata = {"skipped": reason} if reason else {}  # first: nothing else follows of it
+                metadata = skipped | result_metadata(replace(result, cached=cached))
+                version = result.artifact.digest
             if content:
                 metadata[CONTENT] = content
-            yield MadeAsset(result.asset, result.artifact.digest, metadata)
+            yield MadeAsset(result.asset, version, metadata)

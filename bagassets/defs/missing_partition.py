@@ -1,6 +1,6 @@
-"""One sentence on what to add, where `dagster asset materialize` or `dg launch --assets` lacks a partition.
+"""One sentence on what to add, where `dagster asset materialize` or `dg launch --assets` lacks a partition, or has a range.
 
-Dagster would end them with a traceback. It asks nobody between resolving the selection and that: so where a process of such a
+Dagster would end them with a traceback, since runs of ours are about a recording each. It asks nobody between resolving the selection and that: so where a process of such a
 command loads our definitions, the `AssetSelection` of the command's module is replaced by one that looks at what was
 resolved, against all definitions of the code location. Nothing is done in any other process, for selections without
 assets per recording, or if Dagster resolves selections in another way.
@@ -25,6 +25,7 @@ _SELECTION = "AssetSelection"  # the name under which the command imports it
 _SELECTING = ("select", "assets")  # options of `dagster asset materialize`, `dg launch`
 _PARTITION = {"partition", "partition_range"}
 _MOST_NAMED = 2
+_SINGLE_RUN = dg.BackfillPolicy.single_run()
 
 
 def explain_missing_partition() -> None:
@@ -32,7 +33,7 @@ def explain_missing_partition() -> None:
     context = click.get_current_context(silent=True)
     given = {} if context is None else context.params
     selects = any(given.get(name) for name in _SELECTING)
-    if not selects or not given.keys() >= _PARTITION or any(given[name] for name in _PARTITION):
+    if not selects or not given.keys() >= _PARTITION or given["partition"]:
         return
     from bagassets.defs.dagster_private import asset  # noqa: PLC0415  (other processes have no use for it)
 
@@ -53,17 +54,27 @@ class _Selection:
         keys = self._selection.resolve(graph)
         found = {key: graph.get(key).partitions_def for key in sorted(keys)}
         ours = {key: one for key, one in found.items() if isinstance(one, RecordingPartitions)}
-        if ours:
+        if click.get_current_context().params["partition_range"]:  # which the user's own may take
+            ours = {key: one for key, one in ours.items() if graph.get(key).backfill_policy != _SINGLE_RUN}
+            if ours:
+                raise click.UsageError(
+                    f"{_named(ours)}: made in a run per recording, so a range of partitions cannot be given; give one with "
+                    "--partition KEY, or build several with `bagassets build --bag GLOB`."
+                )
+        elif ours:
             raise click.UsageError(_what_to_add(ours, {one for one in found.values() if one is not None}))
         return keys
+
+
+def _named(keys: Collection[dg.AssetKey]) -> str:
+    more = f" and {len(keys) - _MOST_NAMED} more" if len(keys) > _MOST_NAMED else ""
+    return ", ".join(key.to_user_string() for key in list(keys)[:_MOST_NAMED]) + more
 
 
 def _what_to_add(
     ours: Mapping[dg.AssetKey, RecordingPartitions], partitions: Collection[dg.PartitionsDefinition]
 ) -> str:
-    named = ", ".join(key.to_user_string() for key in list(ours)[:_MOST_NAMED])
-    if len(ours) > _MOST_NAMED:
-        named += f" and {len(ours) - _MOST_NAMED} more"
+    named = _named(ours)
     if len(partitions) > 1:
         return (
             f"{named}: made per recording, and the selection has assets with other partitions, too; select those of one "

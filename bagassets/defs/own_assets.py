@@ -8,6 +8,7 @@ from typing import Literal
 
 import dagster as dg
 
+from bagassets.build.plan import is_skip
 from bagassets.defs.dagster_private import AssetGraph
 from bagassets.defs.events import DATA_VERSION, live_partitions, recorded_whole
 from bagassets.defs.naming import DATASET_INPUTS, Naming
@@ -181,7 +182,7 @@ class Versions:
     def of(self, read: Read, partition: str) -> str | None:
         """Return the version of something that is read; None if it was never made.
 
-        Of all recordings it is a digest over the versions of those that are registered.
+        Of all recordings it is a digest over the versions of those that are registered, and not skipped.
         """
         if read.how == "whole":
             if read.key not in self._wholes:
@@ -193,7 +194,8 @@ class Versions:
             tags = self._instance.event_log_storage.get_latest_tags_by_partition(
                 read.key, dg.DagsterEventType.ASSET_MATERIALIZATION, [DATA_VERSION]
             )
-            self._parts[read.key] = {part: found.get(DATA_VERSION, "") for part, found in tags.items()}
+            versions = {part: found.get(DATA_VERSION, "") for part, found in tags.items()}
+            self._parts[read.key] = {part: one for part, one in versions.items() if not is_skip(one)}
         parts = self._parts[read.key]
         if read.how == "same":
             return parts.get(partition)

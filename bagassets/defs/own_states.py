@@ -80,7 +80,7 @@ class Survey:
         retry_failed: bool = False,
         is_dataset_current: bool | None = None,
     ) -> None:
-        stays = pending.dataset_is_current and not (pending.todo or pending.plan.removed)
+        stays = not (pending.behind or pending.todo or pending.plan.removed)
         self._is_dataset_current = stays if is_dataset_current is None else is_dataset_current
         self._instance, self._names, self._pending, self._own = instance, names, pending, own
         self._wanted, self._retry_failed = wanted, retry_failed

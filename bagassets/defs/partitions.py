@@ -4,6 +4,7 @@ A recording on disk that is not registered yet is registered when a run asks for
 """
 
 from collections.abc import Iterable, Sequence
+from collections.abc import Set as AbstractSet
 from difflib import get_close_matches
 
 import dagster as dg
@@ -11,7 +12,7 @@ from dagster import partition_loading_context
 from sqlalchemy.exc import IntegrityError
 
 from bagassets.defs.batches import batch_of
-from bagassets.defs.dagster_private import PartitionLoadingContext
+from bagassets.defs.dagster_private import BulkActionsFilter, BulkActionStatus, PartitionLoadingContext
 from bagassets.defs.events import all_assets
 from bagassets.defs.naming import Naming
 from bagassets.errors import RecordingError
@@ -25,6 +26,7 @@ __all__ = [
     "RecordingPartitions",
     "active_runs",
     "add_partitions",
+    "held_by_backfills",
     "recording_partitions",
     "remove_partition",
 ]
@@ -88,6 +90,20 @@ class RecordingPartitions(dg.DynamicPartitionsDefinition):
             raise RecordingError(_no_such_recording(partition_key, self.bags, list(recordings)))
         _register(store, str(self.name), [partition_key])
 
+    def get_partition_keys_in_range(self, partition_key_range: dg.PartitionKeyRange) -> Sequence[str]:
+        """Return the keys of a range, in the order in which they were registered.
+
+        Raises:
+            RecordingError: its end was registered before its start, so Dagster would make nothing, and say nothing.
+        """
+        found = super().get_partition_keys_in_range(partition_key_range)
+        if not found:
+            start, end = partition_key_range.start, partition_key_range.end
+            raise RecordingError(
+                f"{start}...{end}: {end} was registered before {start}, so there is nothing in this range; write {end}...{start}."
+            )
+        return found
+
 
 def _no_such_recording(key: str, bags: Bags, known: list[str]) -> str:
     near = get_close_matches(key, known, n=1)
@@ -136,6 +152,23 @@ def _register(instance: dg.DagsterInstance, partitions: str, keys: list[str]) ->
             continue
         return
     instance.add_dynamic_partitions(partitions, keys)
+
+
+def held_by_backfills(instance: dg.DagsterInstance, keys: AbstractSet[str]) -> dict[str, str]:
+    """Return key -> what its removal waits for, for those partition keys that a backfill targets which has not ended.
+
+    If one of them were deleted, Dagster would end all of that backfill as failed.
+    """
+    held: dict[str, str] = {}
+    unfinished = [BulkActionStatus.REQUESTED, BulkActionStatus.CANCELING, BulkActionStatus.FAILING]
+    for backfill in instance.get_backfills(BulkActionsFilter(statuses=unfinished)) if keys else ():
+        data = backfill.asset_backfill_data
+        subsets = () if data is None else data.target_subset.partitions_subsets_by_asset_key.values()
+        # Of our partitions, which are dynamic, a subset is a set of keys.
+        targeted = {key for subset in subsets for key in getattr(subset, "subset", ())}
+        why = f"its partition is removed once backfill {backfill.backfill_id}, which targets it, has ended"
+        held |= dict.fromkeys(keys & {*targeted, *(backfill.partition_names or ())}, why)
+    return held
 
 
 def remove_partition(instance: dg.DagsterInstance, names: Naming, key: str) -> None:

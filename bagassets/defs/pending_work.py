@@ -1,7 +1,7 @@
 """What a build has to do, as the plan of the instance says; the commands of a project start here."""
 
 import os
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,13 +9,16 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import dagster as dg
 
+from bagassets.alike import told_once
 from bagassets.build.build_report import BuildOptions
 from bagassets.build.choose import choose_assets, choose_recordings
 from bagassets.build.made_again import made_again
-from bagassets.build.plan import Plan
+from bagassets.build.plan import AssetState, Plan
+from bagassets.build.planner import Planner
+from bagassets.defs.batches import batches
 from bagassets.defs.connections import kept_open
 from bagassets.defs.databases import are_files, database_errors_explained
-from bagassets.defs.dataset import dataset_is_current
+from bagassets.defs.dataset import datasets_behind
 from bagassets.defs.events import all_assets, fetch_recorded, latest_ids, live_partitions
 from bagassets.defs.instance_plan import (
     InstancePlan,
@@ -23,16 +26,16 @@ from bagassets.defs.instance_plan import (
     Touched,
     replan_instance,
 )
-from bagassets.defs.partitions import active_runs
+from bagassets.defs.partitions import active_runs, held_by_backfills
 from bagassets.defs.projects import noted_prefix
 from bagassets.defs.runs import open_instance
 from bagassets.defs.workspace import Workspace
-from bagassets.formats.catalogue import MAIN
+from bagassets.formats.catalogue import MAIN, formats
 from bagassets.formats.dataset_build import (
     DatasetInputs,
     dataset_code_versions,
-    datasets_of,
     deal_contents,
+    made_from,
     recordings_without_scenes,
     split_on_disk,
 )
@@ -65,17 +68,21 @@ class PendingWork:
 
     Attributes:
         planned: the state of each recording, and the inputs of the datasets.
-        dataset_is_current: the datasets on disk were made from exactly those inputs.
+        behind: dataset that is not on disk as made from exactly those inputs -> why.
         chosen: the recordings that the build was asked for.
         todo: recording that needs a run -> the assets to materialize.
         datasets: the datasets that the build was asked for.
+        held: recording that is gone -> what its removal waits for; see `held_by_backfills`.
+        waits_for: what has to be made of recordings before it is known whether the datasets change; "" if nothing has.
     """
 
     planned: InstancePlan
-    dataset_is_current: bool
+    behind: Mapping[str, str]
     chosen: frozenset[str]
     todo: Mapping[str, tuple[str, ...]]
     datasets: tuple[str, ...]
+    held: Mapping[str, str]
+    waits_for: str = ""
 
     @property
     def plan(self) -> Plan:
@@ -90,14 +97,34 @@ class PendingWork:
 
     def made_again(self, workspace: Workspace, jobs: int) -> str:
         """Return what is made again because of another version of bagassets; see `bagassets.build.made_again`."""
-        sizes = {key: self.planned.discovery.recordings[key].size for key in self.todo}
-        recorded, assets, store = self.planned.recorded, workspace.assets, workspace.store
-        return made_again(self.plan, recorded, self.todo, sizes, assets, store, jobs)
+        recordings = self.planned.discovery.recordings
+        todo = {key: (recordings[key].size, assets) for key, assets in self.todo.items()}
+        runs = len(batches(self.todo, {key: size for key, (size, _) in todo.items()}, jobs))
+        planner = Planner(workspace.assets, workspace.store)
+        return made_again(planner, self.plan, self.planned.recorded, todo, jobs, runs)
+
+    @property
+    def dataset_is_current(self) -> bool:
+        """True if the datasets that the build was asked for are on disk as made from exactly those inputs."""
+        return self.behind.keys().isdisjoint(self.datasets)
 
     @property
     def is_settled(self) -> bool:
         """True if a build has nothing to do."""
-        return not self.todo and not self.plan.removed and (self.dataset_is_current or not self.datasets)
+        return not self.todo and not self.plan.removed and self.dataset_is_current
+
+    @property
+    def dataset_states(self) -> dict[str, AssetState]:
+        """The state of each dataset that the build was asked for."""
+        waits = (
+            AssetState("unknown", f"waits for {self.waits_for}")
+            if self.waits_for
+            else AssetState("fresh", "")
+        )
+        return {
+            name: AssetState("stale", self.behind[name]) if name in self.behind else waits
+            for name in self.datasets
+        }
 
 
 def find_pending_work(
@@ -184,9 +211,8 @@ def _asked(
         return _Asked(chosen, None, datasets)
     if own is not None:
         wanted = (wanted & frozenset(ours)) | own.ours_read_by(wanted)
-    made_from = {asset: dataset.kind.part for asset, dataset in datasets_of(recipe).items()}
-    made_from["trajectory_map"] = "ego_poses"
-    assets = workspace.assets.with_upstream(made_from.get(name, name) for name in wanted)
+    parts = made_from(recipe)
+    assets = workspace.assets.with_upstream(parts.get(name, name) for name in wanted)
     return _Asked(chosen, assets, tuple(name for name in datasets if name in wanted))
 
 
@@ -204,8 +230,31 @@ def _pending_work(
             assets := bag.to_run(retry_failed=options.retry_failed, select=asked.assets)
         ):
             todo[key] = assets
-    is_current = dataset_is_current(instance, workspace, planned.inputs)
-    return PendingWork(planned, is_current, asked.recordings, todo, asked.datasets)
+    behind = datasets_behind(instance, workspace, planned.inputs)
+    waits_for = _results_to_come(workspace, planned.plan, todo, options)
+    held = held_by_backfills(instance, frozenset(planned.plan.removed))
+    return PendingWork(planned, behind, asked.recordings, todo, asked.datasets, held, waits_for)
+
+
+def _results_to_come(workspace: Workspace, plan: Plan, todo: Iterable[str], options: BuildOptions) -> str:
+    """Return which results of which recordings are not known, or not recorded, that datasets are made from.
+
+    All datasets rest on one digest, so those of all formats count.
+    """
+    parts = [kind.part for kind in formats() if kind.part in workspace.assets.names]
+    read = workspace.assets.with_upstream(parts)
+    found = []
+    for key in todo:
+        bag = plan.bags[key]
+        to_come = [
+            name
+            for name in ("bag", *parts)
+            if bag.assets[name].state != "skipped"
+            and (bag.assets[name].data_version or "") != bag.recorded.get(name)
+        ]
+        if to_come and bag.to_run(retry_failed=options.retry_failed, select=read):
+            found.append(((), key, ", ".join(to_come[-len(parts) :])))
+    return "; ".join(f"{told.text} of {told.title}" for told in told_once(found, fewest=2))
 
 
 def expected_moves(pending: PendingWork, recipe: Recipe) -> dict[str, tuple[str, str]]:
@@ -235,7 +284,7 @@ def rehearse(recipe_file: Path) -> None:
         ids = latest_ids(instance, names, all_assets())
         fetch_recorded(instance, names, ids, sorted(live_partitions(instance, names))[:1])
         active_runs(instance, names, ())
-        dataset_is_current(instance, workspace, DatasetInputs({}))
+        datasets_behind(instance, workspace, DatasetInputs({}))
 
 
 @contextmanager

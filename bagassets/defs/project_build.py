@@ -14,13 +14,14 @@ from pathlib import Path
 import dagster as dg
 
 from bagassets.alike import names_text
-from bagassets.build.build_report import BagOutcome, BuildOptions, BuildReport, Event, Remark
+from bagassets.build.build_report import BagOutcome, BuildOptions, BuildReport, Event
 from bagassets.build.disk_space import folders_written, require_disk_space, space_needed
 from bagassets.build.plan import Plan
 from bagassets.build.summary_rows import summary_rows
 from bagassets.build.unsettled import Unsettled
 from bagassets.defs.batches import WORTH_STEPS_BYTES, Batch
-from bagassets.defs.dataset import record_inputs
+from bagassets.defs.build_remarks import remarks_of_runs, warnings
+from bagassets.defs.dataset import datasets_behind, record_inputs
 from bagassets.defs.events import recordings_made
 from bagassets.defs.instance_plan import InstancePlan, InstancePlanning
 from bagassets.defs.made_ahead import making_ahead
@@ -44,11 +45,11 @@ from bagassets.errors import RecordingError
 from bagassets.forkserver.worker import note
 from bagassets.formats.after_crash import noted_build
 from bagassets.formats.catalogue import problems_of
-from bagassets.formats.dataset_build import main_lock, split_on_disk
+from bagassets.formats.checking import remarks_on_record
+from bagassets.formats.dataset_build import dataset_folders, main_lock, split_on_disk
 from bagassets.formats.dataset_integrity import remove_changed_sources
 from bagassets.formats.emptiness import why_empty
 from bagassets.json_types import JsonMapping, JsonObject
-from bagassets.quantities import count_text
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Recipe
 from bagassets.splits import SplitShare, moves
@@ -79,10 +80,9 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
         end_orphaned_runs(instance)
         repaired = {"after_crash": stack.enter_context(noted_build(recipe, recipe_file))}
         repaired["changed_in_place"] = remove_changed_sources(recipe, workspace.store)
-        repaired["installed_packages"] = list(problems_of(recipe))
 
         def on_planned(done: int, total: int) -> None:
-            on_event(Event("planning", message=f"Planned {done} of {count_text(total, 'recording')}"))
+            on_event(Event.planning(done, total))
 
         def begin_plan() -> tuple[Snapshot, InstancePlanning]:
             snapshot = Snapshot(instance, workspace, own.files)  # of what there is before it is planned
@@ -100,16 +100,22 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
             snapshot, planning = begin_plan()
         before = find_pending_work(instance, workspace, options, own, planning, on_planned)
         now, has_run, is_replanned = before, False, False
+        ran: frozenset[str] = frozenset()
         report = BuildReport(before.plan, dataset_path=recipe.nuscenes.output)
         split_before = split_on_disk(recipe)
-        report.remarks = tuple(
-            Remark("", "warn", name, problem) for name, problems in repaired.items() for problem in problems
-        )
+        report.remarks = tuple(warnings(repaired))
         report.outcomes = {key: BagOutcome("hit", seconds=seconds) for key, seconds in unchanged.items()}
         if not options.allow_empty:
             _refuse_empty(recipe, before.planned)
-        report.remarks += tuple(Remark("", "warn", "series", one) for one in before.plan.asked.values())
-        report.removed = _register(instance, workspace, before.planned)
+        # These hold until somebody does something about them.
+        standing = tuple(
+            warnings({"installed_packages": problems_of(recipe), "series": before.plan.asked.values()})
+        )
+        report.remarks += standing
+        report.remarks += tuple(
+            warnings({"removed": [f"{key} is gone: {why}." for key, why in before.held.items()]})
+        )
+        report.removed = _register(instance, workspace, before)
         if before.todo or (before.datasets and not before.dataset_is_current):
             log = recipe.state / "code-server.log"
             runs = stack.enter_context(
@@ -144,12 +150,14 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
                 now = update_pending_work(instance, workspace, now, runs.ended.keys(), on_planned)
             _add_outcomes(report, instance, now.planned, runs, made_ahead())
             was_tried = one_run and DATASET in runs.ended
-            if before.datasets and not now.dataset_is_current and not was_tried and not runs.interrupted:
+            if before.datasets and not was_tried and not runs.interrupted:
                 record_inputs(instance, workspace, now.planned.inputs)
-                runs.work([{DATASET: before.datasets}])
-                is_replanned = False
+                if not now.dataset_is_current:
+                    runs.work([{DATASET: before.datasets}])
+                    is_replanned = False
             report.interrupted = runs.interrupted
-            report.remarks += tuple(_remarks(instance, {one.run_id for one in runs.ended.values()}))
+            ran = frozenset(runs.ended) - {DATASET}
+            report.remarks += tuple(remarks_of_runs(instance, {one.run_id for one in runs.ended.values()}))
             report.dataset, report.dataset_problem = _dataset_outcome(runs.ended.get(DATASET))
             has_run = True
         chosen = replace(now, chosen=before.chosen)
@@ -158,6 +166,9 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
             if own_has_run or not is_replanned:
                 snapshot, now = plan_all()
             own_work = own.survey(instance, now, options)
+        bags = [bag for key, bag in sorted(now.plan.bags.items()) if key in before.chosen]
+        checked = [*remarks_on_record(recipe, workspace.store, now.planned.discovery, bags)]
+        report.remarks += tuple(one for one in checked if one.key not in ran)
         lock = main_lock(recipe)
         report.duplicates = {} if lock is None else lock.value["duplicates"]
         failed = {} if lock is None else lock.value.get("failed", {})
@@ -173,11 +184,12 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
         else:
             problem = why_empty(recipe, recipe_file, workspace.store, before.datasets)
             report.dataset_problem = report.dataset_problem or problem
+        report.datasets = _dataset_states(instance, workspace, now, before.datasets, report.dataset)
         report.plan, report.excluded = now.plan, now.plan.excluded
         _add_idle(report, now.plan, before.chosen, is_whole=options.is_whole)
         Unsettled(recipe.state).forget_settled(now.plan)
         if options.is_whole and now.is_settled and own_work.is_up_to_date and not report.dataset_problem:
-            snapshot.save(now.plan, own.wanted)
+            snapshot.save(now.plan, own.wanted, [*standing, *checked])
     report.seconds = time.monotonic() - started
     return report
 
@@ -293,15 +305,17 @@ def _joined(plan: Plan) -> list[str]:
     return [f"{names_text(keys)}: joined into {whole}, as its parts." for whole, keys in plan.joined.items()]
 
 
-def _register(instance: dg.DagsterInstance, workspace: Workspace, planned: InstancePlan) -> tuple[str, ...]:
+def _register(instance: dg.DagsterInstance, workspace: Workspace, before: PendingWork) -> tuple[str, ...]:
     """Add partitions for new recordings, remove those of recordings that are gone, and return the keys of these.
 
     Those that have become parts of series are not gone.
     """
-    for key in planned.plan.removed:
+    planned = before.planned
+    gone = [key for key in planned.plan.removed if key not in before.held]
+    for key in gone:
         remove_partition(instance, workspace.names, key)
     add_partitions(instance, workspace.names, sorted(planned.discovery.recordings.keys() - planned.live))
-    return planned.plan.gone
+    return tuple(key for key in planned.plan.gone if key not in before.held)
 
 
 def _note_unsettled(recipe: Recipe, ended: Mapping[str, EndedRun]) -> None:
@@ -369,23 +383,23 @@ def _dataset_outcome(ended: EndedRun | None) -> tuple[str, str]:
     return ("updated", "") if ended.problem is None else ("failed", ended.problem)
 
 
-def _remarks(instance: dg.DagsterInstance, run_ids: Collection[str]) -> list[Remark]:
-    """Return the findings of the asset checks in some runs; empty ids are of recordings that had none."""
-    remarks = []
-    for run_id in sorted(filter(None, run_ids)):
-        for entry in instance.all_logs(run_id, of_type=dg.DagsterEventType.ASSET_CHECK_EVALUATION):
-            found = entry.get_dagster_event().asset_check_evaluation_data
-            if not found.passed:
-                severity = "error" if found.severity is dg.AssetCheckSeverity.ERROR else "warn"
-                remarks.append(
-                    Remark(found.partition or "", severity, found.check_name, _describe_finding(found))
-                )
-    return sorted(remarks, key=lambda remark: remark.key)
+def _dataset_states(
+    instance: dg.DagsterInstance,
+    workspace: Workspace,
+    now: PendingWork,
+    asked: Collection[str],
+    outcome: str,
+) -> dict[str, JsonMapping]:
+    """See `BuildReport.datasets`. One run makes all of them; if it failed, some may be up to date."""
+    left = {*asked}
+    if outcome in {"failed", "stopped"}:
+        left &= datasets_behind(instance, workspace, now.planned.inputs).keys()
 
+    def state(asset: str) -> str:
+        return outcome if asset in left else "fresh" if asset in asked else "not selected"
 
-def _describe_finding(found: dg.AssetCheckEvaluation) -> str:
-    more = int(str(found.metadata["problems"].value)) - 1 if "problems" in found.metadata else 0
-    return (found.description or "") + (f" (and {more} more)" if more > 0 else "")
+    folders = dataset_folders(workspace.recipe)
+    return {asset: {"path": str(folder), "state": state(asset)} for asset, folder in folders.items()}
 
 
 def _add_idle(report: BuildReport, plan: Plan, chosen: frozenset[str], *, is_whole: bool) -> None:
@@ -405,6 +419,6 @@ def _add_idle(report: BuildReport, plan: Plan, chosen: frozenset[str], *, is_who
         elif ran is None and (bag.settled or not is_whole):
             report.outcomes[key] = BagOutcome("fresh")
         elif ran is None:
-            waiting = next(one.reason for one in bag.assets.values() if one.state not in {"fresh", "skipped"})
+            waiting = next(one.reason for one in bag.assets.values() if not one.is_settled)
             report.outcomes[key] = BagOutcome("stopped", f"{waiting}; the next build carries on")
     report.outcomes = dict(sorted(report.outcomes.items()))

@@ -10,11 +10,11 @@ from typing import Any
 
 import dagster as dg
 
-from bagassets.alike import names_text
+from bagassets.alike import names_text, told_once, without_path
 from bagassets.assets.preview import FACTS
 from bagassets.build.execute import AssetResult, BuildFailure
-from bagassets.defs.artifact_files import page_link, picture_link
-from bagassets.defs.events import STAT
+from bagassets.defs.artifact_files import picture_link
+from bagassets.defs.events import REASON, STAT
 from bagassets.errors import BagAssetsError, UnexpectedError
 from bagassets.escaping import markdown, visible
 from bagassets.formats.assembly import DatasetSummary
@@ -23,7 +23,8 @@ from bagassets.formats.dataset_build import DatasetInputs
 from bagassets.geometry.calibration import Calibration
 from bagassets.json_types import Json, JsonMapping
 from bagassets.preview.pictures import TITLES
-from bagassets.quantities import readable_bytes
+from bagassets.quality.counted import counted_in_channel, counted_in_poses
+from bagassets.quantities import count_text, readable_bytes
 from bagassets.recordings.digest import RecordingDigest, RecordingStat
 from bagassets.recordings.model import RecordingFiles
 from bagassets.splits import SplitShare
@@ -38,6 +39,7 @@ __all__ = [
     "errors_explained",
     "inputs_metadata",
     "result_metadata",
+    "skip_metadata",
 ]
 
 Metadata = dict[str, Any]
@@ -47,6 +49,7 @@ BAG_CODE_VERSION = "1"
 _CHANNEL_ASSETS = ("frames", "sweeps")
 _COUNTS = {"read", "written", "merged", "lost"}
 _MOST_ROWS = 60
+_SHOWN_AT_ONCE = 1000  # characters of Markdown; Dagster shows more on a click
 _PACKAGE = Path(__file__).resolve().parent.parent
 
 
@@ -78,7 +81,12 @@ def result_metadata(result: AssetResult) -> Metadata:
         # Of all channels together: Dagster plots numbers, and no tables.
         metadata["written"] = sum(entry["written"] for entry in channels.values())
         metadata["lost"] = sum(sum(entry.get("lost", {}).values()) for entry in channels.values())
-        metadata["channels"] = _counts_table(channels)
+        metadata["channels"] = _counts_table(
+            {f"{name} ({counted_in_channel(counts)}s)": counts for name, counts in channels.items()}
+        )
+    elif result.asset == "ego_poses":
+        unit = counted_in_poses(summary["source"])
+        metadata["counts"] = _counts_table({"all": summary.pop("counts")}, f"{unit}s")
     elif result.asset == "nuscenes_tables":
         counts = summary["counts"]
         metadata |= {"scenes": counts["scenes"], "keyframes": counts["samples"]}
@@ -95,6 +103,11 @@ def result_metadata(result: AssetResult) -> Metadata:
         "action_digest": result.action_digest,
     }
     return (_pictures(result.artifact) if result.asset == "preview" else {}) | metadata
+
+
+def skip_metadata(reason: str) -> Metadata:
+    """Return what Dagster shows of an asset that was not made, as its recording takes no part."""
+    return {"skipped": True, REASON: visible(reason)}
 
 
 def _pictures(preview: Artifact) -> dict[str, dg.MetadataValue[str]]:
@@ -136,7 +149,7 @@ def inputs_metadata(inputs: DatasetInputs) -> Metadata:
     failed = inputs.failed.get(MAIN.name, {})
     for name, reasons in (("why_failed", failed), ("why_skipped", inputs.skipped)):
         if reasons:
-            metadata[name] = _record_table(reasons, ("recording", "reason"))
+            metadata[name] = _said_of(reasons)
     return metadata
 
 
@@ -147,11 +160,9 @@ def dataset_metadata(summary: DatasetSummary, failed: Mapping[str, str]) -> Meta
         summary: of the dataset.
         failed: recording that could not enter it -> why.
     """
-    # People look for it first, and below twenty rows they would have to scroll.
-    why = {"failed": _record_table(failed, ("recording", "reason"))} if failed else {}
     metadata: Metadata = {
-        "report": dg.MetadataValue.md(f"[Open the report]({page_link('report')})"),
-        **why,
+        # People look for it first, and below twenty rows they would have to scroll.
+        **({"failed": _said_of(failed)} if failed else {}),
         "folder": dg.MetadataValue.path(str(summary.folder)),
         "recordings": sum(share.recordings for share in summary.shares),
         **{
@@ -164,10 +175,11 @@ def dataset_metadata(summary: DatasetSummary, failed: Mapping[str, str]) -> Meta
     if summary.files:
         metadata["files"] = _record_table(summary.files, ("way", "files"))
     if summary.moved:
-        moved = [(key, *splits) for key, splits in summary.moved.items()]
-        metadata["moved"] = _table(("recording", "was in", "is in"), moved)
+        moved = {key: f"was in {old}, is in {new}" for key, (old, new) in summary.moved.items()}
+        metadata["moved"] = _said_of(moved)
     if summary.duplicates:
-        metadata["duplicates"] = _record_table(summary.duplicates, ("left out", "same content as"))
+        same = {key: f"left out: the same content as {first}" for key, first in summary.duplicates.items()}
+        metadata["duplicates"] = _said_of(same)
     return metadata
 
 
@@ -201,7 +213,22 @@ def code_link(make: Callable[..., object]) -> Metadata:
         return {"dagster/code_references": dg.CodeReferencesMetadataValue(code_references=[reference])}
 
 
-# --- tables ------------------------------------------------------------------------------
+# --- lists and tables ----------------------------------------------------------------------
+
+
+def _said_of(sentences: Mapping[str, str]) -> dg.MarkdownMetadataValue:
+    """Return a list of what is said of recordings, equal sentences once.
+
+    Dagster gives a table the width of its longest words, of which a narrow window shows the left; the lines of a list wrap.
+    """
+    told = told_once(((), key, without_path(key, text)) for key, text in sentences.items())
+    lines = [f"- **{markdown(one.title)}**: {markdown(one.text)}" for one in told]
+    shown, rest = len(lines), ""
+    while shown > 1 and len("\n".join(lines[:shown])) + len(rest) >= _SHOWN_AT_ONCE:
+        shown -= 1
+        left = sum(len(one.names) for one in told[shown:])
+        rest = f"\n- … and {count_text(left, 'more recording')}; `bagassets status` lists them all"
+    return dg.MetadataValue.md("\n".join(lines[:shown]) + rest)
 
 
 def _table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> dg.MarkdownMetadataValue:
@@ -223,7 +250,7 @@ def _record_table(record: JsonMapping, header: tuple[str, str]) -> dg.MarkdownMe
 
 
 def _counts_table(counts: Mapping[str, JsonMapping], name: str = "channel") -> dg.MarkdownMetadataValue:
-    """Return a table of the messages of each channel or topic: read, written, merged, and lost with the reason."""
+    """Return a table of what each channel or topic had: read, written, merged, and lost with the reason."""
     rows = []
     for key, entry in sorted(counts.items()):
         lost = ", ".join(f"{number} {reason}" for reason, number in sorted(entry.get("lost", {}).items()))
@@ -265,9 +292,8 @@ def _split_table(shares: Sequence[SplitShare]) -> dg.MarkdownMetadataValue:
             share.recordings,
             f"{share.duration_s:.1f} s",
             f"{share.share:.1%}",
-            f"{share.asked:.1%}",
-            f"{share.deviation:+.1%}",
+            f"{share.asked:.1%} ({share.deviation:+.1%})",
         )
         for share in shares
     ]
-    return _table(("split", "recordings", "duration", "share", "asked for", "deviation"), rows)
+    return _table(("split", "recordings", "duration", "share", "asked for (deviation)"), rows)

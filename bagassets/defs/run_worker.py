@@ -24,6 +24,7 @@ from bagassets.defs.dagster_private import RUN_MODULES, capture_interrupts, chec
 from bagassets.defs.databases import database_errors_explained
 from bagassets.defs.exclusive import ASKS_PER_LOOK, exclusive, holder_has_ended
 from bagassets.defs.fence import run_has_ended
+from bagassets.defs.instance_settings import read_settings
 from bagassets.defs.orphaned_runs import end_orphaned_runs, report_ended
 from bagassets.defs.own_location import know_installed_modules
 from bagassets.defs.partitions import PARTITION_TAG
@@ -33,7 +34,6 @@ from bagassets.defs.runs import (
     execute_run,
     open_instance,
     preload_definitions,
-    read_settings,
 )
 from bagassets.defs.worker_tag import RunWorker
 from bagassets.errors import BagAssetsError

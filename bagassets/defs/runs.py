@@ -11,7 +11,6 @@ import sys
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
-from functools import lru_cache
 from importlib import import_module
 from pathlib import Path
 
@@ -39,6 +38,7 @@ from bagassets.defs.dagster_private import (
 )
 from bagassets.defs.databases import ready_to_open
 from bagassets.defs.fence import Fence
+from bagassets.defs.instance_settings import read_settings
 from bagassets.errors import BagAssetsError, RunEndedError
 from bagassets.json_types import JsonMapping, JsonObject
 
@@ -57,7 +57,6 @@ __all__ = [
     "open_instance",
     "pack_instance",
     "preload_definitions",
-    "read_settings",
 ]
 
 _TAIL = "tail_to_stream"  # what `compute_logs` starts the processes with
@@ -151,17 +150,6 @@ def open_instance(place: str) -> dg.DagsterInstance:
             instance = dg.DagsterInstance.from_ref(read_settings(Path(place)))
     pool_connections(instance)
     return instance
-
-
-def read_settings(home: Path) -> InstanceRef:
-    """Return the settings in a Dagster home folder; they are parsed again only if the text of the file has changed."""
-    config = home / "dagster.yaml"
-    return _settings(str(home), config.read_bytes() if config.is_file() else b"")
-
-
-@lru_cache(maxsize=8)
-def _settings(home: str, _text: bytes) -> InstanceRef:
-    return InstanceRef.from_dir(home)
 
 
 def failure_of(instance: dg.DagsterInstance, run: dg.DagsterRun) -> str | None:

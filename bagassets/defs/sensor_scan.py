@@ -15,7 +15,14 @@ from bagassets.defs.dataset import dataset_is_current, record_inputs
 from bagassets.defs.events import all_assets, live_partitions
 from bagassets.defs.instance_plan import InstancePlan, plan_instance, workspace_fingerprint
 from bagassets.defs.orphaned_runs import end_orphaned_runs
-from bagassets.defs.partitions import DATASET, PARTITION_TAG, active_runs, add_partitions, remove_partition
+from bagassets.defs.partitions import (
+    DATASET,
+    PARTITION_TAG,
+    active_runs,
+    add_partitions,
+    held_by_backfills,
+    remove_partition,
+)
 from bagassets.defs.sensor_cursor import Cursor
 from bagassets.defs.workspace import Workspace
 from bagassets.errors import RecordingError
@@ -69,6 +76,7 @@ class Scan:
         self._ended: dict[str, dg.DagsterRun] = {}
         self._noted: frozenset[str] = frozenset()
         self._joined: dict[str, list[str]] = {}
+        self._held: dict[str, str] = {}
 
     def is_worth_waiting(self, until_s: float) -> bool:
         """Return whether a run is active, or a recording may settle before `until_s`."""
@@ -143,7 +151,8 @@ class Scan:
         return True
 
     def _drop_removed(self, live: frozenset[str], found: frozenset[str]) -> frozenset[str]:
-        for key in sorted(live - found):
+        self._held = held_by_backfills(self._instance, live - found)
+        for key in sorted(live - found - self._held.keys()):
             remove_partition(self._instance, self._names, key)
         self.cursor.forget([key for key in self.cursor.asked if key not in found and key != DATASET])
         return live & found
@@ -234,7 +243,7 @@ class Scan:
         if not bag.to_run():
             self.cursor.forget([bag.key])
             return None
-        stale = {name: asset for name, asset in bag.assets.items() if asset.state not in {"fresh", "skipped"}}
+        stale = {name: asset for name, asset in bag.assets.items() if not asset.is_settled}
         states = {name: [asset.state, asset.reason] for name, asset in stale.items()}
         what = digest_json([stat.as_json(), states])
         if self._was_cancelled(bag.key, what):
@@ -300,6 +309,7 @@ class Scan:
         failed = sorted(key for key, bag in plan.bags.items() if bag.failed is not None)
         parts = [count_text(len(plan.bags), "recording")]
         parts += [f"{names_text(keys)} joined into {whole}" for whole, keys in self._joined.items()]
+        parts += [f"{key} is gone: {why}" for key, why in self._held.items()]
         parts += [f"to be decided: {len(plan.asked)}, which `bagassets status` names"] if plan.asked else []
         parts += [f"waiting for {names_text(writing)} to settle"] if writing else []
         parts += [f"waiting for {count_text(self._runs, 'run')}"] if self._runs else []

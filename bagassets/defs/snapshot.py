@@ -1,11 +1,12 @@
 """The snapshot that a build with nothing left to do keeps for the next build."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
 import dagster as dg
 
+from bagassets.build.build_report import Remark, remark_lines
 from bagassets.build.named_files import files_beside, named_files
 from bagassets.build.plan import Plan
 from bagassets.defs.events import event_database
@@ -61,12 +62,13 @@ class Snapshot:
             with suppress(PlanNeeded):
                 self._fingerprints = decide.current_fingerprints(self._places, project)
 
-    def save(self, plan: Plan, own: Collection[str] = ()) -> None:
+    def save(self, plan: Plan, own: Collection[str] = (), remarks: Iterable[Remark] = ()) -> None:
         """Save the snapshot if the plan has nothing to do; else remove the last one.
 
         Args:
             plan: the state of our assets.
             own: the user's assets, which are up to date.
+            remarks: what a build with nothing to do reports.
         """
         bags = plan.bags.values()
         if self._fingerprints is None or not all(bag.settled for bag in bags):
@@ -81,6 +83,7 @@ class Snapshot:
             artifacts={digest for bag in bags for digest in bag.artifacts},
             published=[*dataset_code_versions(self._recipe)],
             lines=[
+                *remark_lines(remarks),
                 f"{counts}: nothing to do",
                 *(f"dataset: {folder} (up to date)" for folder in dataset_folders(self._recipe).values()),
                 *([f"{', '.join(own)}: up to date"] if own else ()),

@@ -10,11 +10,11 @@ import dagster as dg
 
 from bagassets.build.execute import AssetResult
 from bagassets.build.run_action import run_action
-from bagassets.defs.events import live_partitions, recorded_states
+from bagassets.defs.events import live_partitions, recorded_partition, recorded_states
 from bagassets.defs.naming import AssetName, Naming, checked_prefix
 from bagassets.defs.own_assets import FOLLOWS, sensor_tags
 from bagassets.defs.partitions import ACTIVE, recording_partitions
-from bagassets.defs.reporting import errors_explained, result_metadata
+from bagassets.defs.reporting import errors_explained, result_metadata, skip_metadata
 from bagassets.defs.workspace import Workspace
 from bagassets.errors import StoreError
 from bagassets.json_types import JsonMapping, JsonObject
@@ -24,7 +24,15 @@ from bagassets.store.action import Step
 from bagassets.store.artifact import Artifact, ArtifactWriter
 from bagassets.store.canonical import digest_json
 
-__all__ = ["all_recordings", "channels", "follow_recordings", "per_recording", "publish", "recipe_beside"]
+__all__ = [
+    "all_recordings",
+    "channels",
+    "follow_recordings",
+    "per_recording",
+    "publish",
+    "recipe_beside",
+    "skipped",
+]
 
 
 def recipe_beside(file: str | Path) -> Recipe:
@@ -79,9 +87,27 @@ def all_recordings(
 def _versions(instance: dg.DagsterInstance, names: Naming, asset: AssetName) -> dict[str, str]:
     """Return partition key -> data version of an asset, of the recordings that are registered."""
     recorded = recorded_states(instance, names, [asset])[asset]
-    return {
-        key: recorded[key].data_version for key in sorted(live_partitions(instance, names) & recorded.keys())
-    }
+    live = sorted(live_partitions(instance, names) & recorded.keys())
+    return {key: recorded[key].data_version for key in live if not recorded[key].is_skip}
+
+
+def skipped(
+    context: dg.AssetExecutionContext, workspace: Workspace, asset: AssetName
+) -> dg.MaterializeResult[None] | None:
+    """Return what a step returns for a recording that is skipped; None if it is not.
+
+    A step that fails on it is red in the web UI, and ends a backfill as failed.
+
+    Args:
+        context: context of the step.
+        workspace: its resource.
+        asset: what the step reads: name of one of our assets, or the key of any.
+    """
+    recorded = recorded_partition(context.instance, workspace.names, asset, context.partition_key)
+    if recorded is None or not recorded.is_skip:
+        return None
+    version = dg.DataVersion(recorded.data_version)
+    return dg.MaterializeResult(data_version=version, metadata=skip_metadata(recorded.why_skipped))
 
 
 def publish(

@@ -12,8 +12,8 @@ from dagster import DagsterInstance, deserialize_value
 from dagster_webserver.version import __version__
 from starlette.applications import Starlette
 from starlette.requests import Request
-from starlette.responses import FileResponse, PlainTextResponse, Response
-from starlette.routing import Route
+from starlette.responses import FileResponse, HTMLResponse, PlainTextResponse, Response
+from starlette.routing import BaseRoute, Route
 
 from bagassets.defs.artifact_files import PAGES, PICTURES, page_file, picture_file
 from bagassets.defs.dagster_private import (
@@ -29,7 +29,7 @@ from bagassets.defs.guard import Guard, own_names
 from bagassets.defs.ports import listening_options
 from bagassets.errors import BagAssetsError
 
-__all__ = ["main", "page"]
+__all__ = ["main", "page", "styled"]
 
 _LOG = logging.getLogger("dagster-webserver")
 # The defaults of `dagster-webserver`.
@@ -37,7 +37,7 @@ _STATEMENT_TIMEOUT_MS, _POOL_RECYCLE_S, _POOL_MAX_OVERFLOW = 15_000, 3600, 20
 _POLL_MS = 2000
 _NOT_MADE = {
     "map": "There is no map yet; `bagassets build` makes it, unless the recipe switches it off.\n",
-    "report": "There is no report yet; `bagassets report` writes it beside the recipe.\n",
+    "report": "There is no report yet; `bagassets build` writes it, and `bagassets report` at any time.\n",
 }
 # The pages name what recordings contain. Their scripts run, but as those of no site: to this server their requests are
 # those of a stranger, which `Guard` refuses, and they see nothing of the UI.
@@ -47,6 +47,12 @@ _PAGE_HEADERS = {
     "Referrer-Policy": "strict-origin-when-cross-origin",  # the servers of map tiles ask for one
     "X-Content-Type-Options": "nosniff",
 }
+# Dagster's tables of metadata are as wide as their longest word, a path or a digest, and a window shows the left of them: so
+# words may break there, and pictures shrink. The third cell has the value if the second one has the time.
+_ROWS = "[class*=etadataEntr] td"
+_STYLE = f"""<style>{_ROWS}:not(:first-child){{overflow-wrap:anywhere}}{_ROWS}:nth-child(3):has(*){{width:100%}}
+{_ROWS} td:nth-child(n){{min-width:8ch;width:auto;overflow-wrap:anywhere}}{_ROWS} th{{overflow-wrap:normal}}
+{_ROWS} img{{max-width:100%}}</style></head>""".encode()
 
 
 def main() -> None:
@@ -80,8 +86,22 @@ def _serve(instance: DagsterInstance, options: argparse.Namespace) -> None:
         # Before the page of the UI, which answers to every address.
         app.router.routes.insert(0, Route(f"{PICTURES}/{{digest}}/{{name:path}}", _picture))
         app.router.routes.insert(0, Route(f"{PAGES}/{{name}}", page))
+        app.router.routes[:] = map(styled, app.router.routes)
         app.add_middleware(Guard, names=own_names(options.host, options.allow_host))
         uvicorn.run(app, host=options.host, port=options.port, log_level="warning")
+
+
+def styled(route: BaseRoute) -> BaseRoute:
+    """Return a route that adds our style to the page of the UI; any other route as it is."""
+    if not isinstance(route, Route) or route.path not in {"/", "/{path:path}"}:
+        return route
+
+    def index(request: Request) -> Response:
+        answer: Response = route.endpoint(request)
+        headers = {name: value for name, value in answer.headers.items() if name != "content-length"}
+        return HTMLResponse(bytes(answer.body).replace(b"</head>", _STYLE, 1), answer.status_code, headers)
+
+    return Route(route.path, index)
 
 
 def _picture(request: Request) -> Response:

@@ -132,12 +132,16 @@ class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get
             asset: name of one of our assets, or the key of any.
 
         Raises:
-            StoreError: the asset is not materialized, or its artifact is not in the store.
+            StoreError: the asset is not materialized or was skipped, or its artifact is not in the store.
         """
         key, names = context.partition_key, self.names
         recorded = recorded_partition(context.instance, names, asset, key)
-        if recorded is None:
-            raise StoreError(
-                f"{key}: {names.key(asset).to_user_string()} is not materialized for this recording; materialize it first."
+        if recorded is None or recorded.is_skip:
+            name = names.key(asset).to_user_string()
+            problem = (
+                "is not materialized for this recording; materialize it first."
+                if recorded is None
+                else "has no artifact, as this recording is skipped; a step returns what `bagassets.defs.skipped` does."
             )
+            raise StoreError(f"{key}: {name} {problem}")
         return self.store.artifact(recorded.data_version)

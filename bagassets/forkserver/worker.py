@@ -127,7 +127,7 @@ def _flush() -> None:
 def _call(job: Message) -> int:
     try:
         result = load_function(job["function"])(job["args"])
-        _flush()  # who is told of the result finds the whole log
+        _flush()  # whoever gets the result finds the whole log
         _CHANNEL.send({"result": json.loads(json.dumps(result))})
     except BaseException as err:  # whatever it was, the client gets the error
         if not isinstance(err, BagAssetsError):

@@ -27,6 +27,7 @@ __all__ = [
     "check_dataset",
     "check_datasets",
     "dataset_checks",
+    "quick_findings",
     "remarks_on_record",
     "render_checks",
 ]
@@ -118,15 +119,22 @@ def remarks_on_record(
 ) -> Iterator[Remark]:
     """Yield the findings of quick checks on recordings built earlier, such as losses and dropped keyframes."""
     for bag in bags:
-        for verdict in check_bag(recipe, store, discovery, bag, quick=True):
-            if verdict.finding is not None and not verdict.finding.passed:
-                first, *more = verdict.finding.sentences
-                yield Remark(
-                    bag.key,
-                    verdict.weight,
-                    verdict.check,
-                    first + (f" (and {len(more)} more)" if more else ""),
-                )
+        found = bag.findings
+        for one in quick_findings(recipe, store, discovery, bag) if found is None else found:
+            yield Remark(bag.key, *one)
+
+
+def quick_findings(
+    recipe: Recipe, store: Store, discovery: Discovery, bag: BagPlan
+) -> tuple[tuple[str, str, str], ...]:
+    """Return what quick checks find in a recording; see `BagPlan.findings`."""
+    found = []
+    for verdict in check_bag(recipe, store, discovery, bag, quick=True):
+        if verdict.finding is not None and not verdict.finding.passed:
+            first, *more = verdict.finding.sentences
+            problem = first + (f" (and {len(more)} more)" if more else "")
+            found.append((str(verdict.weight), verdict.check, problem))
+    return tuple(found)
 
 
 def render_checks() -> str:

@@ -34,6 +34,7 @@ __all__ = [
     "datasets_of",
     "deal_contents",
     "is_on_disk",
+    "made_from",
     "main_lock",
     "recordings_without_scenes",
     "select_inputs",
@@ -85,6 +86,13 @@ def datasets_of(recipe: Recipe) -> dict[str, Dataset]:
         update = {"output": named.output, "version": named.version or recipe.nuscenes.version}
         found[named.asset] = Dataset(named.asset, MAIN, recipe.nuscenes.model_copy(update=update), named)
     return found
+
+
+def made_from(recipe: Recipe) -> dict[str, str]:
+    """Return each dataset, and the map -> the asset of recordings that it is made from."""
+    return {asset: one.kind.part for asset, one in datasets_of(recipe).items()} | {
+        "trajectory_map": "ego_poses"
+    }
 
 
 @dataclass(frozen=True)

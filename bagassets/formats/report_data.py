@@ -18,6 +18,8 @@ from bagassets.formats.dataset_build import deal_contents, recordings_without_sc
 from bagassets.freshness.published import Publication
 from bagassets.json_types import JsonMapping, JsonObject
 from bagassets.preview.pictures import TITLES
+from bagassets.quality.counted import counted_in_channel
+from bagassets.quantities import count_text
 from bagassets.recipe.model import Recipe
 from bagassets.recordings.discover import Discovery
 from bagassets.report.grid_map import colour_of_split
@@ -29,9 +31,10 @@ from bagassets.store.artifact import Artifact
 from bagassets.store.canonical import digest_bytes
 from bagassets.store.store import Outcome, Store
 
-__all__ = ["build_map", "make_map_shell", "map_path", "report_data"]
+__all__ = ["build_map", "make_map_shell", "map_path", "report_data", "report_path"]
 
 _NO_SPLIT = "not in the dataset"
+_READ = ("inventory", "ego_poses", "frames", "sweeps", "annotations", "nuscenes_tables", "preview")
 
 
 def report_data(
@@ -55,15 +58,20 @@ def report_data(
     """
     dealt = _dealt(recipe, store, plan)
     recordings = []
+    first: dict[str, str] = {}
     for key, bag in sorted(plan.bags.items()):
         facts = _facts(recipe, store, bag, dealt.get(key, ""))
+        if facts.state in {"ready", "stale"}:
+            same = first.setdefault(bag.assets["bag"].data_version or key, key)
+            if same != key:
+                facts = replace(facts, state="copy", reason=f"the same content as {same}")
         if discovery is not None:
             facts = _checked(facts, check_bag(recipe, store, discovery, bag))
         recordings.append(facts)
         on_recording(1)
     problems, passed = ((), 0) if discovery is None else _outcome(check_datasets(recipe))
-    durations_s = [(r.key, r.duration_s) for r in recordings if r.state in {"ready", "stale"}]
-    shares = shares_of(durations_s, recipe.splits, dealt)
+    scenes_s = [(r.key, r.scenes_s) for r in recordings if r.state in {"ready", "stale"}]
+    shares = shares_of(scenes_s, recipe.splits, dealt)
     dataset = recipe.nuscenes.output / recipe.nuscenes.version
     former = {key for keys in plan.ties.former.values() for key in keys}
     idle_pins = sorted(recipe.splits.pinned.keys() - plan.bags.keys() - former)
@@ -75,6 +83,11 @@ def report_data(
 def map_path(recipe: Recipe) -> Path:
     """Return the path of the map of a recipe's recordings."""
     return recipe.state / trajectory_map.MAP
+
+
+def report_path(recipe: Recipe) -> Path:
+    """Return the path of the report that is written with the dataset."""
+    return recipe.state / "report.html"
 
 
 def build_map(recipe: Recipe, store: Store, plan: Plan) -> Outcome:
@@ -153,16 +166,17 @@ def _local(track: Track) -> list[tuple[float, float]]:
 
 
 def _facts(recipe: Recipe, store: Store, bag: BagPlan, split: str) -> RecordingFacts:
-    inventory = bag.current_artifact(store, "inventory")
     state, reason = _state(bag)
+    made = {name: artifact for name in _READ if (artifact := bag.current_artifact(store, name)) is not None}
+    inventory, poses, pictures = (made.get(name) for name in ("inventory", "ego_poses", "preview"))
     if inventory is None:
         return RecordingFacts(bag.key, state, reason, bag.format)
     seen: JsonObject = inventory.read_json("inventory.json")
-    poses = bag.current_artifact(store, "ego_poses")
+    summaries = {name: _summary(artifact) for name, artifact in made.items() if name != "inventory"}
     track = None
     if poses is not None and state in {"ready", "stale"}:
         track = track_of(store, inventory, poses, recipe.clock_of(recipe.rig_named(bag.rig)))
-    pictures = bag.current_artifact(store, "preview")
+    tables = summaries.get("nuscenes_tables", {})
     return RecordingFacts(
         key=bag.key,
         state=state,
@@ -171,13 +185,14 @@ def _facts(recipe: Recipe, store: Store, bag: BagPlan, split: str) -> RecordingF
         size=seen["size"],
         start_ns=seen["start_ns"],
         duration_s=seen["duration_s"],
-        rig=_summary(store, bag, "nuscenes_tables").get("rig", ""),
+        scenes_s=tables.get("counts", {}).get("duration_s", 0.0),
+        rig=tables.get("rig", ""),
         split=split if state in {"ready", "stale"} else "",
         daylight=seen["daylight"],
-        length_m=_summary(store, bag, "ego_poses").get("length_m"),
-        counts=_counts(store, bag),
-        boxes=_boxes(store, bag),
-        lost=_lost(store, bag),
+        length_m=summaries.get("ego_poses", {}).get("length_m"),
+        counts=_counts(summaries),
+        boxes=_boxes(made.get("annotations"), summaries),
+        lost=_lost(summaries),
         gaps=_gaps(seen["topics"]),
         route=Route() if track is None else Route(_points(track), _local(track)),
         pictures={} if pictures is None else _pictures(pictures),
@@ -206,10 +221,9 @@ def _outcome(verdicts: Iterable[Verdict]) -> tuple[tuple[Problem, ...], int]:
     return tuple(problems), passed
 
 
-def _boxes(store: Store, bag: BagPlan) -> dict[str, int]:
+def _boxes(annotations: Artifact | None, summaries: Mapping[str, JsonMapping]) -> dict[str, int]:
     """Return category -> number of boxes."""
-    annotations = bag.current_artifact(store, "annotations")
-    if annotations is None or not annotations.summary().get("boxes"):
+    if annotations is None or not summaries["annotations"].get("boxes"):
         return {}
     column = annotations.read_table(TABLE, ["category"]).column("category")
     counts = {str(one["values"]): int(one["counts"]) for one in column.value_counts().to_pylist()}
@@ -227,13 +241,14 @@ def _state(bag: BagPlan) -> tuple[str, str]:
     return "stale", f"nuscenes_tables: {tables.reason}"
 
 
-def _counts(store: Store, bag: BagPlan) -> dict[str, int]:
-    tables = _summary(store, bag, "nuscenes_tables").get("counts", {})
+def _counts(summaries: Mapping[str, JsonMapping]) -> dict[str, int]:
+    of = {name: summaries.get(name, {}) for name in _READ}
+    tables = of["nuscenes_tables"].get("counts", {})
     found = {
-        "images": _written(_summary(store, bag, "frames")),
-        "sweeps": _written(_summary(store, bag, "sweeps")),
-        "poses": _summary(store, bag, "ego_poses").get("count"),
-        "boxes": _summary(store, bag, "annotations").get("boxes"),
+        "images": _written(of["frames"]),
+        "sweeps": _written(of["sweeps"]),
+        "poses": of["ego_poses"].get("count"),
+        "boxes": of["annotations"].get("boxes"),
         "scenes": tables.get("scenes"),
         "keyframes": tables.get("samples"),
     }
@@ -245,12 +260,13 @@ def _written(summary: JsonMapping) -> int | None:
     return None if channels is None else sum(counts["written"] for counts in channels.values())
 
 
-def _lost(store: Store, bag: BagPlan) -> list[str]:
+def _lost(summaries: Mapping[str, JsonMapping]) -> list[str]:
     lines = []
     for asset in ("frames", "sweeps"):
-        for channel, counts in sorted(_summary(store, bag, asset).get("channels", {}).items()):
+        for channel, counts in sorted(summaries.get(asset, {}).get("channels", {}).items()):
             lines += [
-                f"{channel}: {number} lost, {reason}" for reason, number in sorted(counts["lost"].items())
+                f"{channel}: {count_text(number, counted_in_channel(counts))} lost, {reason}"
+                for reason, number in sorted(counts["lost"].items())
             ]
     return lines
 
@@ -269,9 +285,8 @@ def _pictures(artifact: Artifact) -> dict[str, Path]:
     return {title: artifact.path(f"inline/{name}.jpg") for name, title in TITLES.items() if name in drawn}
 
 
-def _summary(store: Store, bag: BagPlan, asset: str) -> JsonObject:
-    artifact = bag.current_artifact(store, asset)
+def _summary(artifact: Artifact) -> JsonObject:
     try:
-        return {} if artifact is None else artifact.summary()
+        return artifact.summary()
     except StoreError:
         return {}

@@ -13,7 +13,15 @@ from bagassets.propose.naming import tokens, word_list
 from bagassets.propose.sensors import Sensor
 from bagassets.propose.summary import Edge, RecordingSummary, TopicSummary
 
-__all__ = ["EgoFrame", "connected", "global_frame_of", "is_optical", "mounting", "propose_ego_frame"]
+__all__ = [
+    "EgoFrame",
+    "connected",
+    "contradiction",
+    "global_frame_of",
+    "is_optical",
+    "mounting",
+    "propose_ego_frame",
+]
 
 _GLOBAL_FRAMES = ("map", "world", "odom", "earth", "local", "global", "enu", "utm")
 _EGO_FRAMES = word_list(
@@ -149,6 +157,27 @@ def connected(edges: Iterable[Edge], one: str, other: str) -> bool:
                 reached |= {parent, child}
                 grown = True
     return other in reached
+
+
+def contradiction(summary: RecordingSummary, dst: str, src: str) -> str:
+    """Return why builds refuse the way from one frame to another, which TF does connect; "" if they do not.
+
+    Transforms may go round in a circle, a frame may have two parents, and a fixed edge several values.
+    """
+    static, other = (
+        [
+            TfEdge.fixed(parent, child, source, value)
+            for (parent, child), value in summary.transforms.items()
+            if ((parent, child) in summary.static) == is_static
+        ]
+        for source, is_static in (("tf_static", True), ("tf", False))
+    )
+    try:
+        ways = TfTree(static, other).chain(dst, src) if dst != src else ()
+    except CalibrationError as err:
+        return str(err)
+    moving = [edge for way in ways for edge in way if (edge.parent, edge.child) in summary.moving]
+    return next((f"the transform {one.parent} -> {one.child} ({one.source}) changes" for one in moving), "")
 
 
 def _last_part(frame: str) -> str:

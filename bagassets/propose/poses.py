@@ -8,11 +8,13 @@ from bagassets.propose.frames import connected, global_frame_of, is_optical
 from bagassets.propose.naming import tokens, word_set
 from bagassets.propose.summary import RecordingSummary, TopicSummary
 
-__all__ = ["PoseProposal", "SourceKey", "odometry_of", "pose_candidates", "propose_pose"]
+__all__ = ["PoseProposal", "SourceKey", "lonely_poses", "odometry_of", "pose_candidates", "propose_pose"]
 
 _ODOMETRY = "nav_msgs/msg/Odometry"  # names the frame whose pose it gives, and so is a source of its own
 _COMMANDS = word_set("clicked cmd command desired goal initialpose plan set setpoint target waypoint")
-_FUSED = word_set("ekf filtered fused global ground kinematic kinematics localization slam truth ukf")
+_FUSED = word_set(
+    "ekf filtered fused global ground groundtruth gt kinematic kinematics localization slam truth ukf"
+)
 _FEWEST_POSES = 2
 
 SourceKey = tuple[str, str, str]
@@ -87,6 +89,12 @@ def pose_candidates(summary: RecordingSummary, ego_frame: str) -> list[PosePropo
 def odometry_of(summary: RecordingSummary) -> TopicSummary | None:
     """Return the odometry topic to prefer; None if there is none."""
     return next(iter(_usable(summary, {_ODOMETRY})), None)
+
+
+def lonely_poses(summary: RecordingSummary) -> list[str]:
+    """Return the topics of which there is one pose or fix, too few to follow a vehicle."""
+    types = {*types_of("pose"), *types_of("fix")}
+    return [t.name for t in summary.topics.values() if t.msgtype in types and 0 < t.count < _FEWEST_POSES]
 
 
 def _usable(summary: RecordingSummary, types: Iterable[str]) -> list[TopicSummary]:

@@ -10,7 +10,9 @@ import json
 import os
 import re
 import shlex
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 from bagassets.atomic import write_atomically
 from bagassets.errors import RecipeError
@@ -105,18 +107,23 @@ BAGASSETS_RECIPE={recipe}
 """
 
 
-_DEFINITIONS_PY = """\
-# What `dg dev`, `dg list defs` and `dg launch` load. Assets of your own can be merged in here; have workspace.yaml name this
-# module then, so that `bagassets` and `dagster` load them, too.
+_DEFINITIONS_PY = '''\
+"""What `dg dev`, `dg list defs` and `dg launch` load.
+
+`pip install 'bagassets[dg]'` brings `dg`. Assets of your own can be merged in here;
+have workspace.yaml name this module then, so that `bagassets` and `dagster` load them,
+too.
+"""
+
 from pathlib import Path
 
 from bagassets.defs import build_definitions
 
 defs = build_definitions(Path(__file__).with_name("recipe.yaml"))
-"""
+'''
 
 _PYPROJECT_TOML = """\
-# Makes this folder a project of `dg`, Dagster's command line.
+# Makes this folder a project of `dg`, Dagster's command line, which `pip install 'bagassets[dg]'` brings.
 [tool.dg]
 directory_type = "project"
 
@@ -160,7 +167,12 @@ def dagster_files(project: Path, state: Path, recipe: Path | None = None) -> dic
     return {"dagster.yaml": dagster_yaml, "workspace.yaml": _WORKSPACE_YAML, ".env": env}
 
 
-def write_project(project: Path, recipe_text: str | None, state: Path | None = None) -> list[str]:
+def write_project(
+    project: Path,
+    recipe_text: str | None,
+    state: Path | None = None,
+    more: Mapping[str, str] = MappingProxyType({}),
+) -> list[str]:
     """Write the files of a project, replacing those that are there; return their names.
 
     Those for `dg` are written only if neither is there, as they may be the user's own.
@@ -169,12 +181,13 @@ def write_project(project: Path, recipe_text: str | None, state: Path | None = N
         project: the project folder; made if missing.
         recipe_text: content of `recipe.yaml`; None leaves the recipe and an existing `workspace.yaml` alone.
         state: the recipe's state folder; default `.bagassets` in the project.
+        more: name -> content of files that the recipe expects beside it.
 
     Raises:
         RecipeError: the folder cannot be written, or its path is one that no `.env` can hold.
     """
     state = project / Recipe.model_fields["state"].default if state is None else state
-    files = dagster_files(project, state)
+    files = {**dagster_files(project, state), **more}
     if recipe_text is not None:
         files["recipe.yaml"] = recipe_text
     elif (project / "workspace.yaml").is_file():
@@ -189,7 +202,7 @@ def write_project(project: Path, recipe_text: str | None, state: Path | None = N
             write_atomically(project / name, text.encode())
     except OSError as err:
         raise RecipeError(f"{project}: the project cannot be written ({err.strerror or err}).") from err
-    return [name for name in (*FILES, *_FOR_DG) if name in files]
+    return [name for name in (*FILES, *more, *_FOR_DG) if name in files]
 
 
 def dagster_home(recipe_file: Path, recipe: Recipe) -> Path:

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from bagassets.escaping import yaml_scalar
@@ -10,7 +10,7 @@ from bagassets.propose.calibration_files import FoundCalibration
 from bagassets.propose.commented_yaml import Question, Sheet
 from bagassets.propose.grouping import Group, group_recordings, match_globs
 from bagassets.propose.poses import PoseProposal, pose_candidates
-from bagassets.propose.rig_text import write_rig
+from bagassets.propose.rig_text import urdf_name, write_rig
 from bagassets.propose.rigs import RigProposal, propose_rig
 from bagassets.propose.sensors import find_sensors, lacks_definition, shown_type
 from bagassets.propose.summary import RecordingSummary
@@ -48,6 +48,7 @@ class Proposal:
         bare: recordings that belong to none, as they have no usable sensor.
         guesses: number of comments in it that mark a guess.
         questions: what must be decided before a build can succeed.
+        files: name -> content of files that the recipe expects beside it.
     """
 
     text: str
@@ -55,6 +56,7 @@ class Proposal:
     bare: list[Bare]
     guesses: int
     questions: list[Question]
+    files: Mapping[str, str] = field(default_factory=dict)
 
 
 def propose_recipe(
@@ -69,6 +71,7 @@ def propose_recipe(
     found: int | None = None,
     digest_attributes: bool = False,
     calibrations: Sequence[FoundCalibration] = (),
+    urdfs: bool = False,
 ) -> Proposal:
     """Return a recipe for the recordings.
 
@@ -86,11 +89,12 @@ def propose_recipe(
         found: number of recordings there are, if not all were looked into.
         digest_attributes: builds may store digests beside the recordings.
         calibrations: calibration files that lie near the recordings.
+        urdfs: robot descriptions that were recorded may become files beside the recipe.
     """
     unreadable = unreadable or {}
     groups, without_sensor = group_recordings(summaries)
     bare = [_bare(path, summaries[path]) for path in without_sensor]
-    rigs = _rigs(groups)
+    rigs = _rigs(groups, urdfs=urdfs)
     sheet = Sheet()
     looked_into = len(summaries) + len(unreadable)
     count = count_text(looked_into, "recording")
@@ -119,12 +123,11 @@ def propose_recipe(
     else:
         sheet.field(0, f"clock: {usual}")
     sheet.blank()
-    if not rigs:
-        _no_rig(sheet, bare, unreadable)
     sheet.field(0, "rigs:")
     for rig in rigs:
         write_rig(sheet, rig, calibrations, clock=rig.clock.clock != usual)
     if not rigs:
+        _no_rig(sheet, bare, unreadable)
         _example_rig(sheet)
     _scenes(sheet, rigs)
     sheet.field(
@@ -133,7 +136,8 @@ def propose_recipe(
     sheet.field(1, "shares: {train: 0.8, val: 0.2}")
     sheet.field(0, "nuscenes:")
     sheet.field(1, f"version: {yaml_scalar(f'v1.0-{_slug(name)}')}")
-    return Proposal(sheet.text(), rigs, bare, sheet.guesses, sheet.questions)
+    files = {urdf_name(rig): rig.urdf.urdf for rig in rigs if rig.urdf is not None}
+    return Proposal(sheet.text(), rigs, bare, sheet.guesses, sheet.questions, files)
 
 
 def _series(sheet: Sheet, series: Mapping[str, bool | Sequence[str]], asked: Mapping[str, str]) -> None:
@@ -148,11 +152,12 @@ def _series(sheet: Sheet, series: Mapping[str, bool | Sequence[str]], asked: Map
         sheet.off(1, f"series: {{{', '.join(f'{yaml_scalar(whole)}: true' for whole in asked)}}}")
 
 
-def _rigs(groups: Sequence[Group]) -> list[RigProposal]:
+def _rigs(groups: Sequence[Group], *, urdfs: bool) -> list[RigProposal]:
     rigs: list[RigProposal] = []
     for group in groups:
         others = [path for other in groups if other is not group for path in other.recordings]
-        rigs.append(propose_rig(group, match_globs(group.recordings, others), {rig.name for rig in rigs}))
+        match, taken = match_globs(group.recordings, others), {rig.name for rig in rigs}
+        rigs.append(propose_rig(group, match, taken, urdfs=urdfs))
     return rigs
 
 
@@ -211,21 +216,27 @@ def _definitions(
 
 
 def _no_rig(sheet: Sheet, bare: Sequence[Bare], unreadable: Mapping[str, str]) -> None:
-    undecodable = {
-        use.topic.name: use.text for one in bare for use in one.topic_uses if use.status == "not decodable"
-    }
+    uses = [use for one in bare for use in one.topic_uses]
+    undecodable = {use.topic.name: use.text for use in uses if use.status == "not decodable"}
+    left_out = {use.topic.name: use.text for use in uses if use.status == "left out"}
+    elsewhere = "name another folder with --bags, and --force to replace this recipe"
     if undecodable:
-        topic, why = next(iter(sorted(undecodable.items())))
-        more = f" (and {count_text(len(undecodable) - 1, 'more topic')})" if len(undecodable) > 1 else ""
-        sheet.ask(0, "rigs", f"no sensor can be decoded. {topic}: {why}{more}")
+        text = f"no sensor can be decoded. {_first(undecodable)}"
     elif unreadable and not bare:
-        sheet.ask(0, "rigs", "no recording could be read; fix them, or name another folder with --bags")
+        text = f"no recording could be read; fix them and repeat the command with --force, or {elsewhere}"
+    elif left_out:
+        text = f"no topic is proposed for a sensor. {_first(left_out)}; add what is one as a channel, or {elsewhere}"
     else:
-        sheet.ask(
-            0,
-            "rigs",
-            "no recording has a camera, lidar or radar, so there is nothing to convert; name another folder with --bags",
-        )
+        text = f"no recording has a camera, lidar or radar, so there is nothing to convert; {elsewhere}"
+    sheet.ask(1, "rigs", text, below=True)
+
+
+def _first(reasons: Mapping[str, str]) -> str:
+    """Return the first topic of several and its reason."""
+    topic, why = min(reasons.items())
+    return f"{topic}: {why}" + (
+        f" (and {count_text(len(reasons) - 1, 'more topic')})" if len(reasons) > 1 else ""
+    )
 
 
 def _example_rig(sheet: Sheet) -> None:

@@ -5,15 +5,16 @@ from collections.abc import Sequence
 from bagassets.escaping import yaml_scalar
 from bagassets.propose.calibration_files import FoundCalibration, ProposedCalibration, calibration_of
 from bagassets.propose.commented_yaml import Sheet
-from bagassets.propose.frames import connected, is_optical, mounting
+from bagassets.propose.frames import connected, contradiction, is_optical, mounting
 from bagassets.propose.naming import PREFIX
+from bagassets.propose.poses import lonely_poses
 from bagassets.propose.rigs import RigProposal
 from bagassets.propose.sensors import Sensor
 from bagassets.propose.topic_uses import transform_topics
 from bagassets.recipe.model import Rig
 from bagassets.recordings.globs import literal_glob
 
-__all__ = ["write_rig"]
+__all__ = ["urdf_name", "write_rig"]
 
 _USUAL_TF = (*Rig.model_fields["tf"].default, *Rig.model_fields["tf_static"].default)
 
@@ -37,6 +38,15 @@ def write_rig(
     if clock:
         sheet.guess(2, f"clock: {rig.clock.clock}", rig.clock.reason or "its header stamps can be used")
     _write_transforms(sheet, rig)
+    if rig.urdf is not None:
+        line = f"urdf: {yaml_scalar(urdf_name(rig))}"
+        if rig.urdf_places:
+            sheet.guess(2, line, f"{rig.urdf.name}, for frames that TF does not connect")
+        else:
+            sheet.note(
+                2, f"recorded on {rig.urdf.name}; it places no sensor unless channels name a `frame` of it:"
+            )
+            sheet.off(2, line)
     _write_pose(sheet, rig)
     sheet.field(2, "channels:")
     for name, sensor in rig.channels.items():
@@ -57,6 +67,11 @@ def write_rig(
     for robot in list(rig.summary.robots)[1:]:
         sheet.note(2, f"left out: all below {robot} (another robot)")
     sheet.blank()
+
+
+def urdf_name(rig: RigProposal) -> str:
+    """Return the name of the file beside the recipe that holds the URDF of a rig."""
+    return f"{rig.name}.urdf"
 
 
 def _write_match(sheet: Sheet, rig: RigProposal) -> None:
@@ -87,11 +102,12 @@ def _write_transforms(sheet: Sheet, rig: RigProposal) -> None:
 def _write_pose(sheet: Sheet, rig: RigProposal) -> None:
     sheet.field(2, "ego_pose:")
     if not rig.pose.fields:
+        lonely = lonely_poses(rig.summary)
         sheet.ask(
             3,
             "ego_pose",
-            "the recordings hold no odometry, pose, TF chain or GNSS fixes; name where poses come from, or if this rig "
-            "stands still, uncomment `source: fixed`",
+            f"the recordings hold no odometry, pose, TF chain or GNSS fixes{f' but one of {lonely[0]}' if lonely else ''}; name "
+            "where poses come from, or if this rig stands still, uncomment `source: fixed`",
             rig=rig.name,
             below=True,
         )
@@ -204,12 +220,7 @@ def _write_place(
             f"extrinsics: {{translation: [0, 0, 0], rotation: {_numbers(rotation)}}}",
             "the ego frame is where this sensor is, x ahead and z up; measured ones are better",
         )
-    elif not frame or not connected(rig.summary.edges, rig.ego.name, frame):
-        missing = (
-            f"no transform from {rig.ego.name} to {frame} was seen"
-            if frame
-            else "its headers name no frame; give `frame`"
-        )
+    elif lack := _lack(rig, frame):
         give = "measure `extrinsics`"
         if sensor.modality == "camera":
             give = "give `extrinsics`, measured or from a file of Kalibr"
@@ -220,7 +231,7 @@ def _write_place(
         sheet.ask(
             5,
             name,
-            f"{missing}; name a `urdf` of the rig, or {give}",
+            f"{lack}, or {give}",
             f" (ego <- sensor, metres; quaternion w, x, y, z; this one {looks}):",
             rig=rig.name,
             below=True,
@@ -234,6 +245,16 @@ def _write_place(
             )
             sheet.off(5, f"file: {yaml_scalar(file.written)}")
             sheet.off(5, "relative_to: frame")
+
+
+def _lack(rig: RigProposal, frame: str) -> str:
+    """Return why it is not known where a sensor sits, and what to do; "" if it is."""
+    if not frame:
+        return "its headers name no frame; give `frame`; name a `urdf` of the rig"
+    if not connected(rig.summary.edges, rig.ego.name, frame):
+        return f"no transform from {rig.ego.name} to {frame} was seen; name a `urdf` of the rig"
+    trouble = contradiction(rig.summary, rig.ego.name, frame)
+    return trouble and f"{trouble}; correct that and remove this field"
 
 
 def _numbers(values: list[float]) -> str:

@@ -6,12 +6,14 @@ from dataclasses import dataclass
 from typing import Literal
 
 from bagassets.decode.registry import types_of
-from bagassets.propose.frames import EgoFrame, propose_ego_frame
+from bagassets.errors import CalibrationError
+from bagassets.propose.description import described, description_in
+from bagassets.propose.frames import EgoFrame, connected, propose_ego_frame
 from bagassets.propose.grouping import Group
 from bagassets.propose.naming import channel_name, free_name, tokens, word_set
 from bagassets.propose.poses import PoseProposal, odometry_of, propose_pose
 from bagassets.propose.sensors import LeftOut, Sensor, find_sensors
-from bagassets.propose.summary import RecordingSummary
+from bagassets.propose.summary import RecordingSummary, TopicSummary
 from bagassets.propose.topic_uses import TopicUse, uses_of
 
 __all__ = ["ClockProposal", "RigProposal", "boxes_in", "propose_rig"]
@@ -44,7 +46,9 @@ class RigProposal:
         reasons: channel -> how its name was found.
         annotations: topics with boxes, the one to use first.
         left_out: topics that could be a sensor's.
-        summary: what the recordings hold.
+        summary: what the recordings hold, with the joints of the URDF.
+        urdf: topic whose robot description is offered as the rig's URDF; None if there is none, or TF places all sensors.
+        urdf_places: it places sensors, so it is proposed, not only mentioned.
     """
 
     name: str
@@ -58,20 +62,26 @@ class RigProposal:
     annotations: list[str]
     left_out: list[LeftOut]
     summary: RecordingSummary
+    urdf: TopicSummary | None = None
+    urdf_places: bool = False
 
     @property
     def topic_uses(self) -> list[TopicUse]:
         """What becomes of each topic."""
-        return uses_of(self.summary, self.channels, self.pose, self.annotations, self.left_out)
+        urdf = None if self.urdf is None else (self.urdf, self.urdf_places)
+        return uses_of(self.summary, self.channels, self.pose, self.annotations, self.left_out, urdf)
 
 
-def propose_rig(group: Group, match: list[str], taken: Collection[str]) -> RigProposal:
+def propose_rig(
+    group: Group, match: list[str], taken: Collection[str], *, urdfs: bool = False
+) -> RigProposal:
     """Return the rig that made a group of recordings.
 
     Args:
         group: the recordings.
         match: globs that match them.
         taken: names of other rigs.
+        urdfs: a robot description that was recorded may be written to a file, and be the rig's URDF.
     """
     summary = group.summary
     sensors, left_out = find_sensors(summary)
@@ -82,6 +92,18 @@ def propose_rig(group: Group, match: list[str], taken: Collection[str]) -> RigPr
         name, reason = channel_name(sensor.modality, sensor.topic.name, sensor.topic.frames, channels, alone)
         channels[name], reasons[name] = sensor, reason
     ego = propose_ego_frame(summary, sensors, odometry_of(summary))
+    urdf, urdf_places = None, False
+    if description := description_in(summary) if urdfs else None:
+        try:
+            more = described(summary, description.urdf)
+        except CalibrationError as err:
+            left_out = [*left_out, LeftOut(description, str(err))]
+        else:
+            other = propose_ego_frame(more, sensors, odometry_of(more))
+            placed = _placed(summary, ego, sensors)
+            urdf = description if placed < (len(sensors), True) else None
+            if urdf_places := _placed(more, other, sensors) > placed:
+                summary, ego = more, other
     return RigProposal(
         name=_rig_name(match, taken, next(iter(summary.robots), "")),
         match=match,
@@ -94,7 +116,15 @@ def propose_rig(group: Group, match: list[str], taken: Collection[str]) -> RigPr
         annotations=boxes_in(summary),
         left_out=left_out,
         summary=summary,
+        urdf=urdf,
+        urdf_places=urdf_places,
     )
+
+
+def _placed(summary: RecordingSummary, ego: EgoFrame, sensors: Sequence[Sensor]) -> tuple[int, bool]:
+    """Return for how many sensors it is known where they sit, and whether that is in a frame of the vehicle."""
+    frames = [frame for sensor in sensors for frame in sensor.topic.frames[:1]]
+    return sum(connected(summary.edges, ego.name, frame) for frame in frames), not ego.is_sensor
 
 
 def boxes_in(summary: RecordingSummary) -> list[str]:

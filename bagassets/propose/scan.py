@@ -5,6 +5,7 @@ first seconds keeps `bagassets init` quick on terabytes; the inventory reads eve
 Messages are decoded as a build decodes them, by plug-ins, too: what a build would refuse is not proposed.
 """
 
+import re
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
@@ -52,6 +53,12 @@ _LIMITS = Limits()
 _SHORTEST_SCENE_S = Scenes().min_length_s
 _PNG_16_BIT = b"\x10"  # the bit depth of a PNG is its byte 24
 _STILL_M_RAD = 1e-4
+_STRING = "std_msgs/msg/String"
+_URDF_BEGINS = re.compile(r"(?:\s|<\?.*?\?>|<!--.*?-->)*<robot\b", re.DOTALL)
+_ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"  # no serialization begins like that
+_COMPRESSED = (
+    "its messages are compressed, which only the metadata.yaml of its bag says; put that file beside it"
+)
 
 
 def scan_recording(recording: Recording) -> RecordingSummary:
@@ -79,8 +86,10 @@ def scan_recording(recording: Recording) -> RecordingSummary:
             values.setdefault(edge, []).extend(own)
     transforms = {edge: own[0] for edge, own in values.items()}
     moving = frozenset(edge for edge, own in values.items() if _moves(own))
+    static_topics = [name for name in topics if "static" in name and name in scan.topics]
+    static = frozenset(edge for name in static_topics for edge in scan.topics[name].transforms)
     sensors = {topic.name for topic in topics.values() if topic.count > 0 and modality_of(topic) is not None}
-    summary = RecordingSummary(topics, transforms, moving, _short_s(recording, sensors), robots)
+    summary = RecordingSummary(topics, transforms, moving, _short_s(recording, sensors), robots, static)
     radars = [sensor.topic.name for sensor in find_sensors(summary)[0] if sensor.modality == "radar"]
     pose = propose_pose(summary, "base_link").fields
     movers = [pose["topic"]] if "topic" in pose and pose["source"] != "ncom" else transform_topics(summary)
@@ -181,9 +190,11 @@ class _TopicScan:
         try:
             value = recording.decode(message)
         except DecodeError as err:
-            self.misfit = self.misfit or str(err)
+            self.misfit = self.misfit or (_COMPRESSED if message.data[:4] == _ZSTD_MAGIC else str(err))
             return
         self._decoded += 1
+        if message.msgtype == _STRING and _URDF_BEGINS.match(value.data):
+            self._add({"urdf": value.data})
         if hasattr(value, "header"):
             self._take_header(message, value.header)
         reasons = []

@@ -42,6 +42,7 @@ class TopicSummary:
             is made of the type.
         velocities: what the velocities of a radar are, or `undecided`: what each recording says; empty if there is
             nothing to decide.
+        urdf: the robot description that it carries, as XML; "" if none.
     """
 
     name: str
@@ -64,6 +65,7 @@ class TopicSummary:
     most_intensity: float | None = None
     refusal: str | None = None
     velocities: frozenset[str] = frozenset()
+    urdf: str = ""
 
 
 @dataclass(frozen=True)
@@ -74,6 +76,7 @@ class RecordingSummary:
         topics: name -> topic.
         transforms: edge of the TF tree -> `parent_SE3_child` as first seen.
         moving: edges whose transform changed in the messages seen.
+        static: edges on topics with static transforms.
         short_s: topic -> time between its first and its last message, of the sensors' topics that are too short for a
             scene by default.
         robots: namespace of each robot, if several were recorded -> whether it has sensors; all else is about the first.
@@ -84,6 +87,7 @@ class RecordingSummary:
     moving: frozenset[Edge] = frozenset()
     short_s: Mapping[str, float] = field(default_factory=dict)
     robots: Mapping[str, bool] = field(default_factory=dict)
+    static: frozenset[Edge] = frozenset()
 
     @property
     def edges(self) -> frozenset[Edge]:
@@ -96,6 +100,7 @@ def merge_recordings(summaries: Iterable[RecordingSummary]) -> RecordingSummary:
     topics: dict[str, TopicSummary] = {}
     transforms: dict[Edge, SE3] = {}
     moving: frozenset[Edge] = frozenset()
+    static: frozenset[Edge] = frozenset()
     short_s: dict[str, float] = {}
     long: set[str] = set()
     robots: dict[str, bool] = {}
@@ -103,6 +108,7 @@ def merge_recordings(summaries: Iterable[RecordingSummary]) -> RecordingSummary:
         robots |= {name: has_sensors or robots.get(name, False) for name, has_sensors in one.robots.items()}
         transforms = {**one.transforms, **transforms}
         moving |= one.moving
+        static |= one.static
         for name, topic in one.topics.items():
             if name in one.short_s:
                 short_s[name] = max(one.short_s[name], short_s.get(name, 0.0))
@@ -110,7 +116,7 @@ def merge_recordings(summaries: Iterable[RecordingSummary]) -> RecordingSummary:
                 long.add(name)
             topics[name] = merge_topics(topics[name], topic) if name in topics else topic
     short_s = {name: length_s for name, length_s in short_s.items() if name not in long}
-    return RecordingSummary(dict(sorted(topics.items())), transforms, moving, short_s, robots)
+    return RecordingSummary(dict(sorted(topics.items())), transforms, moving, short_s, robots, static)
 
 
 def merge_topics(one: TopicSummary, other: TopicSummary) -> TopicSummary:
@@ -137,6 +143,7 @@ def merge_topics(one: TopicSummary, other: TopicSummary) -> TopicSummary:
         most_intensity=max((one.most_intensity, other.most_intensity), key=lambda most: most or 0.0),
         refusal=one.refusal and other.refusal,
         velocities=one.velocities | other.velocities,
+        urdf=one.urdf or other.urdf,
     )
 
 

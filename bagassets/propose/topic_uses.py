@@ -36,6 +36,7 @@ def uses_of(
     pose: PoseProposal,
     annotations: list[str],
     left_out: list[LeftOut],
+    urdf: tuple[TopicSummary, bool] | None = None,
 ) -> list[TopicUse]:
     """Return what becomes of each topic, those that are used first.
 
@@ -45,6 +46,7 @@ def uses_of(
         pose: where poses come from.
         annotations: topics with boxes, the one that is used first.
         left_out: topics that could be a sensor's.
+        urdf: topic with a robot description, and whether that is the rig's URDF or the recipe only mentions it.
     """
     used: dict[str, list[str]] = {}
     for name, sensor in channels.items():
@@ -58,11 +60,17 @@ def uses_of(
         used.setdefault(name, []).append("boxes")
     for name in transform_topics(summary):
         used.setdefault(name, []).append("transforms")
+    if urdf is not None and urdf[1]:
+        used.setdefault(urdf[0].name, []).append("URDF")
     uses = [TopicUse(summary.topics[name], "used", ", ".join(what)) for name, what in used.items()]
     uses += [
         TopicUse(left.topic, "not decodable" if left.is_undecodable else "left out", left.reason)
         for left in left_out
     ]
+    if urdf is not None and not urdf[1]:
+        uses.append(
+            TopicUse(urdf[0], "left out", "a URDF that places no sensor; the recipe has it as a comment")
+        )
     known = {use.topic.name for use in uses}
     boxes = "boxes, too; the recipe has it as a comment"
     uses += [

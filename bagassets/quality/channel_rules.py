@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 
 from bagassets.json_types import JsonMapping
+from bagassets.quality.counted import counted_in_channel
 from bagassets.quality.finding import Finding
 from bagassets.quantities import count_text
 from bagassets.recipe.model_base import Clock
@@ -47,7 +48,7 @@ def channels_complete(channels: JsonMapping, max_lost: float, clock_of: Callable
         elif number > max_lost * counts["read"]:
             reason = max(sorted(counts["lost"]), key=lambda text: counts["lost"][text])
             problems.append(
-                f"{name}: {number} of {counts['read']} messages ({number / counts['read']:.0%}) "
+                f"{name}: {number} of {counts['read']} {counted_in_channel(counts)}s ({number / counts['read']:.0%}) "
                 f"{'was' if number == 1 else 'were'} lost{_why(reason, counts['lost'])}. {_advice(name, reason, clock_of(name))}"
             )
     written = {name: entry["counts"]["written"] for name, entry in sorted(channels.items())}
@@ -56,7 +57,7 @@ def channels_complete(channels: JsonMapping, max_lost: float, clock_of: Callable
 
 def _read(counts: JsonMapping) -> str:
     number = counts["read"]
-    return f"{count_text(number, 'message')} {'was' if number == 1 else 'were'} read"
+    return f"{count_text(number, counted_in_channel(counts))} {'was' if number == 1 else 'were'} read"
 
 
 def _why(reason: str, lost: Mapping[str, int]) -> str:

@@ -45,15 +45,22 @@ def poses_cover_sensors(
     return Finding([*lost, *problems] if problems else [], {"with_pose": shares}, [] if problems else lost)
 
 
-def poses_complete(counts: JsonMapping, source: str, max_lost: float) -> Iterator[str]:
-    """Yield a sentence if, by `counts` of `ego_poses.json`, a larger share of a source's messages gave no pose."""
+def poses_complete(counts: JsonMapping, source: str, max_lost: float, unit: str = "message") -> Iterator[str]:
+    """Yield a sentence if, by `counts` of `ego_poses.json`, a larger share of a source's messages gave no pose.
+
+    Args:
+        counts: read, written, merged, lost.
+        source: topic, or TF.
+        max_lost: share that may be lost.
+        unit: what is counted.
+    """
     number = sum(counts["lost"].values())
     if number <= max_lost * counts["read"]:
         return
     reasons = sorted(counts["lost"].items(), key=lambda item: (-item[1], item[0]))
     why = ", ".join(f"{count} because {reason}" for reason, count in reasons)
     yield (
-        f"{number} of {counts['read']} messages of {source} gave no pose ({why}). If that is acceptable, raise "
+        f"{number} of {counts['read']} {unit}s of {source} gave no pose ({why}). If that is acceptable, raise "
         "limits.reported_losses in the recipe; else name another source as ego_pose"
     )
 

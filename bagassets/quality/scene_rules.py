@@ -25,19 +25,29 @@ _ADVICE = (
 StampsOf = Callable[[str], Stamps]
 
 
-def scenes_made(facts: JsonMapping, stamps_of: StampsOf, min_length_s: float) -> Finding:
-    """Check that a recording has a scene, and say why not.
+def scenes_made(
+    facts: JsonMapping, stamps_of: StampsOf, min_length_s: float, max_lost: float = 1.0
+) -> Finding:
+    """Check that a recording has a scene, and say why not; then, that little of its time is in none.
 
     Args:
         facts: content of `facts.json` of the step `nuscenes_tables`.
         stamps_of: channel -> (N,) stamps of its readings in nanoseconds; called only if needed.
         min_length_s: least length of a scene, from the recipe.
+        max_lost: share of its time that may be in stretches too short for a scene.
     """
     counts = facts["counts"]
     numbers = {name: counts[name] for name in ("scenes", "samples", "remainder_s", "dropped_keyframes")}
-    return Finding(
-        [] if counts["scenes"] else [f"it has no scene: {_reason(facts, stamps_of, min_length_s)}"], numbers
-    )
+    if not counts["scenes"]:
+        return Finding([f"it has no scene: {_reason(facts, stamps_of, min_length_s)}"], numbers)
+    left_s = counts["remainder_s"]
+    begin_ns, end_ns = counts["channels"][facts["reference"]]["span_ns"] if left_s else (0, 0)
+    if left_s <= max_lost * (end_ns - begin_ns) / 1e9:
+        return Finding([], numbers)
+    length_s = _longest_s(counts)
+    what = f"{left_s:g} s are in no scene, since scenes.min_length_s ({min_length_s:g}) is longer than"
+    stretches = "that stretch" if length_s == left_s else f"those stretches, up to {length_s:g} s long"
+    return Finding([f"{what} {stretches}; set it to {enough_s(length_s):g} for a scene more"], numbers)
 
 
 def too_short_s(facts: JsonMapping) -> float | None:

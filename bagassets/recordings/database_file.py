@@ -6,12 +6,21 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 
+import numpy as np
+from numpy.typing import NDArray
+
 from bagassets.recipe.model import Limits
 from bagassets.recordings.damage import DamageError
 from bagassets.recordings.journals import without_journals
 from bagassets.recordings.model import Definition, OnRead, RawMessage
 from bagassets.recordings.recording import Recording
-from bagassets.recordings.topic import RefusedBytes, TopicSource, merge_topics, normalise_msgtype
+from bagassets.recordings.topic import (
+    RefusedBytes,
+    TopicSource,
+    is_transient_local,
+    merge_topics,
+    normalise_msgtype,
+)
 
 __all__ = ["Database", "DatabaseRecording", "serialization_problem"]
 
@@ -31,7 +40,7 @@ class Database:
     Args:
         path: the file.
         limits: of the recipe.
-        on_read: told how far reading has come.
+        on_read: called with how far reading has come.
     """
 
     def __init__(self, path: Path, limits: Limits, on_read: OnRead | None = None) -> None:
@@ -62,8 +71,7 @@ class Database:
             if any(column[6] in _GENERATED for column in columns):
                 raise DamageError(f"its table '{name}' is not that of a bag")
         self._has_definitions = objects.get("message_definitions", ("", ""))[0] == "table"
-        columns = self._connection.execute("PRAGMA table_xinfo(topics)")
-        self._has_serialization = any(column[1] == "serialization_format" for column in columns)
+        self._columns = {column[1] for column in self._connection.execute("PRAGMA table_xinfo(topics)")}
 
     def definitions(self) -> dict[str, Definition]:
         """Return type -> definition."""
@@ -81,8 +89,11 @@ class Database:
     def sources(self, counts: Mapping[int, int] = MappingProxyType({})) -> dict[int, TopicSource]:
         """Return topic id -> name, type, definition, and one of `counts`."""
         definitions = self.definitions()
-        column = "serialization_format" if self._has_serialization else "'cdr'"
-        rows = self._connection.execute(f"SELECT id, name, type, {column} FROM topics")  # noqa: S608  (one of two)
+        more = [
+            one if one in self._columns else "NULL"
+            for one in ("serialization_format", "offered_qos_profiles")
+        ]
+        rows = self._connection.execute(f"SELECT id, name, type, {', '.join(more)} FROM topics")  # noqa: S608  (of these)
         return {
             number: TopicSource(
                 str(name),
@@ -91,8 +102,9 @@ class Database:
                 definitions.get(msgtype, Definition("none", "")),
                 "cdr",
                 serialization_problem(serialization),
+                is_transient_local(str(qos)),
             )
-            for number, name, named, serialization in rows
+            for number, name, named, serialization, qos in rows
         }
 
     def counts(self) -> dict[int, int]:
@@ -122,18 +134,11 @@ class Database:
         ).fetchone()
         return None if first is None else (int(first), int(last))
 
-    def first_times(self, number: int) -> list[tuple[int, int]]:
-        """Return topic id and log time of the first messages."""
-        query = "SELECT topic_id, timestamp FROM messages ORDER BY timestamp LIMIT ?"
-        return self._connection.execute(query, [number]).fetchall()
-
-    def offered_qos(self) -> dict[int, str]:
-        """Return topic id -> offered QoS profiles as YAML; empty where the recorder kept none."""
-        columns = self._connection.execute("PRAGMA table_xinfo(topics)")
-        if not any(column[1] == "offered_qos_profiles" for column in columns):
-            return {}
-        rows = self._connection.execute("SELECT id, offered_qos_profiles FROM topics")
-        return {number: str(text) for number, text in rows}
+    def log_times(self) -> dict[int, NDArray[np.int64]]:
+        """Return topic id -> (N,) log times in nanoseconds."""
+        rows = self._connection.execute("SELECT topic_id, timestamp FROM messages").fetchall()
+        numbers, times = np.array(rows, np.int64).reshape(-1, 2).T
+        return {number: times[numbers == number] for number in np.unique(numbers).tolist()}
 
     def close(self) -> None:
         """Close the file."""
@@ -163,6 +168,10 @@ class DatabaseRecording(Recording):
         wanted = self._carrying(topics, self._sources)
         for number, log_time_ns, data in self._database.messages(wanted.keys()):
             yield RawMessage(*wanted[number], log_time_ns, data)
+
+    def span_ns(self) -> tuple[int, int] | None:
+        """Return first and last log time; None without messages."""
+        return self._database.span_ns()
 
     def close(self) -> None:
         """Close the file."""

@@ -358,14 +358,11 @@ def _lacks_storage(folder: Path, entries: list[os.DirEntry[str]]) -> bool:
 def _recording_files(
     path: Path, relative: str, file_format: Format, files: list[tuple[Path, os.stat_result]]
 ) -> RecordingFiles:
-    found = dict(files)
-    found |= journals_of(found)
-    if len(found) == 1:  # most are, and there may be thousands
-        ((_, status),) = files
-        key = _key(relative)
-        return RecordingFiles(key, relative, path, file_format, (path,), status.st_size, status.st_mtime_ns)
-    size, mtime_ns = sum(s.st_size for s in found.values()), max(s.st_mtime_ns for s in found.values())
-    return RecordingFiles(_key(relative), relative, path, file_format, tuple(sorted(found)), size, mtime_ns)
+    if file_format == "ros2":  # others have none, and there may be thousands
+        files = [*files, *journals_of(path for path, _ in files).items()]
+    names = tuple(sorted(name for name, _ in files))
+    size, mtime_ns = sum(s.st_size for _, s in files), max(s.st_mtime_ns for _, s in files)
+    return RecordingFiles(_key(relative), relative, path, file_format, names, size, mtime_ns)
 
 
 def _decodable(name: str) -> bool:

@@ -50,12 +50,12 @@ def join_parts(bags: Bags, recordings: Sequence[RecordingFiles], key_of: Callabl
     for name, answer in bags.series.items():
         if not isinstance(answer, bool):
             _join_named(joined, bags.root, name, tuple(dict.fromkeys(answer)), key_of)
-    files = (path for path, one in joined.recordings.items() if one.files[0] == one.path)
+    files = (path for path, one in joined.recordings.items() if one.files[0] is one.path)
     for candidate in list(candidates(files)):
         verdict = _verdict(joined, bags, candidate)
-        if verdict.kind == "one":
+        if verdict.parts:
             _join(joined, candidate.whole, verdict.parts, key_of)
-        elif verdict.kind == "asked":
+        elif verdict.why:
             joined.asked[candidate.whole] = _question(candidate, verdict.why)
             joined.near |= {path: candidate.whole for group in verdict.near for path in group}
     wholes = {path for path, one in joined.recordings.items() if one.parts}
@@ -69,22 +69,20 @@ def join_parts(bags: Bags, recordings: Sequence[RecordingFiles], key_of: Callabl
 def _verdict(joined: Joined, bags: Bags, candidate: Candidate) -> Verdict:
     whole, numbers = candidate
     answer = bags.series.get(whole, bags.series.get(_without_suffix(whole)))
-    if answer is False:
-        return Verdict("apart")
     if answer is not None:
-        return Verdict("one", tuple(numbers))
-    from bagassets.recordings.part_facts import facts_of_parts  # noqa: PLC0415  (most folders have no series)
-
+        return Verdict(tuple(numbers)) if answer else Verdict()
     files = [joined.recordings[path] for path in numbers]
     as_it_is = [(one.relative, one.size, one.mtime_ns) for one in files]
-    before, verdict = _judged.get(str(files[0].path), ([], Verdict("apart")))
+    before, verdict = _judged.get(str(files[0].path), ([], Verdict()))
     if before != as_it_is:
-        facts = facts_of_parts(files, bags.state)
+        from bagassets.recordings.part_facts import ForNow, facts_of_parts  # noqa: PLC0415  (most folders have no series)
+
+        facts = facts_of_parts(files, bags)
         verdict = judge([Part(*named, one) for named, one in zip(numbers.items(), facts, strict=True)])
-        if not any(isinstance(one, str) for one in facts):  # those may be readable next time
+        if not any(isinstance(one, ForNow) for one in facts):
             _judged[str(files[0].path)] = as_it_is, verdict
-    if verdict.kind == "one" and whole in joined.recordings:
-        return Verdict("asked", (), f"{whole} lies beside them", ((whole, *verdict.parts),))
+    if verdict.parts and whole in joined.recordings:
+        return Verdict((), f"{whole} lies beside them", ((whole, *verdict.parts),))
     return verdict
 
 

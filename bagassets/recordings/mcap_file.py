@@ -8,9 +8,12 @@ import heapq
 import os
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
+from struct import Struct
 
+import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import Schema
+from numpy.typing import NDArray
 
 from bagassets.recipe.model import Limits
 from bagassets.recordings.chunks import LatestChunks, detached
@@ -20,13 +23,20 @@ from bagassets.recordings.mcap_index import ChunkPlace, read_index, walk
 from bagassets.recordings.model import Definition, OnRead, RawMessage
 from bagassets.recordings.recording import Recording
 from bagassets.recordings.sizes import Sizes
-from bagassets.recordings.topic import UNKNOWN, TopicSource, merge_topics, normalise_msgtype
+from bagassets.recordings.topic import (
+    UNKNOWN,
+    TopicSource,
+    is_transient_local,
+    merge_topics,
+    normalise_msgtype,
+)
 
 __all__ = ["McapFile", "McapRecording"]
 
 _FORMATS = {"ros1msg": "msg", "ros2msg": "msg", "ros2idl": "idl", "omgidl": "idl"}
 # Waiting messages in chunks that overlap in time; their places take a few hundred megabytes.
 _MOST_WAITING = 10_000_000
+_CHANNEL, _TIME_AT, _TIME_END = Struct("<H"), 6, 14
 
 
 class McapFile:
@@ -35,12 +45,19 @@ class McapFile:
     Args:
         path: the file.
         limits: of the recipe.
-        on_read: told how far reading has come.
+        on_read: called with how far reading has come.
         whole: bounds on the recording that it is a part of.
+        search: look for what its summary lacks; else that is damage.
     """
 
     def __init__(
-        self, path: Path, limits: Limits, on_read: OnRead | None = None, whole: Sizes | None = None
+        self,
+        path: Path,
+        limits: Limits,
+        on_read: OnRead | None = None,
+        whole: Sizes | None = None,
+        *,
+        search: bool = True,
     ) -> None:
         self.path = path
         self._on_read = on_read
@@ -50,7 +67,7 @@ class McapFile:
         try:
             self._size = os.fstat(self._file.fileno()).st_size
             self._sizes = Sizes(path, self._size, limits, whole)
-            self._index = read_index(self._file, path, self._sizes)
+            self._index = read_index(self._file, path, self._sizes, search=search)
         except BaseException:
             self._file.close()
             raise
@@ -71,10 +88,27 @@ class McapFile:
                 None
                 if channel.message_encoding in {"ros1", "cdr"}
                 else f"its message encoding is '{channel.message_encoding}', not cdr or ros1",
+                is_transient_local(channel.metadata.get("offered_qos_profiles", "")),
             )
             for channel in self._index.channels.values()
             for schema in (self._index.schemas.get(channel.schema_id),)
         }
+
+    def span_ns(self) -> tuple[int, int] | None:
+        """Return first and last log time; None without messages, or if the file does not say."""
+        return self._index.span_ns
+
+    def log_times(self) -> dict[int, NDArray[np.int64]]:
+        """Return channel -> (N,) log times in nanoseconds, but for those in chunks without an index."""
+        times: dict[int, list[NDArray[np.int64]]] = {}
+        for opcode, begin, end in walk(self._file, self._size):
+            if opcode in {Opcode.MESSAGE, Opcode.MESSAGE_INDEX}:
+                # Both have a channel, four bytes, and a time; an index goes on with an offset, the next time, and so on.
+                self._file.seek(begin)
+                data = self._file.read(_TIME_END if opcode == Opcode.MESSAGE else end - begin)
+                (channel,) = _CHANNEL.unpack_from(data)
+                times.setdefault(channel, []).append(np.frombuffer(data, "<i8", offset=_TIME_AT)[::2])
+        return {channel: np.concatenate(some) for channel, some in times.items()}
 
     def messages(self, channels: Collection[int]) -> Iterator[tuple[int, int, bytes | memoryview]]:
         """Yield channel, log time and payload in order of log time, then of position in the file."""
@@ -180,6 +214,10 @@ class McapRecording(Recording):
         wanted = self._carrying(topics, self._sources)
         for channel, log_time_ns, data in self._file.messages(wanted.keys()):
             yield RawMessage(*wanted[channel], log_time_ns, data)
+
+    def span_ns(self) -> tuple[int, int] | None:
+        """Return first and last log time; None without messages, or if the file does not say."""
+        return self._file.span_ns()
 
     def check_content(self) -> None:
         """Verify the checksum of every chunk that is read from now on."""

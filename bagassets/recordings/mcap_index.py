@@ -55,21 +55,24 @@ class McapIndex:
         schemas: id -> schema.
         chunks: in order of start and offset; without any, messages are in no chunk.
         counts: channel -> number of messages, as the file announces it.
+        span_ns: first and last log time, as the file announces them.
     """
 
     channels: dict[int, Channel] = field(default_factory=dict)
     schemas: dict[int, Schema] = field(default_factory=dict)
     chunks: list[ChunkPlace] = field(default_factory=list)
     counts: Counter[int] = field(default_factory=Counter)
+    span_ns: tuple[int, int] | None = None
 
 
-def read_index(file: BinaryIO, path: Path, sizes: Sizes) -> McapIndex:
+def read_index(file: BinaryIO, path: Path, sizes: Sizes, *, search: bool = True) -> McapIndex:
     """Read the index from the summary, and search the file for what the summary lacks.
 
     Args:
         file: the open file.
         path: its path.
         sizes: bounds on the recording; counts the sizes that its chunks announce.
+        search: if not, what the summary lacks is damage.
 
     Raises:
         SizeLimitError: the file announces more than the recording may hold.
@@ -93,9 +96,13 @@ def read_index(file: BinaryIO, path: Path, sizes: Sizes) -> McapIndex:
         or len(index.chunks) < statistics.chunk_count
         or not (index.chunks or statistics.channel_message_counts)
     ):
+        if not search:
+            raise DamageError("its summary is missing or incomplete")
         _search(file, path, size, index, sizes)
     if statistics is not None:
         index.counts = Counter(statistics.channel_message_counts)
+        if statistics.message_count:
+            index.span_ns = statistics.message_start_time, statistics.message_end_time
     index.chunks.sort(key=lambda chunk: (chunk.start_ns, chunk.offset))
     return index
 

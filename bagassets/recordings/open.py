@@ -30,7 +30,7 @@ def open_recording(
         recording: its files, or its path.
         message_definitions: folders of `.msg` files for types that the recording does not define.
         limits: bounds on sizes; by default those of an empty recipe.
-        on_read: told how far reading has come; it must not raise.
+        on_read: called with how far reading has come; it must not raise.
 
     Raises:
         RecordingError: it is not a readable recording; the message says what to do.

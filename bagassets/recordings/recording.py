@@ -53,6 +53,10 @@ class Recording(ABC):
             if source.topic in topics
         }
 
+    def span_ns(self) -> tuple[int, int] | None:
+        """Return first and last log time, if the recording is one file with messages, and says so."""
+        return None
+
     def check_content(self) -> None:  # noqa: B027  (most formats have no checksums, or always verify them)
         """Verify checksums while messages are read, if the format has any and verifying them costs time."""
 

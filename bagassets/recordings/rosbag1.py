@@ -6,7 +6,6 @@ than reading the file. Headers of one connection differ in their time only (http
 """
 
 import os
-from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from io import BytesIO
@@ -29,7 +28,7 @@ from bagassets.recordings.recording import Recording
 from bagassets.recordings.sizes import Sizes
 from bagassets.recordings.topic import TopicSource, merge_topics, normalise_msgtype
 
-__all__ = ["Rosbag1Recording", "read_summary"]
+__all__ = ["IndexReader", "Rosbag1Recording", "SummaryReader"]
 
 _SIZE = Struct("<I")
 _TIME = Struct("<II")
@@ -63,19 +62,10 @@ class Rosbag1Recording(Recording):
         on_read: OnRead | None = None,
     ) -> None:
         self._limits = limits
-        self._reader = _IndexReader(path, limits, on_read)
+        self._reader = IndexReader(path, limits, on_read)
         self._reader.open()
         try:
-            sources = [
-                TopicSource(
-                    connection.topic,
-                    normalise_msgtype(connection.msgtype),
-                    self._reader.count(connection.id),
-                    Definition("msg", connection.msgdef.data),
-                    "ros1",
-                )
-                for connection in self._reader.connections
-            ]
+            sources = self._reader.sources().values()
             super().__init__(path, "ros1", merge_topics(path, sources, message_definitions, limits))
         except BaseException:
             self._reader.close()
@@ -99,15 +89,19 @@ class Rosbag1Recording(Recording):
             data = detached(record.data(chunk, time_ns, offset))
             yield RawMessage(record.topic, record.msgtype, time_ns, data)
 
+    def span_ns(self) -> tuple[int, int] | None:
+        """Return first and last log time; None without messages."""
+        return self._reader.span_ns()
+
     def close(self) -> None:
         """Close the file."""
         self._reader.close()
 
 
-class _IndexReader(rosbag1.Reader):
+class IndexReader(rosbag1.Reader):
     """Reads the index of a bag, within the recipe's limits."""
 
-    def __init__(self, path: Path, limits: Limits, on_read: OnRead | None) -> None:
+    def __init__(self, path: Path, limits: Limits, on_read: OnRead | None = None) -> None:
         super().__init__(path)
         self._file = path
         self._on_read = on_read
@@ -194,9 +188,30 @@ class _IndexReader(rosbag1.Reader):
         times_ns = entries["seconds"].astype(np.int64) * 10**9 + entries["nanoseconds"]
         return _Index(times_ns, positions, entries["offset"].astype(np.int64))
 
-    def count(self, connection: int) -> int:
-        """Return the number of messages of a connection."""
-        return sum(len(part) for _, part in self._entries.get(connection, []))
+    def sources(self) -> dict[int, TopicSource]:
+        """Return connection -> topic, type, definition and count."""
+        return {
+            one.id: TopicSource(
+                one.topic,
+                normalise_msgtype(one.msgtype),
+                sum(len(part) for _, part in self._entries.get(one.id, [])),
+                Definition("msg", one.msgdef.data),
+                "ros1",
+                is_latched=bool(getattr(one.ext, "latching", 0)),
+            )
+            for one in self.connections
+        }
+
+    def span_ns(self) -> tuple[int, int] | None:
+        """Return first and last log time; None without messages."""
+        filled = [chunk for chunk in self.chunk_infos if chunk.connection_counts]
+        if not filled:
+            return None
+        return min(chunk.start_time for chunk in filled), max(chunk.end_time for chunk in filled) - 1
+
+    def log_times(self) -> dict[int, NDArray[np.int64]]:
+        """Return connection -> (N,) log times in nanoseconds."""
+        return {one.id: self.index(one.id).times_ns for one in self.connections}
 
     def load(self, position: int) -> bytes:
         """Return the uncompressed content of the chunk at a position of the file.
@@ -219,33 +234,15 @@ class _IndexReader(rosbag1.Reader):
             raise DamageError(f"the chunk at byte {position} holds more than it announces") from None
 
 
-class _EnoughRead(Exception):  # noqa: N818  (no error)
-    """The index at the end of the file was read; that of each chunk is not wanted."""
+class SummaryReader(IndexReader):
+    """Reads the end of a bag alone: topics and times, without the index behind each chunk, and so without counts."""
 
-
-class _SummaryReader(_IndexReader):
     def read_chunk(self) -> Chunk:
-        raise _EnoughRead(list(self.connections), list(self.chunk_infos))
+        """Read nothing."""
+        return Chunk(0, 0, bytes)
 
-
-def read_summary(path: Path, limits: Limits) -> tuple[list[Connection], Counter[int], int, int]:
-    """Return connections, connection -> messages, and first and last log time (ns), from the end of the file alone.
-
-    Raises:
-        DamageError: the index contradicts itself. On damaged bytes the library raises anything else.
-    """
-    reader = _SummaryReader(path, limits, None)
-    connections: list[Connection] = []
-    chunks: list[ChunkInfo] = []
-    try:
-        reader.open()
-    except _EnoughRead as found:
-        connections, chunks = found.args
-    counts: Counter[int] = Counter()
-    for chunk in chunks:
-        counts.update(chunk.connection_counts)
-    start_ns = min((chunk.start_time for chunk in chunks), default=0)
-    return connections, counts, start_ns, max((chunk.end_time for chunk in chunks), default=1) - 1
+    def read_index_data(self, pos: int, indexes: dict[int, list[IndexData]]) -> None:
+        """Read nothing."""
 
 
 def _text(header: Header, name: str) -> str:

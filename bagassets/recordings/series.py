@@ -6,12 +6,11 @@ their drives the same way, so names alone say nothing, and what is not sure is a
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
-__all__ = ["Candidate", "Part", "PartFacts", "Verdict", "candidates", "judge", "whole_of"]
+__all__ = ["Candidate", "Part", "PartFacts", "Verdict", "candidates", "judge", "periods_matter", "whole_of"]
 
 _NUMBERED = re.compile(r"(?s)(.+)_([0-9]{1,6})(\.bag|\.mcap|\.db3)")
 _DATED = re.compile(r"(?s)(.*?)_?[0-9]{4}(?:-[0-9]{2}){5}")
@@ -32,14 +31,14 @@ class PartFacts(NamedTuple):
         latched: topics whose messages hold until the next one, so that later parts need not have any.
         start_ns: log time of its first message.
         end_ns: log time of its last message.
-        period_ns: the longest period of a regular topic; 0 if there is none.
+        period_ns: the longest of the median periods of its topics, 0 if no topic has one; None where it was not looked for.
     """
 
     topics: Mapping[str, str]
     latched: Sequence[str]
     start_ns: int
     end_ns: int
-    period_ns: int
+    period_ns: int | None = None
 
 
 class Part(NamedTuple):
@@ -62,18 +61,15 @@ class Candidate(NamedTuple):
     numbers: dict[str, int]
 
 
-@dataclass(frozen=True, slots=True)
-class Verdict:
-    """What is to be done with files whose names fit a series.
+class Verdict(NamedTuple):
+    """What is to be done with files whose names fit a series: nothing, unless one of these says something else.
 
     Attributes:
-        kind: `one` drive, `apart`, or `asked`: apart until the user says what they are.
         parts: names of the files that are one drive, in order.
-        why: if asked, why they may not be one drive.
-        near: if asked, groups of names that must not lie in different splits.
+        why: why they may not be one drive, so that the user has to say.
+        near: in that case, groups of names that must not lie in different splits.
     """
 
-    kind: Literal["one", "apart", "asked"]
     parts: tuple[str, ...] = ()
     why: str = ""
     near: tuple[tuple[str, ...], ...] = ()
@@ -129,17 +125,23 @@ def judge(parts: Sequence[Part]) -> Verdict:
     """
     readable = [(part.name, part.facts) for part in parts if isinstance(part.facts, PartFacts)]
     if len(readable) < 2:
-        return Verdict("apart")
+        return Verdict()
     reasons = [_gap_in_numbers(parts), *(_compare(*one, *other) for one, other in pairwise(readable))]
     if not any(reasons):
-        return Verdict("one", tuple(name for name, _ in readable))
+        return Verdict(tuple(name for name, _ in readable))
     groups = _near(readable)
-    return Verdict("asked", (), next(filter(None, reasons)), groups) if groups else Verdict("apart")
+    return Verdict((), next(filter(None, reasons)), groups) if groups else Verdict()
+
+
+def periods_matter(one: PartFacts, other: PartFacts) -> bool:
+    """Tell whether periods decide if a part goes on where the one before it ends: none is longer than its part."""
+    longest_ns = max(one.end_ns - one.start_ns, other.end_ns - other.start_ns)
+    return _LEAST_PAUSE_NS < other.start_ns - one.end_ns <= _PERIODS * longest_ns
 
 
 def _near(readable: Sequence[tuple[str, PartFacts]]) -> tuple[tuple[str, ...], ...]:
     """Return groups of files, each of which is near in time to others of its group, whatever their numbers."""
-    apart_ns = max(_NEAR_NS, *(_PERIODS * facts.period_ns for _, facts in readable))
+    apart_ns = max(_NEAR_NS, *(_PERIODS * (facts.period_ns or 0) for _, facts in readable))
     groups: list[list[str]] = []
     end_ns = None
     for name, facts in sorted(readable, key=lambda one: one[1].start_ns):
@@ -153,7 +155,7 @@ def _near(readable: Sequence[tuple[str, PartFacts]]) -> tuple[tuple[str, ...], .
 def _compare(before: str, one: PartFacts, name: str, other: PartFacts) -> str:
     """Return why a part may not go on where the one before it ends; "" if it does."""
     pause_ns = other.start_ns - one.end_ns
-    most_ns = max(_LEAST_PAUSE_NS, _PERIODS * max(one.period_ns, other.period_ns))
+    most_ns = max(_LEAST_PAUSE_NS, _PERIODS * max(one.period_ns or 0, other.period_ns or 0))
     if pause_ns > most_ns:
         return f"{name} begins {pause_ns / 1e9:.1f} s after {before} ends"
     if pause_ns < -_MOST_OVERLAP_NS or other.start_ns <= one.start_ns:

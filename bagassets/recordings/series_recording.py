@@ -1,29 +1,31 @@
 """A drive in several files, read as one recording: parts follow each other, and where they overlap, messages are merged."""
 
 import heapq
+import itertools
+import math
 from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from pathlib import Path
 
 from bagassets.errors import RecordingError
 from bagassets.recipe.model import Limits
 from bagassets.recordings.model import Format, RawMessage
-from bagassets.recordings.part_facts import part_facts
 from bagassets.recordings.recording import Recording
-from bagassets.recordings.series import PartFacts
-from bagassets.recordings.topic import TopicSource, merge_topics
+from bagassets.recordings.topic import TopicSource, latched_topics, merge_topics
 from bagassets.store.canonical import digest_bytes
 
 __all__ = ["SeriesRecording"]
 
 # Recorders repeat latched messages before anything else that they write to a new file.
 _HEAD_NS = 1_000_000_000
+# The indexes of so many parts are read once, those of others whenever their messages are due: there may be thousands.
+_KEPT_OPEN = 32
 
 
 class SeriesRecording(Recording):
     """The parts of a drive.
 
-    A part is open only while its messages are due, so that there may be thousands. Latched messages that a recorder repeated
-    at the beginning of a part count once: whoever reads all parts has them already.
+    Latched messages that a recorder repeated at the beginning of a part count once: whoever reads all parts has them already.
 
     Args:
         path: where the whole drive would be.
@@ -48,20 +50,38 @@ class SeriesRecording(Recording):
     ) -> None:
         self._open_part = open_part
         self._checks_content = False
+        self._stack = ExitStack()
+        self._kept: dict[Path, Recording] = {}
         self._parts: list[tuple[int, int, Path]] = []
-        self._latched: set[str] = set()
-        sources: list[TopicSource] = []
-        for number, part in enumerate(parts):
-            with open_part(part) as opened:
-                sources += [topic.source for topic in opened.topics.values()]
-            facts = _facts(part)
-            if isinstance(facts, PartFacts):
-                self._parts.append((facts.start_ns, number, part))
-                self._latched.update(facts.latched)
-            elif any(topic.count for topic in opened.topics.values()):
-                raise RecordingError(f"{part}: it cannot be read as a part of {path.name} ({facts}).")
-        self._parts.sort()
-        super().__init__(path, file_format, merge_topics(path, sources, message_definitions, limits))
+        try:
+            sources = [one for number, part in enumerate(parts) for one in self._taken_in(number, part)]
+            self._parts.sort()
+            self._latched = latched_topics(sources)
+            super().__init__(path, file_format, merge_topics(path, sources, message_definitions, limits))
+        except BaseException:
+            self.close()
+            raise
+
+    def _taken_in(self, number: int, part: Path) -> list[TopicSource]:
+        """Note when a part begins, and return its topics."""
+        with self._opened(part) as opened:
+            sources, span_ns = [topic.source for topic in opened.topics.values()], opened.span_ns()
+        if span_ns is not None:
+            self._parts.append((span_ns[0], number, part))
+        elif any(source.count for source in sources):
+            raise RecordingError(
+                f"{part}: it cannot be read as a part of a drive, as it does not say when it begins; have it written again with "
+                "its summary, such as by `mcap recover`."
+            )
+        return sources
+
+    def _opened(self, part: Path) -> AbstractContextManager[Recording]:
+        if part not in self._kept:
+            opened = self._open_part(part)
+            if len(self._kept) == _KEPT_OPEN:
+                return opened
+            self._kept[part] = self._stack.enter_context(opened)
+        return nullcontext(self._kept[part])
 
     def check_content(self) -> None:
         """Verify checksums in all parts."""
@@ -71,38 +91,37 @@ class SeriesRecording(Recording):
         return self._read(topics)  # the parts check each message, and name themselves
 
     def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
-        seen: dict[str, set[str]] = {topic: set() for topic in self._latched.intersection(topics)}
+        seen: dict[str, set[str]] = {topic: set() for topic in topics if topic in self._latched}
         self.repeated.clear()
-        waiting = list(reversed(self._parts))
+        # Those that are being read, with their next messages.
         reading: list[tuple[int, int, RawMessage, Iterator[RawMessage]]] = []
-        while waiting or reading:
-            while waiting and (not reading or waiting[-1][0] <= reading[0][0]):
-                start_ns, number, part = waiting.pop()
-                _push(reading, number, self._of_part(part, topics, seen, start_ns))
-            if not reading:
-                return
-            time_ns, number, message, stream = heapq.heappop(reading)
-            due_ns = min([*(one[0] for one in reading), *(one[0] for one in waiting[-1:])], default=None)
-            while True:
+        begins = [*(start_ns for start_ns, _, _ in self._parts), math.inf]
+        for (start_ns, number, part), due_ns in zip(self._parts, begins[1:], strict=True):
+            stream = self._of_part(part, topics, seen, start_ns)
+            reading += [(one.log_time_ns, number, one, stream) for one in itertools.islice(stream, 1)]
+            heapq.heapify(reading)
+            while reading and reading[0][0] < due_ns:
+                _, first, message, stream = reading[0]
                 yield message
-                following = next(stream, None)
-                if following is None:
-                    break
-                message, time_ns = following, following.log_time_ns
-                if due_ns is not None and time_ns >= due_ns:
-                    heapq.heappush(reading, (time_ns, number, message, stream))
-                    break
+                if (following := next(stream, None)) is None:
+                    heapq.heappop(reading)
+                else:
+                    heapq.heapreplace(reading, (following.log_time_ns, first, following, stream))
 
     def _of_part(
         self, path: Path, topics: Collection[str], seen: dict[str, set[str]], start_ns: int
     ) -> Iterator[RawMessage]:
         """Yield the messages of a part, without those that the recorder repeated."""
         is_first = path == self._parts[0][2]
-        types = {topic: self.topics[topic].msgtype for topic in topics}
-        with self._open_part(path) as part:
+        with self._opened(path) as part:
             if self._checks_content:
                 part.check_content()
-            for message in part.messages([topic for topic in topics if topic in part.topics]):
+            within = [topic for topic in topics if topic in part.topics]
+            others = {topic for topic in within if part.topics[topic].msgtype != self.topics[topic].msgtype}
+            if not seen and not others:
+                yield from part.messages(within)
+                return
+            for message in part.messages(within):
                 topic = message.topic
                 if topic in seen:
                     digest = digest_bytes(bytes(message.data))
@@ -111,24 +130,12 @@ class SeriesRecording(Recording):
                         self.repeated[topic] += 1
                         continue
                     seen[topic].add(digest)
-                yield message if message.msgtype == types[topic] else message._replace(msgtype=types[topic])
+                if topic in others:
+                    named = message._replace(msgtype=self.topics[topic].type_of(message.msgtype))
+                    yield self._checked(named, len(message.data))
+                else:
+                    yield message
 
     def close(self) -> None:
-        """Do nothing: parts are open during reads only."""
-
-
-def _facts(part: Path) -> PartFacts | str:
-    try:
-        return part_facts(part)
-    except OSError as err:
-        return err.strerror or str(err)
-
-
-def _push(
-    reading: list[tuple[int, int, RawMessage, Iterator[RawMessage]]],
-    number: int,
-    stream: Iterator[RawMessage],
-) -> None:
-    first = next(stream, None)
-    if first is not None:
-        heapq.heappush(reading, (first.log_time_ns, number, first, stream))
+        """Close the parts."""
+        self._stack.close()

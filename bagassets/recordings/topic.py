@@ -27,6 +27,8 @@ __all__ = [
     "RefusedBytes",
     "Topic",
     "TopicSource",
+    "is_transient_local",
+    "latched_topics",
     "merge_topics",
     "normalise_msgtype",
 ]
@@ -47,6 +49,11 @@ def normalise_msgtype(name: str) -> str:
     """Return `pkg/msg/Type` for a type written either way."""
     parts = " ".join(name.split()).split("/")
     return f"{parts[0]}/msg/{parts[1]}" if len(parts) == 2 else "/".join(parts)
+
+
+def is_transient_local(qos: str) -> bool:
+    """Tell whether offered QoS profiles (YAML) are transient local: 1 in older recordings, a word in newer ones."""
+    return "durability: 1" in qos or "durability: transient_local" in qos
 
 
 class RefusedBytes(bytes):
@@ -74,7 +81,11 @@ class ForeignBytes(RefusedBytes):
 
 @dataclass(frozen=True)
 class TopicSource:
-    """One connection of a recording: a topic, its type, and its recorded definition."""
+    """One connection of a recording: a topic, its type, and its recorded definition.
+
+    Attributes:
+        is_latched: its publisher gives its last message to whoever subscribes later.
+    """
 
     topic: str
     msgtype: str
@@ -82,6 +93,7 @@ class TopicSource:
     definition: Definition
     serialization: Serialization
     problem: str | None = None
+    is_latched: bool = False
 
 
 class Topic:
@@ -304,7 +316,14 @@ def _merged(group: Sequence[TopicSource], limits: Limits) -> TopicSource:
     merged, *others = (source for source in group if _one_name(source.msgtype) == most)
     for other in others:
         merged = _joined(merged, replace(other, msgtype=merged.msgtype), limits)
-    return replace(merged, count=counts.total())
+    return replace(merged, count=counts.total(), is_latched=any(source.is_latched for source in group))
+
+
+def latched_topics(sources: Iterable[TopicSource]) -> list[str]:
+    """Return, sorted, the topics whose messages hold until the next one; `tf_static` does, whatever its publisher says."""
+    return sorted(
+        {one.topic for one in sources if one.is_latched or one.topic.rpartition("/")[2] == "tf_static"}
+    )
 
 
 def _one_name(msgtype: str) -> str:

@@ -1,16 +1,19 @@
-"""A map without any network: routes on a plain grid, as SVG."""
+"""A map without any network: routes on a plain grid, as SVG, with their names, and a legend of it."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from math import cos, floor, log10, radians
 
 from bagassets.escaping import html
 
-__all__ = ["COLOURS", "NamedRoute", "colour_of_split", "grid_map", "thinned"]
+__all__ = ["COLOURS", "NamedRoute", "colour_of_split", "grid_map", "legend", "thinned"]
 
 METRES_PER_DEGREE = 111_320.0  # of latitude, and of longitude at the equator; good enough for a picture
 COLOURS = ("#2f7ed8", "#d9822b", "#2ca05a", "#b04ac0", "#c0392b", "#16868e")
 _MARGIN_PX = 34
 _LINES = 8
+_MOST_NAMES = 60  # on a map; more are a blur, and the legend has them all
+_MOST_LISTED = 8  # in a legend without a click
+_LETTER_PX, _LINE_PX = 6.6, 14.0  # of text of 11 px, on the safe side
 
 Points = Sequence[tuple[float, float]]
 NamedRoute = tuple[str, str, Points]
@@ -25,7 +28,7 @@ def colour_of_split(split: str, splits: Sequence[str]) -> str:
 def grid_map(
     routes: Sequence[NamedRoute], *, on_earth: bool, width: int = 900, most_points: int = 20_000
 ) -> str:
-    """Return an SVG of routes on a metric grid; each route has its key as a tooltip.
+    """Return an SVG of routes on a metric grid; each route has its key as a tooltip, and beside it where there is room.
 
     Args:
         routes: the routes; those without points are left out.
@@ -49,19 +52,60 @@ def grid_map(
         f'<rect width="{width}" height="{frame.height}" fill="#f4f5f2"/>',
         *frame.grid(),
     ]
-    for key, colour, points in lines:
-        pixels = [frame.pixel(point) for point in points]
-        title = f"<title>{html(key)}</title>"
+    drawn = [(key, colour, [frame.pixel(point) for point in points]) for key, colour, points in lines]
+    for key, colour, pixels in drawn:
+        title = f'data-way="{html(key)}"><title>{html(key)}</title>'
+        x, y = pixels[0]
         if len(set(pixels)) == 1:
-            x, y = pixels[0]
-            parts.append(f'<circle cx="{x}" cy="{y}" r="5" fill="{colour}">{title}</circle>')
+            parts.append(f'<circle cx="{x}" cy="{y}" r="5" fill="{colour}" {title}</circle>')
             continue
         path = " ".join(f"{x},{y}" for x, y in pixels)
-        x, y = pixels[0]
-        parts.append(f'<polyline points="{path}" stroke="{colour}">{title}</polyline>')
+        parts.append(f'<polyline points="{path}" stroke="{colour}" {title}</polyline>')
         parts.append(f'<circle cx="{x}" cy="{y}" r="3" fill="{colour}"/>')
-    parts.append("</svg>")
-    return "\n".join(parts)
+    return "\n".join([*parts, *_names(drawn, frame), "</svg>"])
+
+
+def legend(routes: Iterable[tuple[str, str, str]]) -> str:
+    """Return a list of splits with their colours and recordings, many of which take a click.
+
+    Args:
+        routes: split, its colour, and key of each recording.
+    """
+    keys: dict[tuple[str, str], list[str]] = {}
+    for split, colour, key in routes:
+        keys.setdefault((split, colour), []).append(f'<span data-way="{html(key)}">{html(key)}</span>')
+    items = "".join(
+        f'<details{" open" if len(names) <= _MOST_LISTED else ""}><summary><span style="color:{colour}">&#9632;</span> '
+        f"{html(split)} ({len(names):,})</summary>{'<br>'.join(names)}</details>"
+        for (split, colour), names in sorted(keys.items())
+    )
+    return f'<div class="legend">{items}</div>'
+
+
+def _names(drawn: Sequence[tuple[str, str, Points]], frame: "_Frame") -> Iterator[str]:
+    """Yield the names of routes, each at one of its ends or in its middle, where no other name is."""
+    taken: list[tuple[float, float, float, float]] = []
+    for key, colour, pixels in drawn if len(drawn) <= _MOST_NAMES else ():
+        wide = len(key) * _LETTER_PX
+        for x, y in (pixels[0], pixels[-1], pixels[len(pixels) // 2]):
+            for left, below in (
+                (x + 6, y - 6),
+                (x + 6, y + 16),
+                (x - 6 - wide, y - 6),
+                (x - 6 - wide, y + 16),
+            ):
+                box = left, below - _LINE_PX, left + wide, below
+                if frame.has_room(box) and not any(_overlap(box, other) for other in taken):
+                    break
+            else:
+                continue
+            taken.append(box)
+            yield f'<text class="name" x="{left:.1f}" y="{below:.1f}" style="fill:{colour}">{html(key)}</text>'
+            break
+
+
+def _overlap(a: tuple[float, float, float, float], b: tuple[float, float, float, float]) -> bool:
+    return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
 
 
 def _middle(routes: Sequence[Points]) -> tuple[float, float]:
@@ -94,8 +138,8 @@ class _Frame:
         self.left, self.bottom = min(xs), min(ys)
         self.wide_m, self.high_m = max(max(xs) - self.left, 1.0), max(max(ys) - self.bottom, 1.0)
         inner = width - 2 * _MARGIN_PX
-        # No taller than wide, no flatter than a third.
-        self.scale = min(inner / self.wide_m, inner / self.high_m)
+        # No taller than three fifths of its width, to be seen at once; no flatter than a third.
+        self.scale = min(inner / self.wide_m, 0.6 * inner / self.high_m)
         self.width = width
         self.height = round(max(self.high_m * self.scale, inner / 3)) + 2 * _MARGIN_PX
 
@@ -103,6 +147,11 @@ class _Frame:
         x = (self.width - self.wide_m * self.scale) / 2 + (point[0] - self.left) * self.scale
         y = self.height - (self.height - self.high_m * self.scale) / 2 - (point[1] - self.bottom) * self.scale
         return round(x, 1), round(y, 1)
+
+    def has_room(self, box: tuple[float, float, float, float]) -> bool:
+        """Tell whether a box (left, top, right, bottom) lies in the picture, above the note about the grid."""
+        left, top, right, bottom = box
+        return left >= 0 and top >= 0 and right <= self.width and bottom <= self.height - 20
 
     def grid(self) -> list[str]:
         """Return lines every 1, 2 or 5 times a power of ten metres."""

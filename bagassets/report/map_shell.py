@@ -32,7 +32,8 @@ _WAYS = """
     (function () {
         var map = {{ this._parent.get_name() }};
         var data = JSON.parse(document.getElementById("ways").textContent);
-        var overlays = {}, every = [];
+        var overlays = {}, every = [], lines = {};
+        var named = data.reduce(function (sum, split) { return sum + split.ways.length; }, 0) <= 30;
         function tooltip(way) {
             var box = document.createElement("div"), name = document.createElement("b");
             name.textContent = way.key;
@@ -43,16 +44,29 @@ _WAYS = """
             var layer = L.featureGroup(), name = document.createElement("span");
             split.ways.forEach(function (way) {
                 var style = {color: split.colour, weight: 4, radius: 4, fill: true};
-                L.polyline(way.points, {color: split.colour, weight: 4}).bindTooltip(tooltip(way), {sticky: true}).addTo(layer);
-                L.circleMarker(way.points[0], style).bindTooltip(tooltip(way)).addTo(layer);
+                var line = lines[way.key] = L.polyline(way.points, {color: split.colour, weight: 4});
+                line.bindTooltip(tooltip(way), {sticky: true}).addTo(layer);
+                var start = L.circleMarker(way.points[0], style).addTo(layer);
+                if (named) {
+                    var key = document.createElement("span");
+                    key.textContent = way.key;
+                    start.bindTooltip(key, {permanent: true, direction: "auto"});
+                } else { start.bindTooltip(tooltip(way)); }
                 every.push.apply(every, way.points);
             });
-            name.textContent = split.name;
-            overlays[name.innerHTML] = layer.addTo(map);
+            name.textContent = "\u25a0 " + split.name;
+            name.style.color = split.colour;
+            overlays[name.outerHTML] = layer.addTo(map);
         });
         map.fitBounds(L.latLngBounds(every), {maxZoom: 17});
         if (L.heatLayer) { overlays.heat = L.heatLayer(every, {radius: 12, blur: 16}); }
         L.control.layers({}, overlays, {collapsed: false}).addTo(map);
+        document.querySelectorAll("#beside [data-way]").forEach(function (name) {
+            var line = lines[name.dataset.way];
+            name.addEventListener("mouseenter", function () { line.setStyle({weight: 10}).bringToFront(); });
+            name.addEventListener("mouseleave", function () { line.setStyle({weight: 4}); });
+            name.addEventListener("click", function () { map.fitBounds(line.getBounds(), {maxZoom: 17}); });
+        });
     })();
 {% endmacro %}
 """

@@ -47,12 +47,14 @@ class RecordingFacts:
 
     Attributes:
         key: partition key.
-        state: `ready`, `skipped`, `failed`, or `stale` (facts may be those of an older version).
-        reason: why it is skipped, failed or stale.
+        state: `ready`, `skipped`, `failed`, `copy` (of another recording, which is in the dataset for both), or `stale`
+            (facts may be those of an older version).
+        reason: why it is skipped, failed, a copy or stale.
         format: ros1, ros2 or mcap.
         size: bytes of its files; None if it has no inventory.
         start_ns: log time of its first message.
         duration_s: its length.
+        scenes_s: length of its scenes; a pause, or a clock that was set, lies between scenes.
         rig: name of the rig.
         split: name of its split.
         daylight: day, night, twilight, or None if unknown.
@@ -77,6 +79,7 @@ class RecordingFacts:
     size: int | None = None
     start_ns: int | None = None
     duration_s: float = 0.0
+    scenes_s: float = 0.0
     rig: str = ""
     split: str = ""
     daylight: str | None = None

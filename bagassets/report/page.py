@@ -7,13 +7,13 @@ from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 
-from bagassets.alike import Told, told_once
+from bagassets.alike import Told, told_once, without_path
 from bagassets.escaping import html
 from bagassets.json_types import JsonObject
-from bagassets.quantities import count_text, readable_length
-from bagassets.report.grid_map import colour_of_split, grid_map
+from bagassets.quantities import count_text, readable_length, span_text
+from bagassets.report.grid_map import colour_of_split, grid_map, legend
 from bagassets.report.model import RecordingFacts, ReportData
-from bagassets.report.style import PAGE_CSS, TABLE_SCRIPT
+from bagassets.report.style import LEGEND_SCRIPT, PAGE_CSS, TABLE_SCRIPT
 from bagassets.splits import SplitShare
 
 __all__ = ["PICTURE_BYTES", "report_json", "report_page"]
@@ -54,7 +54,7 @@ def report_page(data: ReportData) -> str:
         "</tr></thead><tbody>",
         *(_row(number, recording, chosen[recording.key]) for number, recording in enumerate(data.recordings)),
         "</tbody></table>",
-        f"<script>{TABLE_SCRIPT}</script></body></html>",
+        f"<script>{LEGEND_SCRIPT}{TABLE_SCRIPT}</script></body></html>",
     ]
     return "\n".join(part for part in parts if part)
 
@@ -100,7 +100,7 @@ def report_json(data: ReportData) -> JsonObject:
 
 
 _COLUMNS = (
-    ("picture", ""), ("recording", ""), ("state", ""), ("split", ""), ("start (UTC)", ""), ("s", "n"),
+    ("picture", ""), ("recording", ""), ("state", ""), ("split", ""), ("start (UTC)", ""), ("span", "n"),
     ("MB", "n"), ("length", "n"), *((name, "n") for name in _COUNTS), ("gaps", "n"),
 )  # fmt: skip
 
@@ -126,7 +126,7 @@ def _cards(data: ReportData) -> str:
     states = [recording.state for recording in data.recordings]
     values = [
         _counted(len(ready), "recordings"),
-        _time(sum(recording.duration_s for recording in ready)),
+        _time(sum(share.duration_s for share in data.shares)),
         (unit, length),
         *(_counted(sum(recording.counts.get(name, 0) for recording in ready), name) for name in _COUNTS),
         ("skipped", str(states.count("skipped") + len(data.excluded))),
@@ -172,28 +172,40 @@ def _idle_pins(keys: Sequence[str]) -> str:
 
 def _map(data: ReportData) -> str:
     splits = [share.name for share in data.shares]
-    shown = [recording for recording in data.recordings if recording.state in {"ready", "stale"}]
-    on_earth = [(r.key, colour_of_split(r.split, splits), r.route.points) for r in shown]
-    elsewhere = [
-        (r.key, colour_of_split(r.split, splits), r.route.local) for r in shown if not r.route.points
-    ]
+    shown = [r for r in data.recordings if r.state in {"ready", "stale"}]
+    on_earth = [r for r in shown if r.route.points]
+    local = [r for r in shown if not r.route.points and r.route.local]
     maps = [
-        grid_map(on_earth, on_earth=True),
-        grid_map(elsewhere, on_earth=False),
+        (
+            "Map",
+            on_earth,
+            grid_map(
+                [(r.key, colour_of_split(r.split, splits), r.route.points) for r in on_earth], on_earth=True
+            ),
+        ),
+        (
+            "Recordings without a position on Earth, each in its own local frame",
+            local,
+            grid_map(
+                [(r.key, colour_of_split(r.split, splits), r.route.local) for r in local], on_earth=False
+            ),
+        ),
     ]
-    titles = ["Map", "Recordings without a position on Earth, each in its own local frame"]
-    legend = " ".join(
-        f'<span style="color:{colour_of_split(name, splits)}">&#9632;</span> {html(name)}' for name in splits
-    )
     return "".join(
-        f"<h2>{title}</h2><p>{legend}</p>{svg}" for title, svg in zip(titles, maps, strict=True) if svg
+        f"<h2>{title}</h2>{svg}{legend((r.split, colour_of_split(r.split, splits), r.key) for r in of)}"
+        for title, of, svg in maps
+        if svg
     )
 
 
 def _left_out(data: ReportData) -> str:
     rows = told_once(
         [
-            *(((r.state,), r.key, r.reason) for r in data.recordings if r.state in {"skipped", "failed"}),
+            *(
+                ((r.state,), r.key, without_path(r.key, r.reason))
+                for r in data.recordings
+                if r.state in {"skipped", "failed", "copy"}
+            ),
             *((("excluded",), path, why) for path, why in sorted(data.excluded.items())),
         ]
     )
@@ -274,11 +286,13 @@ def _row(number: int, recording: RecordingFacts, pictures: Sequence[tuple[str, P
     made_by = f"<span class=dim>{html(recording.format)} {html(recording.rig)}</span>"
     cells = [
         f"<td>{_first_picture(recording, pictures)}</td>",
-        f"<td>{html(recording.key)}<br>{made_by}{_details(number, recording, pictures)}</td>",
+        f"<td class=k>{html(recording.key)}<br>{made_by}{_details(number, recording, pictures)}</td>",
         f'<td class="{recording.state}">{recording.state}</td>',
         f"<td>{html(recording.split)}</td>",
         f"<td>{start}{daylight}</td>",
-        _number(recording.duration_s if recording.start_ns is not None else None, ".1f"),
+        _number(None, "")
+        if recording.start_ns is None
+        else f"<td class=n data-v={recording.duration_s:.6g}>{span_text(recording.duration_s)}</td>",
         _number(None if recording.size is None else recording.size / 1e6, ",.1f"),
         _length(recording.length_m),
         *(_number(recording.counts.get(name), ",d") for name in _COUNTS),
@@ -326,8 +340,8 @@ def _details(number: int, recording: RecordingFacts, pictures: Sequence[tuple[st
 
 def _lines(recording: RecordingFacts) -> Iterator[str]:
     """Yield lines about what is unusual."""
-    if recording.state == "stale":
-        yield html(recording.reason)
+    if recording.reason:
+        yield html(without_path(recording.key, recording.reason))
     for gap in recording.gaps[:_MOST_GAPS]:
         number = "1 gap" if gap.number == 1 else f"{gap.number} gaps"
         yield f"{html(gap.topic)}: {number}, longest {gap.longest_s:.2f} s"

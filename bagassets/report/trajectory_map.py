@@ -1,7 +1,7 @@
 """The interactive map of all recordings, made with folium; without network it is a plain grid.
 
 The page loads Leaflet and map tiles from the network. Without tiles, their outlines stay visible below the routes; without
-Leaflet, an SVG in the page replaces the map.
+Leaflet, an SVG in the page replaces the map. Both have the names of recordings, and a legend that lists them by split.
 """
 
 import json
@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 from bagassets.escaping import html
 from bagassets.json_types import JsonObject
-from bagassets.report.grid_map import NamedRoute, grid_map, thinned
+from bagassets.report.grid_map import NamedRoute, grid_map, legend, thinned
 from bagassets.report.map_shell import FALLBACK_MARK, WAYS_MARK
-from bagassets.report.style import MAP_CSS
+from bagassets.report.style import LEGEND_SCRIPT, MAP_CSS
 
 __all__ = ["MapRoute", "trajectory_map_page"]
 
@@ -22,14 +22,18 @@ LEAST_ROUTE_POINTS = 20
 _DIGITS = 6  # of degrees: a decimetre
 
 _FALLBACK = """
-<style>{css}#nomap{{display:none;font:15px system-ui,sans-serif;padding:1rem}}</style>
+<style>{css}#nomap{{display:none;font:15px system-ui,sans-serif;padding:1rem}}
+#beside{{position:fixed;left:10px;bottom:46px;z-index:1000;background:#fff;padding:.1rem .7rem;max-width:22rem;max-height:45vh;
+overflow:auto;font:14px system-ui,sans-serif;border-radius:4px}}#beside .legend{{display:block}}</style>
+<div id="beside">{legend}{elsewhere}</div>
 <div id="nomap"><p>The map could not be loaded; these are the same routes on a plain grid.</p>{svg}</div>
-<script>window.addEventListener("load", function () {{
+<script>{script}
+window.addEventListener("load", function () {{
   if (typeof L !== "undefined") return;
-  document.querySelectorAll(".folium-map, .elsewhere").forEach(function (map) {{ map.style.display = "none"; }});
+  document.querySelectorAll(".folium-map, #beside").forEach(function (map) {{ map.style.display = "none"; }});
   document.getElementById("nomap").style.display = "block";
 }});</script>
-<noscript><style>#nomap{{display:block}}.folium-map{{display:none}}</style></noscript>
+<noscript><style>#nomap{{display:block}}.folium-map,#beside{{display:none}}</style></noscript>
 """
 
 
@@ -75,7 +79,13 @@ def trajectory_map_page(routes: Sequence[MapRoute], shell: str) -> str:
     ]
     # In a script element, its end tag and the start of a comment have a meaning.
     data = json.dumps(splits, separators=(",", ":"), ensure_ascii=False).replace("<", "\\u003c")
-    fallback = _FALLBACK.format(css=MAP_CSS, svg=_grids(routes)) + _elsewhere(routes)
+    fallback = _FALLBACK.format(
+        css=MAP_CSS,
+        svg=_grids(routes),
+        legend=_legend(on_earth),
+        elsewhere=_elsewhere(routes),
+        script=LEGEND_SCRIPT,
+    )
     return shell.replace(FALLBACK_MARK, fallback, 1).replace(WAYS_MARK, data, 1)
 
 
@@ -89,7 +99,11 @@ def _grids(routes: Sequence[MapRoute]) -> str:
     on_earth: list[NamedRoute] = [(route.key, route.colour, route.points) for route in routes]
     local = grid_map(_lost(routes), on_earth=False)
     heading = "<p>Recordings without a position on Earth, each in its own local frame:</p>"
-    return grid_map(on_earth, on_earth=True) + (heading + local if local else "")
+    return grid_map(on_earth, on_earth=True) + (heading + local if local else "") + _legend(routes)
+
+
+def _legend(routes: Sequence[MapRoute]) -> str:
+    return legend((route.split, route.colour, route.key) for route in routes)
 
 
 def _lost(routes: Sequence[MapRoute]) -> list[NamedRoute]:
@@ -98,15 +112,14 @@ def _lost(routes: Sequence[MapRoute]) -> list[NamedRoute]:
 
 
 def _elsewhere(routes: Sequence[MapRoute]) -> str:
-    """Return a box in the corner of the map with the recordings that are not on it."""
+    """Return what stands below the legend about recordings that are not on the map."""
     lost = _lost(routes)
     if not lost:
         return ""
-    style = "position:fixed;left:130px;bottom:12px;z-index:1000;background:#fff;padding:.3rem .7rem;font:14px sans-serif"
     summary = f"<summary>{len(lost)} without a position on Earth</summary>"
     names = ", ".join(html(key) for key, _, _ in lost)
     box = f"{summary}{grid_map(lost, on_earth=False, width=400)}<p>{names}</p>"
-    return f'<details class="elsewhere" style="{style}">{box}</details>'
+    return f"<details>{box}</details>"
 
 
 def _grid_page(routes: Sequence[MapRoute]) -> str:
@@ -114,5 +127,5 @@ def _grid_page(routes: Sequence[MapRoute]) -> str:
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>Map of recordings</title>'
         f"<style>{MAP_CSS}body{{font:15px system-ui,sans-serif;margin:1rem}}</style></head><body>"
-        f"{_grids(routes) or '<p>No recording has a route.</p>'}</body></html>\n"
+        f"{_grids(routes) if routes else '<p>No recording has a route.</p>'}<script>{LEGEND_SCRIPT}</script></body></html>\n"
     )

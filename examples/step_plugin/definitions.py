@@ -22,6 +22,7 @@ from bagassets.defs import (
     per_recording,
     publish,
     recipe_beside,
+    skipped,
 )
 from bagassets.store.artifact import Artifact, ArtifactWriter
 
@@ -45,6 +46,8 @@ def sharpness(channel: Artifact) -> list[float]:
 )
 def image_quality(context: dg.AssetExecutionContext, workspace: Workspace) -> dg.MaterializeResult[None]:
     """Sharpness of the images of each camera of one recording."""
+    if (passed_on := skipped(context, workspace, "frames")) is not None:
+        return passed_on
     with errors_explained():
         cameras = channels(context, workspace, "frames")
 

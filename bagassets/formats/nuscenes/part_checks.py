@@ -17,6 +17,7 @@ from bagassets.geometry.se3 import SE3, Floats
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.json_types import JsonObject
 from bagassets.quality.check import Evidence, RecordingCheck
+from bagassets.quality.counted import counted_in_poses
 from bagassets.quality.file_rules import files_match
 from bagassets.quality.finding import Finding
 from bagassets.quality.pose_rules import poses_complete, poses_cover_sensors
@@ -54,8 +55,9 @@ def _trajectory(evidence: Evidence) -> Trajectory:
 
 def _lost_poses(evidence: Evidence) -> Iterator[str]:
     counts = evidence.artifact("ego_poses").read_json("ego_poses.json")["counts"]
-    source = getattr(evidence.rig.ego_pose, "topic", "TF")
-    return poses_complete(counts, source, evidence.recipe.limits.reported_losses)
+    pose = evidence.rig.ego_pose
+    limit = evidence.recipe.limits.reported_losses
+    return poses_complete(counts, getattr(pose, "topic", "TF"), limit, counted_in_poses(pose.source))
 
 
 def _artifacts_of(
@@ -113,9 +115,16 @@ PART_CHECKS = (
     RecordingCheck(
         "scenes_made",
         "scenes_made",
-        "The recording has at least one scene.",
-        "the recording has no scene; the sentence says why",
-        lambda e: scenes_made(e.once(_facts), e.stamps_of, e.recipe.scenes.min_length_s),
+        "The recording has at least one scene, and nearly all of its time is in one.",
+        "the recording has no scene; the sentence says why; or more than `limits.reported_losses` (5 %) of its time is in "
+        "stretches too short for one",
+        lambda e: scenes_made(
+            e.once(_facts),
+            e.stamps_of,
+            e.recipe.scenes.min_length_s,
+            e.recipe.limits.reported_losses,
+        ),
+        quick=True,
     ),
     RecordingCheck(
         "keyframes_complete",

@@ -283,6 +283,7 @@ def _channel_counts(
 NUSCENES_TABLES = Asset(
     name="nuscenes_tables",
     version=7,
+    changes={7: "cuts scenes at long pauses and where a clock was set"},
     title="This recording's rows of the nuScenes tables: scenes, keyframes, readings, poses, boxes.",
     description="Keyframe rate, scene length and tolerance act here; nothing is extracted again when they change.",
     kinds=frozenset({"nuscenes", "json"}),

@@ -1,0 +1,186 @@
+"""The same folder through each door: the command, the sensor, Dagster's command and the web UI have one result."""
+
+import json
+from contextlib import contextmanager, suppress
+from urllib.request import Request, urlopen
+
+import dagster as dg
+import pytest
+
+from bagassets.defs.location import build_definitions
+from bagassets.defs.naming import Naming
+from bagassets.defs.partitions import add_partitions
+from bagassets.defs.pending_work import open_project
+from bagassets.defs.sensor_cursor import Cursor
+from bagassets.defs.sensor_scan import Scan
+from bagassets_tests.doors import ALL, KEYS, LOST, SHORT, TORN, make_door, result, write_recordings
+from bagassets_tests.in_process import build
+from bagassets_tests.services import BIN, eventually, free_port, running
+
+
+def by_command(recipe_file, monkeypatch):
+    build(recipe_file, monkeypatch, jobs=1)
+
+
+def by_sensor(recipe_file, _monkeypatch):
+    """Do what the daemon does: ask the sensor until it has nothing to request, and execute what it requests."""
+    definitions, cursor = build_definitions(recipe_file), Cursor()
+    for second in range(6):
+        with open_project(recipe_file) as (instance, workspace):
+            scan = Scan(instance, workspace, cursor)
+            requests = scan.scan(1e9 + 100 * second)
+            cursor = Cursor.parse(scan.cursor.text())
+            for request in requests:
+                definitions.resolve_job_def(request.job_name).execute_in_process(
+                    run_config=request.run_config,
+                    partition_key=request.partition_key,
+                    instance=instance,
+                    asset_selection=request.asset_selection and list(request.asset_selection),
+                    raise_on_error=False,
+                )
+        if not requests:
+            return
+    raise AssertionError("there is always something to do")
+
+
+def by_partition(recipe_file, _monkeypatch):
+    """Do what `dagster asset materialize --select '*' --partition KEY` does for each, then `--select 'dataset_inputs*'`."""
+    job = build_definitions(recipe_file).resolve_implicit_global_asset_job_def()
+    with open_project(recipe_file) as (instance, _):
+        add_partitions(instance, Naming("test"), sorted(KEYS))
+        for key in sorted(KEYS):
+            job.execute_in_process(partition_key=key, instance=instance, raise_on_error=False)
+        datasets = (
+            dg.AssetSelection.assets("dataset_inputs").downstream().resolve(job.asset_layer.asset_graph)
+        )
+        assert job.execute_in_process(instance=instance, asset_selection=sorted(datasets)).success
+
+
+@pytest.fixture(scope="module")
+def bags(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("doors") / "bags"
+    write_recordings(folder)
+    return folder
+
+
+def test_the_doors_have_one_result(bags, tmp_path, monkeypatch):
+    found = {}
+    for door in (by_command, by_sensor, by_partition):
+        recipe_file = make_door(tmp_path / door.__name__, bags)
+        door(recipe_file, monkeypatch)
+        found[door.__name__] = result(recipe_file)
+    expected = found["by_command"]
+    assert expected["dataset"]
+    assert expected["dataset is current"]
+    assert expected["registered"] == KEYS
+    assert set(expected["states"][SHORT].values()) == {"fresh", "skipped"}
+    assert {name: shown["failed"] for name, shown in expected["shown"].items()}["nuscenes_tables"] == {
+        TORN,
+        LOST,
+    }
+    assert expected["shown"]["nuscenes_tables"]["made"] == KEYS - {TORN, LOST}
+    for door, other in found.items():
+        for part, value in expected.items():
+            assert other[part] == value, f"{door}: {part}"
+
+
+# --- with Dagster's own programs -----------------------------------------------------------
+
+BACKFILL = """mutation($names: [String!], $assets: [AssetKeyInput!]) {
+  launchPartitionBackfill(backfillParams: {partitionNames: $names, assetSelection: $assets, fromFailure: false}) {
+    __typename ... on LaunchBackfillSuccess { backfillId } ... on PythonError { message }
+  } }"""
+STATUS = "query($id: String!) { partitionBackfillOrError(backfillId: $id) { ... on PartitionBackfill { status } } }"
+ENDED = {"COMPLETED_SUCCESS", "COMPLETED_FAILED", "FAILED", "CANCELED"}
+WITHIN_S = 240
+
+
+def ask(port, query, **variables):
+    body = json.dumps({"query": query, "variables": variables}).encode()
+    request = Request(f"http://127.0.0.1:{port}/graphql", body, {"Content-Type": "application/json"})
+    with urlopen(request, timeout=60) as answer:
+        found = json.load(answer)
+    assert "errors" not in found, found
+    return found["data"]
+
+
+def is_answering(port):
+    with suppress(OSError):
+        return bool(ask(port, "{ version }"))
+    return False
+
+
+def stop_sensor(port):
+    where = 'repositoryName: "__repository__", repositoryLocationName: "bagassets.definitions"'
+    selector = f'{{{where}, sensorName: "recordings"}}'
+    query = f"{{ sensorOrError(sensorSelector: {selector}) {{ ... on Sensor {{ sensorState {{ id }} }} }} }}"
+    state = ask(port, query)["sensorOrError"]["sensorState"]["id"]
+    ask(port, f'mutation {{ stopSensor(id: "{state}") {{ __typename }} }}')
+
+
+def materialize_all(port, keys):
+    """Do what *Materialize all…*, *All*, *Launch backfill* do; return how the backfill ended."""
+    nodes = ask(port, "{ assetNodes { assetKey { path } isMaterializable } }")["assetNodes"]
+    assets = [node["assetKey"] for node in nodes if node["isMaterializable"]]
+    launched = ask(port, BACKFILL, names=sorted(keys), assets=assets)["launchPartitionBackfill"]
+    backfill = launched["backfillId"]
+
+    def status():
+        now = ask(port, STATUS, id=backfill)["partitionBackfillOrError"]["status"]
+        return now if now in ENDED else None
+
+    return eventually(status, "the backfill has ended", WITHIN_S)
+
+
+@contextmanager
+def stock_dagster(recipe_file):
+    """Run Dagster's own web server and daemon, with the sensor off; yield the port."""
+    project, port = recipe_file.parent, free_port()
+    server = [BIN / "dagster-webserver", "-w", "workspace.yaml", "-p", port]
+    daemon = [BIN / "dagster-daemon", "run", "-w", "workspace.yaml"]
+    home = {"DAGSTER_HOME": str(project)}
+    with running(server, project, project.parent / "server.log", home):
+        eventually(lambda: is_answering(port), "the web server answers")
+        stop_sensor(port)
+        with running(daemon, project, project.parent / "daemon.log", home):
+            yield port
+
+
+def built_by_command(folder, bags, monkeypatch):
+    recipe_file = make_door(folder, bags, ALL)
+    by_command(recipe_file, monkeypatch)
+    return result(recipe_file)
+
+
+def differences(found, expected):
+    return {part: (found[part], value) for part, value in expected.items() if found[part] != value}
+
+
+@pytest.mark.long
+def test_a_backfill_of_everything_with_dagsters_own_programs(tmp_path, monkeypatch):
+    """With the sensor off, it makes the datasets itself, since a recording that is skipped has not failed."""
+    bags = tmp_path / "bags"
+    write_recordings(bags, fails=False)
+    expected = built_by_command(tmp_path / "command", bags, monkeypatch)
+    recipe_file = make_door(tmp_path / "stock", bags, ALL)
+    keys = KEYS - {TORN, LOST}
+    with open_project(recipe_file) as (instance, _):
+        add_partitions(instance, Naming("test"), sorted(keys))
+    with stock_dagster(recipe_file) as port:
+        assert materialize_all(port, keys) == "COMPLETED_SUCCESS"
+        assert differences(result(recipe_file), expected) == {}
+
+
+@pytest.mark.long
+def test_a_backfill_of_everything_in_our_web_ui_beside_the_sensor(bags, tmp_path, monkeypatch):
+    """Where something failed, Dagster requests no datasets; the sensor does."""
+    expected = built_by_command(tmp_path / "command", bags, monkeypatch)
+    recipe_file, port = make_door(tmp_path / "ui", bags, ALL), free_port()
+    with open_project(recipe_file) as (instance, _):
+        add_partitions(instance, Naming("test"), sorted(KEYS))
+    command = [BIN / "bagassets", "ui", "--recipe", recipe_file, "--port", port, "--no-browser"]
+    with running(command, tmp_path, tmp_path / "ui.log"):
+        eventually(lambda: is_answering(port), "the web server answers")
+        assert materialize_all(port, KEYS) == "COMPLETED_FAILED"
+        eventually(lambda: result(recipe_file)["dataset is current"], "the sensor has the datasets made")
+        assert differences(result(recipe_file), expected) == {}
