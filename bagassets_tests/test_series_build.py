@@ -12,7 +12,9 @@ from mcap.writer import Writer
 
 from bagassets.cli.dry_run import dry_run_lines, verdict
 from bagassets.defs.naming import Naming
-from bagassets.defs.partitions import add_partitions
+from bagassets.defs.partitions import _no_such_recording, add_partitions
+from bagassets.defs.pending_work import open_project
+from bagassets.errors import RecordingError
 from bagassets.formats.dataset_lock import read_lock
 from bagassets.propose.project import write_project
 from bagassets.recipe.load import parse_recipe
@@ -86,7 +88,7 @@ def test_parts_that_were_built_alone_are_joined_by_an_upgrade_and_their_old_keys
     own = SimpleNamespace(project=SimpleNamespace(problem=None, wanted=(), left_out={}), having=lambda *_: [])
     lines = list(dry_run_lines(pending, own))
     assert "drive_0.bag, drive_1.bag, drive_2.bag\n  would be joined into drive.bag, as its parts" in lines
-    assert verdict(pending, own) == "to do: build 1 recording, join 3 parts, update the dataset."
+    assert verdict(pending, own).startswith("to do: build 1 recording, join 3 parts, update ")
     report, runs = build(recipe_file, monkeypatch, on_event=events.append)
     assert report.succeeded
     assert not report.removed
@@ -101,6 +103,14 @@ def test_parts_that_were_built_alone_are_joined_by_an_upgrade_and_their_old_keys
     lock = lock_of(tmp_path)
     assert dict(lock.splits) == {"drive.bag": "val", "other.bag": "train"}
     assert list(lock_of(tmp_path, "second").bags) == ["drive.bag"]
+    with open_project(recipe_file) as (_, workspace):
+        with pytest.raises(
+            RecordingError, match=r"drive_1.bag: no such recording below .*; it is part of drive.bag now"
+        ):
+            workspace.recording("drive_1.bag")
+        found = workspace.discover()
+        asked = _no_such_recording("drive_1.bag", workspace.recipe.bags, found)
+        assert asked.endswith("; it is part of drive.bag, which is one recording.")
     _, runs = build(recipe_file, monkeypatch, on_event=events.append)
     assert not runs
     assert len([event for event in events if "joined" in event.message]) == 1
