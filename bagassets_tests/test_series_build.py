@@ -11,6 +11,7 @@ import pytest
 from mcap.writer import Writer
 
 from bagassets.cli.dry_run import dry_run_lines, verdict
+from bagassets.defs import snapshot
 from bagassets.defs.naming import Naming
 from bagassets.defs.partitions import _no_such_recording, add_partitions
 from bagassets.defs.pending_work import open_project
@@ -231,3 +232,22 @@ def test_revolutions_of_packets_are_whole_across_the_borders_of_parts(tmp_path):
         made[name] = {one.asset: one.artifact for one in build_of(recipe, "drive.mcap").build()}
     for asset in ("sweeps", "frames", "nuscenes_tables"):
         assert made["cut"][asset].digest == made["whole"][asset].digest
+
+
+@pytest.mark.parametrize(
+    ("reason", "is_noted"),
+    [
+        ("drive_1.bag cannot be read for now (its index is damaged); look again later", False),
+        ("rename it", True),
+    ],
+)
+def test_a_drive_that_is_left_out_for_now_is_looked_at_again(monkeypatch, reason, is_noted):
+    noted = []
+    monkeypatch.setattr(snapshot.decide, "note_nothing_to_do", lambda *_, **__: noted.append(True))
+    monkeypatch.setattr(snapshot.decide, "forget_note", lambda _: noted.append(False))
+    monkeypatch.setattr(snapshot, "dataset_code_versions", lambda _: ())
+    monkeypatch.setattr(snapshot, "dataset_folders", lambda _: {})
+    saved = snapshot.Snapshot.__new__(snapshot.Snapshot)
+    saved._recipe, saved._places, saved._fingerprints = SimpleNamespace(state=None), None, []
+    saved.save(SimpleNamespace(bags={}, excluded={"drive.bag": reason}))
+    assert noted == [is_noted]
