@@ -369,6 +369,26 @@ def test_a_part_that_is_named_and_missing_leaves_the_others_out_and_keeps_the_pa
     assert discovery.removed(["drive.bag", "drive_0.bag"]) == ("drive_0.bag",)
 
 
+def test_while_a_part_is_being_replaced_the_drive_does_not_fall_apart(cut):
+    part = cut / "drive_1.bag"
+    for path in cut.iterdir():
+        os.utime(path, (1e9, 1e9))
+    part.write_bytes(part.read_bytes()[:5000])
+    discovery = discover(bags(cut))
+    assert not discovery.recordings
+    assert not discovery.asked
+    assert discovery.removed(["drive.bag"]) == ()
+    left_out = dict(discovery.excluded)
+    for_now = "drive_1.bag cannot be read for now (its index is damaged)"
+    assert left_out["drive.bag"] == f"{for_now}; look again later"
+    assert left_out["drive_0.bag"] == f"part of drive.bag, of which {for_now}"
+    assert list(discover(bags(cut, settle_s=0)).asked) == ["drive.bag"]
+    os.utime(part, (1e9 + 1, 1e9 + 1))
+    discovery = discover(bags(cut))
+    assert "drive_1.bag cannot be read" in discovery.asked["drive.bag"]
+    assert discovery.removed(["drive.bag"]) == ("drive.bag",)
+
+
 def test_a_whole_drive_beside_its_parts_is_asked_about(cut):
     write_part(cut / "drive.bag", duration_s=2.0)
     discovery = discover(bags(cut))
@@ -480,6 +500,24 @@ def test_label_files_named_after_parts_are_those_of_the_drive_unless_it_has_its_
     (cut / "drive.json").write_text("[]")
     (file,) = find_labels([entry], recording)["{stem}.json"].files
     assert (file.name, file.path.name) == ("{stem}.json", "drive.json")
+
+
+def test_frames_of_parts_count_on_in_order_of_time(cut):
+    """However the recipe lists the parts; as files of 7, 7 and 5 clouds, of which the middle one has no labels."""
+    names = ("drive_2.bag", "drive_0.bag", "drive_1.bag")
+    (recording,) = discover(bags(cut, series={"drive": names})).recordings.values()
+    times = {"by": "topic", "topic": "/points"}
+    (entry,) = label_sources(
+        {"format": "kitti_labels", "path": "{stem}.txt", "frame": "lidar", "times": times}
+    )
+    for number in (0, 2):
+        (cut / f"drive_{number}.txt").write_text("")
+    found = find_labels([entry], recording)["{stem}.txt"].parts
+    assert {one.part: one.frames for one in found} == {
+        "drive_0.bag": (0, 7),
+        "drive_1.bag": (7, 7),
+        "drive_2.bag": (14, 5),
+    }
 
 
 @pytest.mark.parametrize("name", ["drive.bag", "drive_1.bag", "drive_*.bag", "drive*"])

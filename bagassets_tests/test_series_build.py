@@ -11,8 +11,11 @@ import pytest
 from mcap.writer import Writer
 
 from bagassets.cli.dry_run import dry_run_lines, verdict
+from bagassets.defs import snapshot
 from bagassets.defs.naming import Naming
-from bagassets.defs.partitions import add_partitions
+from bagassets.defs.partitions import _no_such_recording, add_partitions
+from bagassets.defs.pending_work import open_project
+from bagassets.errors import RecordingError
 from bagassets.formats.dataset_lock import read_lock
 from bagassets.propose.project import write_project
 from bagassets.recipe.load import parse_recipe
@@ -86,7 +89,7 @@ def test_parts_that_were_built_alone_are_joined_by_an_upgrade_and_their_old_keys
     own = SimpleNamespace(project=SimpleNamespace(problem=None, wanted=(), left_out={}), having=lambda *_: [])
     lines = list(dry_run_lines(pending, own))
     assert "drive_0.bag, drive_1.bag, drive_2.bag\n  would be joined into drive.bag, as its parts" in lines
-    assert verdict(pending, own) == "to do: build 1 recording, join 3 parts, update the dataset."
+    assert verdict(pending, own).startswith("to do: build 1 recording, join 3 parts, update ")
     report, runs = build(recipe_file, monkeypatch, on_event=events.append)
     assert report.succeeded
     assert not report.removed
@@ -101,6 +104,14 @@ def test_parts_that_were_built_alone_are_joined_by_an_upgrade_and_their_old_keys
     lock = lock_of(tmp_path)
     assert dict(lock.splits) == {"drive.bag": "val", "other.bag": "train"}
     assert list(lock_of(tmp_path, "second").bags) == ["drive.bag"]
+    with open_project(recipe_file) as (_, workspace):
+        with pytest.raises(
+            RecordingError, match=r"drive_1.bag: no such recording below .*; it is part of drive.bag now"
+        ):
+            workspace.recording("drive_1.bag")
+        found = workspace.discover()
+        asked = _no_such_recording("drive_1.bag", workspace.recipe.bags, found)
+        assert asked.endswith("; it is part of drive.bag, which is one recording.")
     _, runs = build(recipe_file, monkeypatch, on_event=events.append)
     assert not runs
     assert len([event for event in events if "joined" in event.message]) == 1
@@ -221,3 +232,22 @@ def test_revolutions_of_packets_are_whole_across_the_borders_of_parts(tmp_path):
         made[name] = {one.asset: one.artifact for one in build_of(recipe, "drive.mcap").build()}
     for asset in ("sweeps", "frames", "nuscenes_tables"):
         assert made["cut"][asset].digest == made["whole"][asset].digest
+
+
+@pytest.mark.parametrize(
+    ("reason", "is_noted"),
+    [
+        ("drive_1.bag cannot be read for now (its index is damaged); look again later", False),
+        ("rename it", True),
+    ],
+)
+def test_a_drive_that_is_left_out_for_now_is_looked_at_again(monkeypatch, reason, is_noted):
+    noted = []
+    monkeypatch.setattr(snapshot.decide, "note_nothing_to_do", lambda *_, **__: noted.append(True))
+    monkeypatch.setattr(snapshot.decide, "forget_note", lambda _: noted.append(False))
+    monkeypatch.setattr(snapshot, "dataset_code_versions", lambda _: ())
+    monkeypatch.setattr(snapshot, "dataset_folders", lambda _: {})
+    saved = snapshot.Snapshot.__new__(snapshot.Snapshot)
+    saved._recipe, saved._places, saved._fingerprints = SimpleNamespace(state=None), None, []
+    saved.save(SimpleNamespace(bags={}, excluded={"drive.bag": reason}))
+    assert noted == [is_noted]

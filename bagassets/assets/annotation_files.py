@@ -48,7 +48,7 @@ class Labels:
 
     Attributes:
         folder: True if the files are in a folder of their own.
-        span_ns: first and last time of the recording's channels; None if unknown.
+        span_ns: first and last time of the recording's channels, or of the part; None if unknown.
         entry: the entry in the recipe.
         found: the files.
         origin: where the recording's global frame begins: `origin` of `ego_poses.json`.
@@ -104,7 +104,10 @@ def labels_of(
     entries, topics, inventory = tuple(entries), tuple(topics), facts.inventory
     labels: dict[str, Labels] = {}
     absent = []
-    span_ns = _span_ns(topics, inventory, clock)
+    span_ns, sets = _span_ns(topics, inventory, clock), facts.labels(entries)
+    origin = None
+    if any(found.files or found.parts for found in sets.values()):
+        origin = facts.artifact("ego_poses").read_json("ego_poses.json")["origin"]
 
     def made(entry: AnnotationFiles, found: LabelSet, parts: tuple[Labels, ...] = ()) -> Labels:
         return Labels(
@@ -112,7 +115,7 @@ def labels_of(
             _span_of_part(found, span_ns, topics, clock, inventory),
             entry,
             found,
-            facts.artifact("ego_poses").read_json("ego_poses.json")["origin"],
+            origin,
             found.logfile,
             found.logfiles_of_parts,
             found.part,
@@ -121,7 +124,8 @@ def labels_of(
             parts,
         )
 
-    for entry, found in zip(entries, facts.labels(entries).values(), strict=True):
+    for entry in entries:
+        found = sets[entry.path]
         lacking = next((one for one in found.parts or (found,) if not one.files), None)
         if entry.missing == "refuse" and lacking is not None:
             raise RecordingError(

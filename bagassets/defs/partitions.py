@@ -11,13 +11,14 @@ import dagster as dg
 from dagster import partition_loading_context
 from sqlalchemy.exc import IntegrityError
 
+from bagassets.alike import names_text
 from bagassets.defs.batches import batch_of
 from bagassets.defs.dagster_private import BulkActionsFilter, BulkActionStatus, PartitionLoadingContext
 from bagassets.defs.events import all_assets
 from bagassets.defs.naming import Naming
 from bagassets.errors import RecordingError
 from bagassets.recipe.model import Bags
-from bagassets.recordings.discover import discover
+from bagassets.recordings.discover import Discovery, discover
 
 __all__ = [
     "ACTIVE",
@@ -34,7 +35,6 @@ __all__ = [
 DATASET = ""
 """Stands for the dataset among partition keys."""
 
-_MOST_NAMED = 5
 # SQLite takes a limited number of variables in one statement.
 _BATCH = 1000
 PARTITION_TAG = "dagster/partition"
@@ -85,9 +85,9 @@ class RecordingPartitions(dg.DynamicPartitionsDefinition):
         if is_registered or self.bags is None or not isinstance(store, dg.DagsterInstance):
             super().validate_partition_key(partition_key, context)
             return
-        recordings = discover(self.bags).recordings
-        if partition_key not in recordings:
-            raise RecordingError(_no_such_recording(partition_key, self.bags, list(recordings)))
+        found = discover(self.bags)
+        if partition_key not in found.recordings:
+            raise RecordingError(_no_such_recording(partition_key, self.bags, found))
         _register(store, str(self.name), [partition_key])
 
     def get_partition_keys_in_range(self, partition_key_range: dg.PartitionKeyRange) -> Sequence[str]:
@@ -105,13 +105,14 @@ class RecordingPartitions(dg.DynamicPartitionsDefinition):
         return found
 
 
-def _no_such_recording(key: str, bags: Bags, known: list[str]) -> str:
-    near = get_close_matches(key, known, n=1)
-    if near:
+def _no_such_recording(key: str, bags: Bags, found: Discovery) -> str:
+    known = list(found.recordings)
+    if whole := found.joined_into(key):
+        hint = f"it is part of {whole}, which is one recording."
+    elif near := get_close_matches(key, known, n=1):
         hint = f"did you mean {near[0]}?"
     elif known:
-        more = f" and {len(known) - _MOST_NAMED} more" if len(known) > _MOST_NAMED else ""
-        hint = f"the keys are {', '.join(known[:_MOST_NAMED])}{more}."
+        hint = f"the keys are {names_text(known)}."
     else:
         hint = "there are no recordings at all."
     return f"{key}: no recording with this partition key below {bags.root}; {hint}"

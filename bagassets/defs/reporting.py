@@ -10,7 +10,7 @@ from typing import Any
 
 import dagster as dg
 
-from bagassets.alike import told_once, without_path
+from bagassets.alike import names_text, told_once, without_path
 from bagassets.assets.preview import FACTS
 from bagassets.build.execute import AssetResult, BuildFailure
 from bagassets.defs.artifact_files import picture_link
@@ -61,6 +61,7 @@ def bag_metadata(recording: RecordingFiles, stat: RecordingStat, digest: Recordi
         "size": readable_bytes(recording.size),
         "size_bytes": recording.size,
         "files": len(recording.files),
+        **({"parts": names_text([part.relative for part in recording.parts])} if recording.parts else {}),
         "digest": digest.digest,
         "hashed_bytes": digest.hashed_bytes,
         STAT: dg.MetadataValue.text(json.dumps(stat.as_json())),

@@ -17,6 +17,7 @@ from bagassets.freshness import decide
 from bagassets.freshness.fingerprints import PlanNeeded
 from bagassets.propose.project import dagster_home
 from bagassets.recipe.load import paths_written
+from bagassets.recordings.join_parts import FOR_NOW
 
 __all__ = ["Snapshot"]
 
@@ -71,7 +72,8 @@ class Snapshot:
             remarks: what a build with nothing to do reports.
         """
         bags = plan.bags.values()
-        if self._fingerprints is None or not all(bag.settled for bag in bags):
+        is_waiting = any(FOR_NOW in reason for reason in plan.excluded.values())
+        if self._fingerprints is None or is_waiting or not all(bag.settled for bag in bags):
             decide.forget_note(self._recipe.state)
             return
         skipped = sum(bag.skipped is not None for bag in bags)

@@ -114,13 +114,15 @@ class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get
         Raises:
             RecordingError: there is none, or it was removed.
         """
-        try:
-            return self.discover().recordings[key]
-        except KeyError:
-            raise RecordingError(
-                f"{key}: no such recording below {self.recipe.bags.root}; it was removed or renamed, and its "
-                "partition is removed by the next `bagassets build` or sensor tick."
-            ) from None
+        found = self.discover()
+        if key in found.recordings:
+            return found.recordings[key]
+        whole = found.joined_into(key)
+        where = f"it is part of {whole} now" if whole else "it was removed or renamed"
+        raise RecordingError(
+            f"{key}: no such recording below {self.recipe.bags.root}; {where}, and its partition is removed by the next "
+            "`bagassets build` or sensor tick."
+        )
 
     def artifact(
         self, context: dg.AssetExecutionContext | dg.AssetCheckExecutionContext, asset: AssetName

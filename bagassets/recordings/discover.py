@@ -70,6 +70,10 @@ class Discovery:
             key: tuple(part.key for part in one.parts) for key, one in self.recordings.items() if one.parts
         }
 
+    def joined_into(self, key: str) -> str | None:
+        """Return the key of the series that the recording of a key is part of; None if it is part of none."""
+        return next((whole for whole, keys in self.former_keys.items() if key in keys), None)
+
     def unseen(self, keys: Iterable[str]) -> frozenset[str]:
         """Return those of `keys` that were not found, but may lie in a folder that cannot be read.
 

@@ -9,8 +9,10 @@ from bagassets.recipe.model import Bags
 from bagassets.recordings.model import RecordingFiles
 from bagassets.recordings.series import Candidate, Part, Verdict, candidates, judge
 
-__all__ = ["Joined", "join_parts"]
+__all__ = ["FOR_NOW", "Joined", "join_parts"]
 
+FOR_NOW = "cannot be read for now"
+"""Says of a part why its series is left out at the moment."""
 
 _NO_PARTS = "bags.series says that it is one drive, but there are not two numbered files of it; correct its name there"
 
@@ -52,9 +54,13 @@ def join_parts(bags: Bags, recordings: Sequence[RecordingFiles], key_of: Callabl
             _join_named(joined, bags.root, name, tuple(dict.fromkeys(answer)), key_of)
     files = (path for path, one in joined.recordings.items() if one.files[0] is one.path)
     for candidate in list(candidates(files)):
-        verdict = _verdict(joined, bags, candidate)
+        verdict, for_now = _verdict(joined, bags, candidate)
         if verdict.parts:
             _join(joined, candidate.whole, verdict.parts, key_of)
+        elif verdict.why and for_now:  # drives that were one do not fall apart while a part is being replaced
+            _leave_out(
+                joined, bags.root, candidate.whole, list(candidate.numbers), for_now, "look again later"
+            )
         elif verdict.why:
             joined.asked[candidate.whole] = _question(candidate, verdict.why)
             joined.near |= {path: candidate.whole for group in verdict.near for path in group}
@@ -66,24 +72,28 @@ def join_parts(bags: Bags, recordings: Sequence[RecordingFiles], key_of: Callabl
     return joined
 
 
-def _verdict(joined: Joined, bags: Bags, candidate: Candidate) -> Verdict:
+def _verdict(joined: Joined, bags: Bags, candidate: Candidate) -> tuple[Verdict, str]:
+    """Return what is to be done with files, and which one before the last cannot be read at the moment; "" if they all can."""
     whole, numbers = candidate
     answer = bags.series.get(whole, bags.series.get(_without_suffix(whole)))
     if answer is not None:
-        return Verdict(tuple(numbers)) if answer else Verdict()
+        return Verdict(tuple(numbers)) if answer else Verdict(), ""
     files = [joined.recordings[path] for path in numbers]
     as_it_is = [(one.relative, one.size, one.mtime_ns) for one in files]
+    for_now = ""
     before, verdict = _judged.get(str(files[0].path), ([], Verdict()))
     if before != as_it_is:
         from bagassets.recordings.part_facts import ForNow, facts_of_parts  # noqa: PLC0415  (most folders have no series)
 
         facts = facts_of_parts(files, bags)
         verdict = judge([Part(*named, one) for named, one in zip(numbers.items(), facts, strict=True)])
+        looked = zip(list(numbers)[:-1], facts, strict=False)
+        for_now = next((f"{path} {FOR_NOW} ({one})" for path, one in looked if isinstance(one, ForNow)), "")
         if not any(isinstance(one, ForNow) for one in facts):
             _judged[str(files[0].path)] = as_it_is, verdict
     if verdict.parts and whole in joined.recordings:
-        return Verdict((), f"{whole} lies beside them", ((whole, *verdict.parts),))
-    return verdict
+        return Verdict((), f"{whole} lies beside them", ((whole, *verdict.parts),)), ""
+    return verdict, "" if whole in joined.recordings else for_now
 
 
 def _without_suffix(path: str) -> str:
@@ -106,11 +116,17 @@ def _join_named(
     if not problem:
         _join(joined, whole, files, key_of)
         return
-    for path in found:
+    _leave_out(joined, root, whole, found, problem, "copy it there, or correct bags.series")
+
+
+def _leave_out(
+    joined: Joined, root: Path, whole: str, paths: Sequence[str], problem: str, advice: str
+) -> None:
+    for path in paths:
         del joined.recordings[path]
         joined.left_out.append((path, f"part of {whole}, of which {problem}"))
-    joined.left_out.append((whole, f"{problem}; copy it there, or correct bags.series"))
-    joined.broken[whole] = f"{root / whole}: {problem}; copy it there, or correct bags.series."
+    joined.left_out.append((whole, f"{problem}; {advice}"))
+    joined.broken[whole] = f"{root / whole}: {problem}; {advice}."
 
 
 def _join(joined: Joined, whole: str, paths: Sequence[str], key_of: Callable[[str], str]) -> None:

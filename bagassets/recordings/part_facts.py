@@ -83,10 +83,15 @@ def _load(state: Path | None, group: str) -> dict[str, tuple[int, int, _Facts]]:
 
 
 def _settled_facts(part: RecordingFiles, settle_s: float) -> _Facts:
-    """Return the facts of a file, unless a recorder is at it: while a log grows beside a database, each look would copy both."""
-    if len(part.files) > 1 and 0 <= time.time() - part.mtime_ns / 1e9 < settle_s:
+    """Return the facts of a file; while it is being written, it may be readable next time.
+
+    While a log grows beside a database, each look would copy both.
+    """
+    is_settled = not 0 <= time.time() - part.mtime_ns / 1e9 < settle_s
+    if len(part.files) > 1 and not is_settled:
         return ForNow("its recorder may be at work")
-    return part_facts(part.path)
+    facts = part_facts(part.path)
+    return ForNow(facts) if isinstance(facts, str) and not is_settled else facts
 
 
 def part_facts(path: Path) -> _Facts:

@@ -189,10 +189,9 @@ def _counts(part: Path, _signature: tuple[int, ...]) -> Mapping[str, int]:
 @lru_cache(maxsize=1 << 12)
 def _span_ns(part: Path, _signature: tuple[int, ...]) -> tuple[int, int] | None:
     """Return first and last log time of a part, or None if its index does not tell."""
-    from bagassets.recordings.part_facts import part_facts  # noqa: PLC0415  (few have label files of parts)
+    from bagassets.recordings.part_facts import ForNow, part_facts  # noqa: PLC0415  (few have label files of parts)
 
-    try:
-        facts = part_facts(part)
-    except OSError as err:
-        raise RecordingError(f"{part}: cannot be read ({err.strerror or err}).") from err
+    facts = part_facts(part)
+    if isinstance(facts, ForNow):
+        raise RecordingError(f"{part}: it cannot be read at the moment ({facts}).")
     return None if isinstance(facts, str) else (facts.start_ns, facts.end_ns)
