@@ -124,17 +124,21 @@ def judge(parts: Sequence[Part]) -> Verdict:
     readable = [(part.name, part.facts) for part in parts if isinstance(part.facts, PartFacts)]
     if len(readable) < 2:
         return Verdict()
+    while isinstance(parts[-1].facts, str):
+        parts = parts[:-1]
+    reasons = [f"{part.name} cannot be read ({part.facts})" for part in parts if isinstance(part.facts, str)]
+    numbers = pairwise(part.number for part in parts)
+    reasons += [f"number {one + 1} is missing" for one, other in numbers if other > one + 1]
     near = [[readable[0][0]]]
-    reasons = [_gap_in_numbers(parts)]
     for before, (name, facts) in pairwise(readable):
         reason, is_near = _compare(*before, name, facts)
-        reasons.append(reason)
+        reasons += [reason] if reason else []
         near += [] if is_near else [[]]
         near[-1].append(name)
-    if not any(reasons):
+    if not reasons:
         return Verdict(tuple(name for name, _ in readable))
     groups = tuple(tuple(group) for group in near if len(group) > 1)
-    return Verdict((), next(filter(None, reasons)), groups) if groups else Verdict()
+    return Verdict((), reasons[0], groups) if groups else Verdict()
 
 
 def periods_matter(one: PartFacts, other: PartFacts) -> bool:
@@ -160,16 +164,3 @@ def _compare(before: str, one: PartFacts, name: str, other: PartFacts) -> tuple[
             more = f" and {len(topics) - 1} more" if len(topics) > 1 else ""
             return f"{before} and {name} differ in topic {topics[0]}{more}", is_near
     return "", is_near
-
-
-def _gap_in_numbers(parts: Sequence[Part]) -> str:
-    """Return which part is missing between the first and the last readable one, or cannot be read; "" if none."""
-    there = {part.number: part for part in parts}
-    last = max(part.number for part in parts if isinstance(part.facts, PartFacts))
-    for number in range(parts[0].number, last):
-        part = there.get(number)
-        if part is None:
-            return f"number {number} is missing"
-        if isinstance(part.facts, str):
-            return f"{part.name} cannot be read ({part.facts})"
-    return ""
