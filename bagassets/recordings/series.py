@@ -82,9 +82,7 @@ def candidates(paths: Iterable[str]) -> Iterator[Candidate]:
             stem, number, suffix = found.groups()
             numbered.setdefault((stem, suffix), []).append((int(number), path))
     groups: dict[tuple[str, bool, str], list[tuple[int, str]]] = {}
-    for (stem, suffix), files in sorted(
-        numbered.items()
-    ):  # the dates of `rosbag record` tell several drives apart
+    for (stem, suffix), files in sorted(numbered.items()):  # by date, where recorders wrote it into names
         groups.setdefault((*_undated(stem), suffix), []).extend(sorted(files))
     for (_, is_dated, _), files in groups.items():
         runs = list(_runs(files)) if len(files) > 1 else []
@@ -93,7 +91,7 @@ def candidates(paths: Iterable[str]) -> Iterator[Candidate]:
                 missing = run[-1][0] - run[0][0] + 1 - len(run)
                 # Where most numbers are missing, they count something else, such as seconds.
                 if len(run) > 1 and missing < len(run):
-                    yield Candidate(whole_of(run[0][1]) or "", {path: number for number, path in run})
+                    yield Candidate(_NUMBERED.sub(r"\1\3", run[0][1]), {path: number for number, path in run})
 
 
 def _undated(stem: str) -> tuple[str, bool]:
@@ -110,7 +108,7 @@ def whole_of(path: str) -> str | None:
 
 
 def _runs(files: Sequence[tuple[int, str]]) -> Iterator[Sequence[tuple[int, str]]]:
-    """Yield runs of files with ascending numbers."""
+    """Yield runs of files with ascending numbers; the dates of `rosbag record` tell several drives apart."""
     begins = [n for n in range(1, len(files)) if files[n][0] <= files[n - 1][0]]
     for begin, end in pairwise([0, *begins, len(files)]):
         yield files[begin:end]
