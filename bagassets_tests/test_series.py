@@ -26,6 +26,7 @@ from bagassets.recordings.discover import bags_of_parts, discover
 from bagassets.recordings.open import open_recording
 from bagassets.recordings.part_facts import part_facts
 from bagassets.recordings.series import Part, PartFacts, candidates, judge
+from bagassets.recordings.topic import ForeignBytes
 from bagassets.sample.recorder import open_recorder
 from bagassets.splits import Ties, deal
 from bagassets.store.canonical import digest_bytes, digest_json
@@ -267,6 +268,19 @@ def test_an_order_that_was_given_wrong_does_not_matter_to_readers(drives):
     names = tuple(path.name for path in reversed(parts))
     (cut,) = discover(bags(parts[0].parent, series={"drive": names})).recordings.values()
     assert content(cut) == content(whole)
+
+
+def test_messages_of_another_type_than_most_are_lost_as_they_are_in_one_file(tmp_path):
+    for number, (msgtype, messages) in enumerate((("std_msgs/msg/String", 3), ("std_msgs/msg/Bool", 1))):
+        with ExitStack() as stack:
+            recorder = open_recorder(tmp_path / f"drive_{number}.mcap", "mcap", "none", stack)
+            for i in range(messages):
+                recorder.write_raw("/a", msgtype, number * 10**9 + i * 10**8, b"\0\1\0\0\x01\0\0\0\0")
+    (cut,) = discover(bags(tmp_path, series={"drive": True})).recordings.values()
+    with open_recording(cut) as opened:
+        found = list(opened.messages(["/a"]))
+    assert {message.msgtype for message in found} == {"std_msgs/msg/String"}
+    assert [isinstance(message.data, ForeignBytes) for message in found] == [False, False, False, True]
 
 
 # --- discovery ---------------------------------------------------------------------------
