@@ -16,6 +16,7 @@ from benchmarks.peers import BAGASSETS, BAZEL, LOOP
 from benchmarks.reader import reader_table
 from benchmarks.reads import reads_table
 from benchmarks.scale import scale_table
+from benchmarks.series import series_table
 from benchmarks.slurm import scaling_table, slurm_table
 
 pytestmark = pytest.mark.long
@@ -82,6 +83,15 @@ def test_scale(tmp_path):
     found = json.loads(result.read_text("utf-8"))
     assert scale_table(found) in printed
     assert all(len(values) == 2 and min(values) > 0 for values in found["costs"].values())
+
+
+def test_series(tmp_path):
+    result = tmp_path / "series.json"
+    options = ("--seconds", "1", "--parts", "2", "--times", "1", "--files", "20")
+    printed = run("-m", "benchmarks.series", *options, "--json", result)
+    found = json.loads(result.read_text("utf-8"))
+    assert series_table(found) in printed
+    assert all(shapes["cut"][0]["cpu_s"] > 0 for shapes in found["builds"].values())
 
 
 @pytest.mark.devkit

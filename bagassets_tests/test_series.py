@@ -26,6 +26,7 @@ from bagassets.recordings.discover import bags_of_parts, discover
 from bagassets.recordings.open import open_recording
 from bagassets.recordings.part_facts import part_facts
 from bagassets.recordings.series import Part, PartFacts, candidates, judge
+from bagassets.recordings.topic import ForeignBytes
 from bagassets.sample.recorder import open_recorder
 from bagassets.splits import Ties, deal
 from bagassets.store.canonical import digest_bytes, digest_json
@@ -277,6 +278,19 @@ def test_an_order_that_was_given_wrong_does_not_matter_to_readers(drives):
     names = tuple(path.name for path in reversed(parts))
     (cut,) = discover(bags(parts[0].parent, series={"drive": names})).recordings.values()
     assert content(cut) == content(whole)
+
+
+def test_messages_of_another_type_than_most_are_lost_as_they_are_in_one_file(tmp_path):
+    for number, (msgtype, messages) in enumerate((("std_msgs/msg/String", 3), ("std_msgs/msg/Bool", 1))):
+        with ExitStack() as stack:
+            recorder = open_recorder(tmp_path / f"drive_{number}.mcap", "mcap", "none", stack)
+            for i in range(messages):
+                recorder.write_raw("/a", msgtype, number * 10**9 + i * 10**8, b"\0\1\0\0\x01\0\0\0\0")
+    (cut,) = discover(bags(tmp_path, series={"drive": True})).recordings.values()
+    with open_recording(cut) as opened:
+        found = list(opened.messages(["/a"]))
+    assert {message.msgtype for message in found} == {"std_msgs/msg/String"}
+    assert [isinstance(message.data, ForeignBytes) for message in found] == [False, False, False, True]
 
 
 # --- discovery ---------------------------------------------------------------------------
@@ -552,8 +566,8 @@ def test_a_part_that_nobody_may_read_is_looked_into_again(cut, monkeypatch):
 # --- periods -----------------------------------------------------------------------------
 
 
-def write_slow_parts(folder, suffix, pause_s):
-    """Write two parts: topics of 1 and 2 s, one of which was silent for half a minute, a latched and a rare one."""
+def write_slow_parts(folder, suffix, pause_s, parts=2):
+    """Write parts: topics of 1 and 2 s, one of which was silent for half a minute, a latched and a rare one."""
     times_s = {
         "/fast": range(12),
         "/slow": [*range(0, 20, 2), 50, 52],
@@ -561,7 +575,7 @@ def write_slow_parts(folder, suffix, pause_s):
         "/tf_static": range(0, 50, 5),
     }
     text = b"\x05\0\0\0text\0" if suffix == ".bag" else b"\0\1\0\0\x05\0\0\0text\0"
-    for number in range(2):
+    for number in range(parts):
         path = folder / f"drive_{number}{suffix}"
         writing = folder / "writing" if suffix == ".db3" else path
         with ExitStack() as stack:
@@ -590,18 +604,19 @@ def test_a_pause_may_take_three_median_periods_of_the_slowest_topic_that_is_regu
 
 def test_periods_are_read_once_and_only_where_they_decide(tmp_path, monkeypatch):
     (state := tmp_path / ".state").mkdir()
-    looked, look = [], seeing._longest_period_ns
+    looked, look = [], seeing._with_period
     monkeypatch.setattr(
-        seeing, "_longest_period_ns", lambda path, *of: looked.append(path.name) or look(path, *of)
+        seeing, "_with_period", lambda facts, path: looked.append(path.name) or look(facts, path)
     )
     for name, pause_s in (("soon", 2), ("pause", 6), ("hour", 3600)):
         (tmp_path / name).mkdir()
-        write_slow_parts(tmp_path / name, ".mcap", pause_s)
+        write_slow_parts(tmp_path / name, ".mcap", pause_s, parts=3)
     for _ in range(2):
         monkeypatch.setattr(join_parts, "_judged", {})  # as in another process
         found = list(discover(bags(tmp_path).with_state(state)).recordings)
-        assert found == ["hour__drive_0.mcap", "hour__drive_1.mcap", "pause__drive.mcap", "soon__drive.mcap"]
-        assert looked == ["drive_0.mcap", "drive_1.mcap"]
+        alone = [f"hour__drive_{number}.mcap" for number in range(3)]
+        assert found == [*alone, "pause__drive.mcap", "soon__drive.mcap"]
+        assert looked == [f"drive_{number}.mcap" for number in range(3)]
 
 
 # --- killed recorders --------------------------------------------------------------------

@@ -22,6 +22,7 @@ from bagassets.forkserver.client import Client
 from bagassets.propose.project import dagster_home
 from bagassets.recipe import load_recipe
 from bagassets_tests.in_process import make_project
+from bagassets_tests.series import write_parts
 
 WAIT_S = 120
 pytestmark = pytest.mark.long
@@ -89,9 +90,11 @@ def project(tmp_path, slurm, projects):
 
 
 def test_a_project_is_built_by_slurm_and_equals_the_one_built_here(project, projects, slurm):
+    write_parts(project.parent / "bags" / "drive.bag", (0.7, 1.33), 2.0)
     done = build(project)
-    assert "3 built" in done.stdout
-    assert re.search(r"a\.bag: Slurm job \d+ on n[12]", done.stderr)
+    assert "4 built" in done.stdout
+    for key in ("a.bag", "drive.bag"):  # the second is in three files
+        assert re.search(rf"{re.escape(key)}: Slurm job \d+ on n[12]", done.stderr)
     assert {run.tags["slurm/node"] for run in runs(project)} <= {"n1", "n2"}
     by_slurm = content(project.parent / "dataset")
     here = make_project(project.parent.with_name("here"), ())

@@ -1,8 +1,8 @@
-"""What drives in several files cost: a build of one, beside the same drive in one file, and finding 10,000 of them.
+"""What drives in several files cost: a build of one, beside the same drive in one file, and looking for 10,000 files again.
 
 Builds from nothing, by turns::
 
-    python -m benchmarks.series [--seconds 5] [--parts 5] [--times 5] [--json FILE]
+    python -m benchmarks.series [--seconds 5] [--parts 5] [--times 5] [--files 10000] [--json FILE]
 """
 
 import argparse
@@ -33,7 +33,6 @@ from benchmarks.resources import Used, run_watched
 __all__ = ["series_table"]
 
 _FORMATS: dict[str, RecordingFormat] = {".bag": "ros1", ".mcap": "mcap"}
-_FILES = 10_000
 _ROUNDS = 15
 
 
@@ -42,6 +41,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=5.0, help="length of the drive; 90 MB per second")
     parser.add_argument("--parts", type=int, default=5)
     parser.add_argument("--times", type=int, default=5)
+    parser.add_argument("--files", type=int, default=10_000, help="how many are looked for")
     parser.add_argument("--json", type=Path, help="write the figures here")
     chosen = parser.parse_args()
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
@@ -49,7 +49,8 @@ def main() -> None:
             "seconds": chosen.seconds,
             "parts": chosen.parts,
             "builds": builds(Path(folder), chosen.seconds, chosen.parts, chosen.times),
-            "discovery": discovery(Path(folder) / "many"),
+            "discovery": discovery(Path(folder) / "many", chosen.files),
+            "files": chosen.files,
         }
     print(series_table(figures), flush=True)
     if chosen.json:
@@ -64,7 +65,7 @@ def series_table(figures: dict[str, Any]) -> str:
             whole, cut = (statistics.median(one[what] for one in taken[shape]) for shape in ("whole", "cut"))
             rows.append([f"build, {suffix}, {what}", whole, cut, cut / whole])
     alone, row = (statistics.median(figures["discovery"][name]) for name in ("alone", "row"))
-    rows.append([f"discovery of {_FILES:,} files, cpu_s", alone, row, row / alone])
+    rows.append([f"discovery of {figures['files']:,} files, cpu_s", alone, row, row / alone])
     return markdown(
         ["medians", "one file, or not numbered", f"{figures['parts']} parts, or one row", "ratio"], rows
     )
@@ -134,11 +135,11 @@ def _cut_mcap(drive: Path, cuts_s: list[float], paths: list[Path], stack: ExitSt
         writers[number].add_message(channels[number][message.topic], time_ns, bytes(message.data), time_ns)
 
 
-def discovery(folder: Path) -> dict[str, list[float]]:
+def discovery(folder: Path, files: int) -> dict[str, list[float]]:
     """Return the processor time of looking for files again, in one numbered row and otherwise, by turns."""
     taken: dict[str, list[float]] = {}
     for name, stem in (("alone", "drive-"), ("row", "drive_")):
-        for number in range(_FILES):
+        for number in range(files):
             _write_small(folder / name / f"{stem}{number}.mcap", number)
         discover(Bags(root=folder / name))
         taken[name] = []

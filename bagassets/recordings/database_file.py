@@ -13,14 +13,8 @@ from bagassets.recipe.model import Limits
 from bagassets.recordings.damage import DamageError
 from bagassets.recordings.journals import without_journals
 from bagassets.recordings.model import Definition, OnRead, RawMessage
-from bagassets.recordings.recording import Recording
-from bagassets.recordings.topic import (
-    RefusedBytes,
-    TopicSource,
-    is_transient_local,
-    merge_topics,
-    normalise_msgtype,
-)
+from bagassets.recordings.recording import FileRecording
+from bagassets.recordings.topic import RefusedBytes, TopicSource, is_transient_local, normalise_msgtype
 
 __all__ = ["Database", "DatabaseRecording", "serialization_problem"]
 
@@ -145,7 +139,7 @@ class Database:
         self._connection.close()
 
 
-class DatabaseRecording(Recording):
+class DatabaseRecording(FileRecording[Database]):
     """One `.db3` file with CDR messages."""
 
     def __init__(
@@ -155,24 +149,10 @@ class DatabaseRecording(Recording):
         limits: Limits,
         on_read: OnRead | None = None,
     ) -> None:
-        self._database = Database(path, limits, on_read)
-        try:
-            self._sources = self._database.sources(self._database.counts())
-            topics = merge_topics(path, self._sources.values(), message_definitions, limits)
-            super().__init__(path, "ros2", topics)
-        except BaseException:
-            self.close()
-            raise
+        file = Database(path, limits, on_read)
+        super().__init__(path, "ros2", file, lambda: file.sources(file.counts()), message_definitions, limits)
 
     def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
         wanted = self._carrying(topics, self._sources)
-        for number, log_time_ns, data in self._database.messages(wanted.keys()):
+        for number, log_time_ns, data in self._file.messages(wanted.keys()):
             yield RawMessage(*wanted[number], log_time_ns, data)
-
-    def span_ns(self) -> tuple[int, int] | None:
-        """Return first and last log time; None without messages."""
-        return self._database.span_ns()
-
-    def close(self) -> None:
-        """Close the file."""
-        self._database.close()

@@ -12,6 +12,7 @@ from operator import attrgetter
 from pathlib import Path
 
 from bagassets.errors import RecordingError
+from bagassets.garbage import uncollected
 from bagassets.recipe.model import Bags
 from bagassets.recordings.globs import literal_glob, matches, may_match_within
 from bagassets.recordings.join_parts import Joined, join_parts
@@ -91,6 +92,7 @@ class Discovery:
         return tuple(sorted(set(missing) - self.unseen(missing)))
 
 
+@uncollected()
 def discover(bags: Bags, *, joined: bool = True) -> Discovery:
     """Return the recordings that the recipe's `bags` select.
 

@@ -2,6 +2,8 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
+from operator import attrgetter
 from pathlib import Path, PurePosixPath
 
 from bagassets.quantities import count_text
@@ -16,6 +18,8 @@ FOR_NOW = "cannot be read for now"
 
 _NO_PARTS = "bags.series says that it is one drive, but there are not two numbered files of it; correct its name there"
 
+
+_AS_IT_IS = attrgetter("relative", "size", "mtime_ns")
 
 # First file -> path, size and time of each file, and what was decided: sensors look at the same files every few seconds.
 _judged: dict[str, tuple[list[tuple[str, int, int]], Verdict]] = {}
@@ -79,8 +83,7 @@ def _verdict(joined: Joined, bags: Bags, candidate: Candidate) -> tuple[Verdict,
     if answer is not None:
         return Verdict(tuple(numbers)) if answer else Verdict(), ""
     files = [joined.recordings[path] for path in numbers]
-    as_it_is = [(one.relative, one.size, one.mtime_ns) for one in files]
-    for_now = ""
+    as_it_is, for_now = list(map(_AS_IT_IS, files)), ""
     before, verdict = _judged.get(str(files[0].path), ([], Verdict()))
     if before != as_it_is:
         from bagassets.recordings.part_facts import ForNow, facts_of_parts  # noqa: PLC0415  (most folders have no series)
@@ -130,16 +133,16 @@ def _leave_out(
 
 
 def _join(joined: Joined, whole: str, paths: Sequence[str], key_of: Callable[[str], str]) -> None:
-    parts = tuple(joined.recordings.pop(path) for path in paths)
+    parts = tuple(map(joined.recordings.pop, paths))
     root = Path(str(parts[0].path).removesuffix(parts[0].relative))
     joined.recordings[whole] = RecordingFiles(
         key_of(whole),
         whole,
         root / whole,
         parts[0].format,
-        tuple(file for part in parts for file in part.files),
-        sum(part.size for part in parts),
-        max(part.mtime_ns for part in parts),
+        tuple(chain.from_iterable(map(attrgetter("files"), parts))),
+        sum(map(attrgetter("size"), parts)),
+        max(map(attrgetter("mtime_ns"), parts)),
         parts,
     )
 

@@ -21,15 +21,9 @@ from bagassets.recordings.damage import DamageError
 from bagassets.recordings.mcap_chunk import MESSAGE_HEADER, MessagePlaces, load_chunk
 from bagassets.recordings.mcap_index import ChunkPlace, read_index, walk
 from bagassets.recordings.model import Definition, OnRead, RawMessage
-from bagassets.recordings.recording import Recording
+from bagassets.recordings.recording import FileRecording
 from bagassets.recordings.sizes import Sizes
-from bagassets.recordings.topic import (
-    UNKNOWN,
-    TopicSource,
-    is_transient_local,
-    merge_topics,
-    normalise_msgtype,
-)
+from bagassets.recordings.topic import UNKNOWN, TopicSource, is_transient_local, normalise_msgtype
 
 __all__ = ["McapFile", "McapRecording"]
 
@@ -191,7 +185,7 @@ class _OpenChunk:
             self.time_ns, self.channel, self.begin, self.end = next(self._places)
 
 
-class McapRecording(Recording):
+class McapRecording(FileRecording[McapFile]):
     """A bare `.mcap` file with CDR or ROS 1 messages; other encodings cost their topic."""
 
     def __init__(
@@ -201,31 +195,17 @@ class McapRecording(Recording):
         limits: Limits,
         on_read: OnRead | None = None,
     ) -> None:
-        self._file = McapFile(path, limits, on_read)
-        try:
-            self._sources = self._file.sources()
-            topics = merge_topics(path, self._sources.values(), message_definitions, limits)
-            super().__init__(path, "mcap", topics)
-        except BaseException:
-            self._file.close()
-            raise
+        file = McapFile(path, limits, on_read)
+        super().__init__(path, "mcap", file, file.sources, message_definitions, limits)
 
     def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
         wanted = self._carrying(topics, self._sources)
         for channel, log_time_ns, data in self._file.messages(wanted.keys()):
             yield RawMessage(*wanted[channel], log_time_ns, data)
 
-    def span_ns(self) -> tuple[int, int] | None:
-        """Return first and last log time; None without messages, or if the file does not say."""
-        return self._file.span_ns()
-
     def check_content(self) -> None:
         """Verify the checksum of every chunk that is read from now on."""
         self._file.check = True
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
 
 
 def _definition(schema: Schema | None) -> Definition:

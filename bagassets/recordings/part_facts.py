@@ -2,13 +2,14 @@
 
 import json
 import time
-from collections import defaultdict
 from collections.abc import Callable, Sequence
 from contextlib import closing
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bagassets.errors import BagAssetsError
 from bagassets.freshness.cache import Cache, Changes
@@ -55,9 +56,10 @@ def facts_of_parts(parts: Sequence[RecordingFiles], bags: Bags) -> list[_Facts]:
         is_known = (size, mtime_ns) == (part.size, part.mtime_ns)
         facts.append(known if is_known else _settled_facts(part, bags.settle_s))
     readable = [(number, one) for number, one in enumerate(facts) if isinstance(one, PartFacts)]
-    for (first, one), (second, other) in pairwise(readable):
-        if periods_matter(one, other):
-            facts[first], facts[second] = (_with_period(parts[n].path, facts[n]) for n in (first, second))
+    for pair in pairwise(readable):
+        for number, one in pair if periods_matter(pair[0][1], pair[1][1]) else ():
+            if facts[number] is one and one.period_ns is None:
+                facts[number] = _tried(parts[number].path, partial(_with_period, one))
     now = {
         part.relative: (part.size, part.mtime_ns, one)
         for part, one in zip(parts, facts, strict=True)
@@ -99,13 +101,6 @@ def part_facts(path: Path) -> _Facts:
     return _tried(path, _facts)
 
 
-def _with_period(path: Path, facts: _Facts) -> _Facts:
-    """Return facts with the longest of the median periods of topics."""
-    if not isinstance(facts, PartFacts) or facts.period_ns is not None:
-        return facts
-    return _tried(path, lambda path: facts._replace(period_ns=_longest_period_ns(path, facts.latched)))
-
-
 def _tried(path: Path, look: Callable[[Path], _Facts]) -> _Facts:
     try:
         refuse_pointer(path)
@@ -128,15 +123,16 @@ def _facts(path: Path) -> _Facts:
     return PartFacts({one.topic: one.msgtype for one in sources}, latched_topics(sources), *span_ns)
 
 
-def _longest_period_ns(path: Path, latched: Sequence[str]) -> int:
-    """Return the longest of the median periods of topics; 0 without a topic that has one."""
+def _with_period(facts: PartFacts, path: Path) -> PartFacts:
+    """Return facts with the longest of the median periods of topics."""
     with closing(_opened(path, IndexReader)) as file:
         sources, times = file.sources(), file.log_times()
-    of_topics = defaultdict(list)
-    for number, source in sources.items():
-        of_topics[source.topic].append(times.get(number, np.empty(0, np.int64)))
-    together = [np.sort(np.concatenate(some)) for topic, some in of_topics.items() if topic not in latched]
-    return max((int(np.median(np.diff(one))) for one in together if len(one) >= _REGULAR), default=0)
+    of_topics: dict[str, list[NDArray[np.int64]]] = {}
+    for number in times.keys() & sources.keys():
+        of_topics.setdefault(sources[number].topic, []).append(times[number])
+    together = [np.sort(np.concatenate(of_topics[topic])) for topic in of_topics.keys() - facts.latched]
+    periods = [int(np.median(np.diff(one))) for one in together if len(one) >= _REGULAR]
+    return facts._replace(period_ns=max(periods, default=0))
 
 
 def _opened(path: Path, reader: type[IndexReader]) -> IndexReader | McapFile | Database:

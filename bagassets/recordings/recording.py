@@ -2,16 +2,17 @@
 
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Self
+from typing import Generic, Protocol, Self, TypeVar
 
 from bagassets.errors import BagAssetsError
+from bagassets.recipe.model import Limits
 from bagassets.recordings.damage import DamageError, unreadable
 from bagassets.recordings.model import Format, Message, RawMessage
-from bagassets.recordings.topic import ForeignBytes, RefusedBytes, Topic, TopicSource
+from bagassets.recordings.topic import ForeignBytes, RefusedBytes, Topic, TopicSource, merge_topics
 
-__all__ = ["Recording", "RestrictedRecording"]
+__all__ = ["FileRecording", "Recording", "RestrictedRecording"]
 
 _BYTES = (bytes, memoryview, bytearray)
 _FIRST_NS, _LAST_NS = -(2**63), 2**63 - 1
@@ -116,6 +117,55 @@ class Recording(ABC):
 
     def __exit__(self, *exc: object) -> None:
         self.close()
+
+
+class _File(Protocol):
+    def span_ns(self) -> tuple[int, int] | None: ...
+
+    def close(self) -> None: ...
+
+
+F = TypeVar("F", bound=_File)
+
+
+class FileRecording(Recording, Generic[F]):
+    """A recording of one file, which is closed with it, or if it has no topics that can be.
+
+    Args:
+        path: the file.
+        file_format: its format.
+        file: the open file.
+        sources: returns connection -> topic, type and definition.
+        message_definitions: folders of `.msg` files.
+        limits: of the recipe.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        file_format: Format,
+        file: F,
+        sources: Callable[[], dict[int, TopicSource]],
+        message_definitions: Sequence[Path],
+        limits: Limits,
+    ) -> None:
+        self._file = file
+        self._limits = limits
+        try:
+            self._sources = sources()
+            topics = merge_topics(path, self._sources.values(), message_definitions, limits)
+            super().__init__(path, file_format, topics)
+        except BaseException:
+            file.close()
+            raise
+
+    def span_ns(self) -> tuple[int, int] | None:
+        """Return first and last log time, as its index says."""
+        return self._file.span_ns()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
 
 
 class RestrictedRecording(Recording):

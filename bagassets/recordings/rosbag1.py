@@ -24,9 +24,9 @@ from bagassets.recordings.chunks import LatestChunks, detached
 from bagassets.recordings.damage import DamageError
 from bagassets.recordings.decompress import TooLargeError, decompress
 from bagassets.recordings.model import Definition, OnRead, RawMessage
-from bagassets.recordings.recording import Recording
+from bagassets.recordings.recording import FileRecording
 from bagassets.recordings.sizes import Sizes
-from bagassets.recordings.topic import TopicSource, merge_topics, normalise_msgtype
+from bagassets.recordings.topic import TopicSource, normalise_msgtype
 
 __all__ = ["IndexReader", "Rosbag1Recording", "SummaryReader"]
 
@@ -49,53 +49,6 @@ class _Index:
     times_ns: NDArray[np.int64]
     positions: NDArray[np.int64]
     offsets: NDArray[np.int64]
-
-
-class Rosbag1Recording(Recording):
-    """A ROS 1 bag, plain or compressed with lz4 or bz2."""
-
-    def __init__(
-        self,
-        path: Path,
-        message_definitions: Sequence[Path],
-        limits: Limits,
-        on_read: OnRead | None = None,
-    ) -> None:
-        self._limits = limits
-        self._reader = IndexReader(path, limits, on_read)
-        self._reader.open()
-        try:
-            sources = self._reader.sources().values()
-            super().__init__(path, "ros1", merge_topics(path, sources, message_definitions, limits))
-        except BaseException:
-            self._reader.close()
-            raise
-
-    def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
-        reader = self._reader
-        chunks = LatestChunks(reader.load, self._limits.chunk_bytes, reader.sizes.unpacked_bytes)
-        records = [
-            _Records(connection.id, connection.topic, self.topics[connection.topic].type_of(msgtype))
-            for connection in reader.connections
-            if connection.topic in topics
-            for msgtype in (normalise_msgtype(connection.msgtype),)
-        ]
-        loaded, chunk = -1, b""
-        for number, time_ns, position, offset in _in_order([reader.index(r.connection) for r in records]):
-            record = records[number]
-            if position != loaded:
-                chunk = chunks.at(position)
-                loaded = position
-            data = detached(record.data(chunk, time_ns, offset))
-            yield RawMessage(record.topic, record.msgtype, time_ns, data)
-
-    def span_ns(self) -> tuple[int, int] | None:
-        """Return first and last log time; None without messages."""
-        return self._reader.span_ns()
-
-    def close(self) -> None:
-        """Close the file."""
-        self._reader.close()
 
 
 class IndexReader(rosbag1.Reader):
@@ -232,6 +185,39 @@ class IndexReader(rosbag1.Reader):
             return decompress(packed, compression, unpacked_bytes)
         except TooLargeError:
             raise DamageError(f"the chunk at byte {position} holds more than it announces") from None
+
+
+class Rosbag1Recording(FileRecording[IndexReader]):
+    """A ROS 1 bag, plain or compressed with lz4 or bz2."""
+
+    def __init__(
+        self,
+        path: Path,
+        message_definitions: Sequence[Path],
+        limits: Limits,
+        on_read: OnRead | None = None,
+    ) -> None:
+        reader = IndexReader(path, limits, on_read)
+        reader.open()
+        super().__init__(path, "ros1", reader, reader.sources, message_definitions, limits)
+
+    def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
+        reader = self._file
+        chunks = LatestChunks(reader.load, self._limits.chunk_bytes, reader.sizes.unpacked_bytes)
+        records = [
+            _Records(connection.id, connection.topic, self.topics[connection.topic].type_of(msgtype))
+            for connection in reader.connections
+            if connection.topic in topics
+            for msgtype in (normalise_msgtype(connection.msgtype),)
+        ]
+        loaded, chunk = -1, b""
+        for number, time_ns, position, offset in _in_order([reader.index(r.connection) for r in records]):
+            record = records[number]
+            if position != loaded:
+                chunk = chunks.at(position)
+                loaded = position
+            data = detached(record.data(chunk, time_ns, offset))
+            yield RawMessage(record.topic, record.msgtype, time_ns, data)
 
 
 class SummaryReader(IndexReader):

@@ -6,7 +6,6 @@ their drives the same way, so names alone say nothing, and what is not sure is a
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from functools import lru_cache
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -77,23 +76,24 @@ class Verdict(NamedTuple):
 
 def candidates(paths: Iterable[str]) -> Iterator[Candidate]:
     """Yield the groups of files whose names fit a series, from paths below the bag root."""
-    groups: dict[tuple[str, bool, str], list[tuple[str, int, str]]] = {}
+    numbered: dict[tuple[str, str], list[tuple[int, str]]] = {}
     for path in paths:
-        found = _NUMBERED.fullmatch(path)
-        if found is not None:
+        if found := _NUMBERED.fullmatch(path):
             stem, number, suffix = found.groups()
-            groups.setdefault((*_undated(stem), suffix), []).append((stem, int(number), path))
-    for (_, is_dated, suffix), files in groups.items():
-        runs = list(_runs(sorted(files))) if len(files) > 1 else []
+            numbered.setdefault((stem, suffix), []).append((int(number), path))
+    groups: dict[tuple[str, bool, str], list[tuple[int, str]]] = {}
+    for (stem, suffix), files in sorted(numbered.items()):  # by date, where recorders wrote it into names
+        groups.setdefault((*_undated(stem), suffix), []).extend(sorted(files))
+    for (_, is_dated, _), files in groups.items():
+        runs = list(_runs(files)) if len(files) > 1 else []
         if is_dated or len(runs) == 1:  # else a number stands twice, as in `drive_1` and `drive_01`
             for run in runs:
-                missing = run[-1][1] - run[0][1] + 1 - len(run)
+                missing = run[-1][0] - run[0][0] + 1 - len(run)
                 # Where most numbers are missing, they count something else, such as seconds.
                 if len(run) > 1 and missing < len(run):
-                    yield Candidate(run[0][0] + suffix, {path: number for _, number, path in run})
+                    yield Candidate(_NUMBERED.sub(r"\1\3", run[0][1]), {path: number for number, path in run})
 
 
-@lru_cache(maxsize=100)
 def _undated(stem: str) -> tuple[str, bool]:
     """Return a path without the date at its end, and whether there was one."""
     folder, slash, name = stem.rpartition("/")
@@ -107,15 +107,11 @@ def whole_of(path: str) -> str | None:
     return None if found is None else found[1] + found[3]
 
 
-def _runs(files: Sequence[tuple[str, int, str]]) -> Iterator[list[tuple[str, int, str]]]:
+def _runs(files: Sequence[tuple[int, str]]) -> Iterator[Sequence[tuple[int, str]]]:
     """Yield runs of files with ascending numbers; the dates of `rosbag record` tell several drives apart."""
-    run: list[tuple[str, int, str]] = []
-    for one in files:
-        if run and one[1] <= run[-1][1]:
-            yield run
-            run = []
-        run.append(one)
-    yield run
+    begins = [n for n in range(1, len(files)) if files[n][0] <= files[n - 1][0]]
+    for begin, end in pairwise([0, *begins, len(files)]):
+        yield files[begin:end]
 
 
 def judge(parts: Sequence[Part]) -> Verdict:
@@ -126,11 +122,16 @@ def judge(parts: Sequence[Part]) -> Verdict:
     readable = [(part.name, part.facts) for part in parts if isinstance(part.facts, PartFacts)]
     if len(readable) < 2:
         return Verdict()
-    reasons = [_gap_in_numbers(parts), *(_compare(*one, *other) for one, other in pairwise(readable))]
-    if not any(reasons):
+    while isinstance(parts[-1].facts, str):
+        parts = parts[:-1]
+    reasons = [f"{part.name} cannot be read ({part.facts})" for part in parts if isinstance(part.facts, str)]
+    numbers = pairwise(part.number for part in parts)
+    reasons += [f"number {one + 1} is missing" for one, other in numbers if other > one + 1]
+    reasons += [reason for one, other in pairwise(readable) if (reason := _compare(*one, *other))]
+    if not reasons:
         return Verdict(tuple(name for name, _ in readable))
     groups = _near(readable)
-    return Verdict((), next(filter(None, reasons)), groups) if groups else Verdict()
+    return Verdict((), reasons[0], groups) if groups else Verdict()
 
 
 def periods_matter(one: PartFacts, other: PartFacts) -> bool:
@@ -166,17 +167,4 @@ def _compare(before: str, one: PartFacts, name: str, other: PartFacts) -> str:
         if topics:
             more = f" and {len(topics) - 1} more" if len(topics) > 1 else ""
             return f"{before} and {name} differ in topic {topics[0]}{more}"
-    return ""
-
-
-def _gap_in_numbers(parts: Sequence[Part]) -> str:
-    """Return which part is missing between the first and the last readable one, or cannot be read; "" if none."""
-    there = {part.number: part for part in parts}
-    last = max(part.number for part in parts if isinstance(part.facts, PartFacts))
-    for number in range(parts[0].number, last):
-        part = there.get(number)
-        if part is None:
-            return f"number {number} is missing"
-        if isinstance(part.facts, str):
-            return f"{part.name} cannot be read ({part.facts})"
     return ""
