@@ -150,9 +150,9 @@ def _build(
                 yield dg.MaterializeResult(asset_key=asset, data_version=dg.DataVersion(made.data_version))
                 done.add(made.asset)
         except BuildFailure as err:
-            rest = _not_begun(context, workspace, names, wanted, wanted - done)
             try:
-                make_not_begun(context, workspace, source, rest, recording_lock)
+                if rest := _not_begun(context, workspace, names, wanted, wanted - done):
+                    make_not_begun(context, workspace, source, rest, recording_lock)
             except BuildFailure as more:
                 raise BuildFailure({**err.errors, **more.errors}, source.recording.path) from None
             raise

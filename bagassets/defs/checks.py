@@ -100,7 +100,7 @@ def run_checks(
         BagAssetsError: an artifact is missing.
     """
     rig = choose_rig(workspace.recipe, *recording.names)
-    if rig is None:
+    if rig is None or not any(wanted.values()):
         return
     evidence = Evidence(workspace.recipe, rig, workspace.store, artifact)
     if skip_reason(workspace.recipe, rig, evidence.inventory) is not None:
