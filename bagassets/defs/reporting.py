@@ -222,7 +222,7 @@ def _said_of(sentences: Mapping[str, str]) -> dg.MarkdownMetadataValue:
     Dagster gives a table the width of its longest words, of which a narrow window shows the left; the lines of a list wrap.
     """
     told = told_once(((), key, without_path(key, text)) for key, text in sentences.items())
-    lines = [f"- **{markdown(one.title)}**: {markdown(one.text)}" for one in told]
+    lines = [f"- {markdown(one.title)}: {markdown(one.text)}" for one in told]
     shown, rest = len(lines), ""
     while shown > 1 and len("\n".join(lines[:shown])) + len(rest) >= _SHOWN_AT_ONCE:
         shown -= 1
