@@ -2,13 +2,13 @@
 
 import shutil
 
-import dagster as dg
 from dagster._core.storage.partition_status_cache import get_and_update_asset_status_cache_value
 
 from bagassets.build.build_report import BuildOptions
 from bagassets.defs.events import live_partitions
 from bagassets.defs.location import build_definitions
 from bagassets.defs.naming import Naming
+from bagassets.defs.not_made import last_failure
 from bagassets.defs.pending_work import find_pending_work, open_project
 from bagassets.propose.project import write_project
 from bagassets_tests.in_process import QUICK
@@ -56,6 +56,11 @@ def result(recipe_file):
             },
             "dataset is current": pending.dataset_is_current,
             "shown": shown,
+            "why": {
+                f"{key} {name}": last_failure(instance, workspace.names, name, key)
+                for name, of_asset in shown.items()
+                for key in of_asset["failed"]
+            },
             "registered": live_partitions(instance, Naming("test")),
         }
 
@@ -77,7 +82,3 @@ def files(folder):
         for path in sorted(folder.rglob("*"))
         if path.is_file()
     }
-
-
-def latest(instance, asset):
-    return instance.get_latest_materialization_event(dg.AssetKey(asset))
