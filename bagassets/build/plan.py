@@ -118,7 +118,7 @@ class BagPlan:
     rig: str = ""
     touched: bool = False
     outdated: frozenset[str] = frozenset()
-    findings: tuple[tuple[str, str, str], ...] | None = None
+    findings: tuple[tuple[str, str, str], ...] | None = field(default=None, compare=False)
 
     @property
     def skipped(self) -> str | None:
