@@ -100,9 +100,10 @@ def _bag_state(
         return digest, stat, AssetState("missing", "new recording", digest)
     if digest == recorded.data_version:
         return digest, stat, AssetState("record-only", "touched, content unchanged", digest)
-    reason = f"{why}; its content has to be read" if digest is None else "content changed"
     differing = _differing_parts(recording, recorded.stat, stat)
-    return digest, stat, AssetState("stale", f"{differing}; {reason}" if differing else reason, digest)
+    changed = f"content changed: {differing}" if differing else "content changed"
+    reason = f"{differing or why}; its content has to be read" if digest is None else changed
+    return digest, stat, AssetState("stale", reason, digest)
 
 
 def _differing_parts(recording: RecordingFiles, before: RecordingStat | None, now: RecordingStat) -> str:
