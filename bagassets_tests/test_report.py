@@ -25,7 +25,7 @@ from bagassets.report.trajectory_map import MapRoute, trajectory_map_page
 from bagassets.report.write import write_page
 from bagassets.sample.drive import Target, write_recordings
 from bagassets.sample.recipe import sample_recipe
-from bagassets.splits import deal, shares_of
+from bagassets.splits import SplitShare, deal, shares_of
 from bagassets.store.store import Store
 from bagassets_tests.sample_drives import build_recordings
 
@@ -422,6 +422,10 @@ class TestGathered:
         assert "1 recording 2.1 seconds" in page
         assert "2 recordings" not in page
         assert "drive_0001 copy the same content as drive_0000" in page
+
+    def test_a_deviation_of_nothing_has_no_minus(self, tmp_path):
+        share = SplitShare("train", asked=0.8, recordings=3, duration_s=80.1, share=0.7999)
+        assert "80.0% 80.0% +0.0%" in Page(report_page(ReportData("yard", tmp_path, [], shares=[share]))).text
 
     def test_time_is_that_of_scenes_as_in_the_dataset(self, built):
         recipe, made = built

@@ -146,6 +146,7 @@ def test_reasons_are_a_list_whose_lines_wrap_and_not_a_table():
         {}, {"short.bag": "1.0 s long, bags.min_duration_s asks for 2 s"}, {"nuscenes": why}
     )
     found = inputs_metadata(inputs)
+    assert list(found) == ["why_failed", "why_skipped", "recordings", "skipped", "failed"]
     assert found["why_failed"].value.splitlines() == [
         r"- monday\_\_cut.bag: its index is damaged; copy it again.",
         f"- other.bag: {PATH}: its index is damaged; copy it again.",

@@ -145,12 +145,8 @@ def _shown(value: Json) -> object:
 
 def inputs_metadata(inputs: DatasetInputs) -> Metadata:
     """Return the number of recordings that enter the dataset, and why others are left out."""
-    metadata: Metadata = dict(inputs.as_json())
-    failed = inputs.failed.get(MAIN.name, {})
-    for name, reasons in (("why_failed", failed), ("why_skipped", inputs.skipped)):
-        if reasons:
-            metadata[name] = _said_of(reasons)
-    return metadata
+    reasons = {"why_failed": inputs.failed.get(MAIN.name, {}), "why_skipped": inputs.skipped}
+    return {name: _said_of(why) for name, why in reasons.items() if why} | inputs.as_json()
 
 
 def dataset_metadata(summary: DatasetSummary, failed: Mapping[str, str]) -> Metadata:
@@ -292,7 +288,7 @@ def _split_table(shares: Sequence[SplitShare]) -> dg.MarkdownMetadataValue:
             share.recordings,
             f"{share.duration_s:.1f} s",
             f"{share.share:.1%}",
-            f"{share.asked:.1%} ({share.deviation:+.1%})",
+            f"{share.asked:.1%} ({share.deviation:+z.1%})",
         )
         for share in shares
     ]

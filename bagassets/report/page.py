@@ -141,7 +141,7 @@ def _split_table(shares: Sequence[SplitShare]) -> str:
         return ""
     rows = "".join(
         f"<tr><td>{html(share.name)}</td><td class=n>{share.recordings}</td><td class=n>{share.duration_s:,.1f}</td>"
-        f"<td class=n>{share.share:.1%}</td><td class=n>{share.asked:.1%}</td><td class=n>{share.deviation:+.1%}</td></tr>"
+        f"<td class=n>{share.share:.1%}</td><td class=n>{share.asked:.1%}</td><td class=n>{share.deviation:+z.1%}</td></tr>"
         for share in shares
     )
     head = "<th>split</th>" + "".join(
