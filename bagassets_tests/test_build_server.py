@@ -10,6 +10,7 @@ import sys
 import time
 from contextlib import closing
 from functools import partial
+from pathlib import Path
 from unittest.mock import Mock
 
 import dagster as dg
@@ -27,7 +28,7 @@ from bagassets.defs.exclusive import exclusive
 from bagassets.defs.runs import open_instance
 from bagassets.defs.worker_tag import RunWorker
 from bagassets.errors import BagAssetsError
-from bagassets.forkserver.client import Client
+from bagassets.forkserver.client import Client, ServerRefusedError
 from bagassets.forkserver.process import ProcessId
 from bagassets.forkserver.tasks import find_server
 from bagassets.freshness.decide import plain_build
@@ -298,7 +299,24 @@ def test_a_killed_worker_fails_its_recording_and_the_build_goes_on(built):
     assert recipe.nuscenes.output.is_dir()
 
 
-@pytest.mark.parametrize("victim", ["planner", pytest.param("server", marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    "end",
+    [
+        {"event": "killed", "job": "1", "reason": "The worker was killed by SIGKILL."},
+        ServerRefusedError("the fork server is gone."),
+    ],
+)
+def test_a_lost_planner_or_server_is_no_riddle(end):
+    client = Mock(submit=Mock(return_value="1"), wait=Mock(side_effect=[None, end]))
+    with pytest.raises(BagAssetsError, match="was killed") as raised:
+        build_on_server(client, Path("recipe.yaml"), BuildOptions(), lambda _: None, None)
+    assert "ts runs end within seconds, what is finished is kept, and the next build carries on." in str(
+        raised.value
+    )
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("victim", ["planner", "server"])
 def test_what_is_killed_says_what_becomes_of_the_build(built, victim):
     text = built.read_text()
     built.write_text(
