@@ -41,14 +41,8 @@ def open_recording(
         opener = partial(
             open_recording, message_definitions=message_definitions, limits=limits, on_read=on_read
         )
-        return SeriesRecording(
-            path,
-            recording.format,
-            [part.path for part in recording.parts],
-            opener,
-            message_definitions,
-            limits,
-        )
+        parts = [part.path for part in recording.parts]
+        return SeriesRecording(path, recording.format, parts, opener, message_definitions, limits)
     if not path.exists():
         raise RecordingError(f"{path}: no such file; it was removed or renamed.")
     if path.is_file() and path.stat().st_size == 0:
