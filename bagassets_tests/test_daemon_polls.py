@@ -7,7 +7,7 @@ import dagster as dg
 from dagster._daemon import cli, controller
 from dagster._daemon.backfill import execute_backfill_iteration_loop
 
-from bagassets.defs import daemon
+from bagassets.defs import daemon, dev
 
 
 def pauses(number=1):
@@ -32,3 +32,19 @@ def test_backfills_are_looked_at_as_often_as_sensors(monkeypatch):
     assert started == ["daemon"]
     [ours] = pauses()
     assert 0 < ours <= daemon.BACKFILL_POLL_S < plain
+
+
+def test_the_web_ui_starts_it(monkeypatch):
+    started, ended = [], SimpleNamespace(poll=lambda: 0, wait=lambda _seconds: 0)
+
+    def start(module, _arguments):
+        started.append(module)
+        return ended, -1
+
+    monkeypatch.setattr(dev, "_start", start)
+    monkeypatch.setattr(dev, "_POLL_S", 0)
+    monkeypatch.setenv("DAGSTER_DISABLE_TELEMETRY", "1")
+    options = SimpleNamespace(host="127.0.0.1", port=1, allow_host=[], log_level="error")
+    with dg.instance_for_test() as instance:
+        dev._serve(instance, options, "workspace.yaml")
+    assert started == ["bagassets.defs.webserver", daemon.__name__]

@@ -8,6 +8,7 @@ Dagster's inner workings are relied upon in these places, too:
 
 - `connections` replaces `create_engine` in Dagster's two SQLite storages, and does nothing if its options have changed;
 - `missing_partition` replaces `AssetSelection` in the module of `dagster asset materialize`, and does nothing if it is unused there;
+- `dataset` has a step look up once more what it reads;
 - `runs` replaces `tail_to_stream` in `compute_logs` while a run is executed;
 - `databases` knows the files and the tables in which Dagster keeps its records, and `bagassets.freshness` reads four of the tables;
 - `code_server` starts `dagster api grpc`, with the variables that `dagster dev` sets;
