@@ -11,6 +11,7 @@ import pytest
 
 from bagassets_tests.postgres_server import PROGRAMS
 from bagassets_tests.slurm_cluster import missing_program
+from benchmarks.doors import doors_table
 from benchmarks.launch import launch_table
 from benchmarks.peers import BAGASSETS, BAZEL, LOOP
 from benchmarks.reader import reader_table
@@ -125,6 +126,21 @@ def test_launch(tmp_path):
     for seconds in found["seconds"].values():
         assert len(seconds) == 5
         assert all(len(taken) == 1 and taken[0] > 0 for taken in seconds.values())
+
+
+def test_doors(tmp_path):
+    json_file = tmp_path / "doors.json"
+    beside = "*Materialize all* in `bagassets ui`, beside"
+    printed = run(
+        "-m", "benchmarks.doors", "--recordings", "7", "--doors", "sensor", beside, "--json", json_file
+    )
+    figures = json.loads(json_file.read_text("utf-8"))
+    assert doors_table(figures) in printed
+    command, sensor, web_ui = figures["doors"]["doors"].values()
+    for one in (sensor, web_ui):
+        assert one["differs"] == []
+        assert (one["datasets"], one["made"]) == (command["datasets"], 5)
+    assert web_ui["backfill"] == "COMPLETED_FAILED"
 
 
 def test_peers_without_peers(tmp_path):

@@ -116,6 +116,23 @@ def test_what_reads_nothing_of_what_failed_is_made(tmp_path, monkeypatch):
     assert differences(found, expected) == {}
 
 
+def test_a_click_on_the_dataset_alone_takes_all_recordings_and_says_so(tmp_path):
+    """What is recorded of its inputs is older: of no recording, or of fewer."""
+    recipe_file = make_door(tmp_path / "project", tmp_path / "bags")
+    job = build_definitions(recipe_file).resolve_implicit_global_asset_job_def()
+    for number, name in enumerate((GOOD, SHORT)):
+        write_drive(tmp_path / "bags" / name, "ros1", duration_s=1.0 + 0.1 * number)
+        with open_project(recipe_file) as (instance, _):
+            add_partitions(instance, Naming("test"), [name])
+            recording = dg.AssetSelection.assets("nuscenes_tables").upstream()
+            for selection, key in ((recording, name), (dg.AssetSelection.assets("nuscenes_dataset"), None)):
+                chosen = sorted(selection.resolve(job.asset_layer.asset_graph))
+                assert job.execute_in_process(
+                    partition_key=key, instance=instance, asset_selection=chosen
+                ).success
+        assert result(recipe_file)["dataset is current"]
+
+
 # --- with Dagster's own programs -----------------------------------------------------------
 
 BACKFILL = """mutation($names: [String!], $assets: [AssetKeyInput!]) {

@@ -19,6 +19,7 @@ from benchmarks.chaos import chaos_table
 from benchmarks.clicks import clicks_table
 from benchmarks.cold import cold_table
 from benchmarks.common import ROOT, median
+from benchmarks.doors import doors_table, tiny_table
 from benchmarks.first_contact import first_contact_table
 from benchmarks.floor import floor_table
 from benchmarks.incremental import incremental_table
@@ -56,6 +57,8 @@ FIGURES: dict[str, tuple[str, Callable[[Any], str]]] = {
     "chaos": ("chaos", chaos_table),
     "clicks": ("clicks", clicks_table),
     "cold": ("cold", cold_table),
+    "doors": ("doors", doors_table),
+    "doors tiny": ("doors", tiny_table),
     "first contact": ("first_contact", first_contact_table),
     "floor": ("floor", floor_table),
     "incremental": ("incremental", incremental_table),

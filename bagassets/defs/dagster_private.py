@@ -8,9 +8,11 @@ Dagster's inner workings are relied upon in these places, too:
 
 - `connections` replaces `create_engine` in Dagster's two SQLite storages, and does nothing if its options have changed;
 - `missing_partition` replaces `AssetSelection` in the module of `dagster asset materialize`, and does nothing if it is unused there;
+- `dataset` has a step look up once more what it reads;
 - `runs` replaces `tail_to_stream` in `compute_logs` while a run is executed;
 - `databases` knows the files and the tables in which Dagster keeps its records, and `bagassets.freshness` reads four of the tables;
-- `code_server` starts `dagster api grpc`, `dev` the daemon by its module, with the variables that `dagster dev` sets;
+- `code_server` starts `dagster api grpc`, with the variables that `dagster dev` sets;
+- `daemon` has backfills looked at more often: their loop reads the interval when it begins;
 - the project's `dagster.yaml` names classes by the modules that Dagster's documentation gives.
 """
 
@@ -65,6 +67,7 @@ if TYPE_CHECKING:
     from dagster._core.workspace.context import BaseWorkspaceRequestContext, WorkspaceProcessContext
     from dagster._core.workspace.load import location_origins_from_yaml_paths
     from dagster._core.workspace.load_target import GrpcServerTarget, WorkspaceFileTarget
+    from dagster._daemon import cli, controller
     from dagster._grpc.client import DagsterGrpcClient
     from dagster._grpc.impl import core_execute_run
     from dagster._serdes import ConfigurableClass, ConfigurableClassData
@@ -152,10 +155,12 @@ _PLACES = {
     "GrpcServerTarget": "dagster._core.workspace.load_target",  # 1.7
     "DagsterGrpcClient": "dagster._grpc.client",  # 1.7
     "DagsterUserCodeUnreachableError": "dagster._core.errors",  # 1.7
-    # `bagassets ui`, which does what `dagster dev` does: `dev`, `webserver`.
+    # `bagassets ui`, which does what `dagster dev` does: `dev`, `daemon`, `webserver`.
     "ProxyServerManager": "dagster._cli.proxy_server_manager",  # 1.11
     "WorkspaceFileTarget": "dagster._core.workspace.load_target",  # 1.7
     "configure_loggers": "dagster._utils.log",  # 1.7
+    "cli": "dagster._daemon",  # 1.7; runs the daemon
+    "controller": "dagster._daemon",  # 1.7; how often it looks at backfills
     "create_app_from_workspace_process_context": "dagster_webserver.app",  # 1.11 or before
     "get_ipc_shutdown_pipe": "dagster_shared.ipc",  # 1.11
     "get_possibly_temporary_instance_for_cli": "dagster._cli.utils",  # 1.7

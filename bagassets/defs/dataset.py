@@ -88,6 +88,18 @@ def record_inputs(instance: dg.DagsterInstance, workspace: Workspace, inputs: Da
         )
 
 
+def _note_inputs(context: dg.AssetExecutionContext, workspace: Workspace, inputs: DatasetInputs) -> None:
+    """See to it that a dataset is recorded as made from `inputs`, also if it is made alone and they were recorded before.
+
+    What a step reads Dagster looks up before the step begins.
+    """
+    recorded = context.instance.get_latest_materialization_event(workspace.names.key(DATASET_INPUTS))
+    tags = recorded.asset_materialization.tags if recorded and recorded.asset_materialization else None
+    if (tags or {}).get(DATA_VERSION) != inputs.digest:
+        record_inputs(context.instance, workspace, inputs)
+        context.op_execution_context.get_step_execution_context().fetch_external_input_asset_version_info()
+
+
 def _provenance(instance: dg.DagsterInstance, workspace: Workspace, inputs: DatasetInputs) -> dict[str, str]:
     """Return tags that point to the newest record of all recordings, which Dagster compares with later ones."""
     tags, names = {}, workspace.names
@@ -154,6 +166,7 @@ def _made_from_inputs(
         workspace: Workspace = getattr(context.resources, names.workspace)
         with errors_explained():
             planned = plan_in_run(context, workspace)
+            _note_inputs(context, workspace, planned.inputs)
             made = make_dataset(context.instance, workspace, planned, asset, context.run.run_id)
             return dg.MaterializeResult(
                 data_version=dg.DataVersion(made.data_version), metadata=made.metadata

@@ -84,7 +84,7 @@ def _serve(instance: DagsterInstance, options: argparse.Namespace, workspace: st
     try:
         services["web server"] = _start("bagassets.defs.webserver", [*listen, *common])
         services["daemon"] = _start(
-            "dagster._daemon",
+            "bagassets.defs.daemon",
             [
                 *("run", "--log-level", options.log_level, "--log-format", "colored"),
                 *("--code-server-log-level", "warning", *common),
