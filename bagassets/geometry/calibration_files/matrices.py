@@ -66,12 +66,8 @@ class MatrixFile(CalibrationFile):
             fields.whole("image_height", "the height of the images in pixels"),
             self._matrix("camera_matrix", "the intrinsic matrix K", 3, 3),
             d,
-            self._matrix("rectification_matrix", "the rectification R", 3, 3)
-            if fields.has("rectification_matrix")
-            else None,
-            self._matrix("projection_matrix", "the projection matrix P", 3, 4)
-            if fields.has("projection_matrix")
-            else None,
+            self._matrix_if_any("rectification_matrix", "the rectification R", 3, 3),
+            self._matrix_if_any("projection_matrix", "the projection matrix P", 3, 4),
         )
 
     def _coefficients(self) -> tuple[float, ...]:
@@ -105,6 +101,9 @@ class MatrixFile(CalibrationFile):
                 f"OpenCV's lenses have 4, 5, 8, 12 or 14 coefficients, found {len(d)}",
             )
         return _BY_LENGTH[len(d)]
+
+    def _matrix_if_any(self, field: str, meaning: str, rows: int, cols: int) -> tuple[float, ...] | None:
+        return self._matrix(field, meaning, rows, cols) if self._fields.has(field) else None
 
     def _matrix(self, field: str, meaning: str, rows: int, cols: int) -> tuple[float, ...]:
         section = self._fields.section(field, meaning)
