@@ -200,34 +200,28 @@ def _absolute_rig(rig: Rig, folder: Path) -> Rig:
 
 
 def _absolute(recipe: Recipe, folder: Path) -> Recipe:
+    def absolute(path: Path) -> Path:
+        return (folder / path).resolve()
+
+    state, definitions = absolute(recipe.state), tuple(map(absolute, recipe.bags.message_definitions))
     bags = recipe.bags.model_copy(
-        update={
-            "root": (folder / recipe.bags.root).resolve(),
-            "message_definitions": tuple((folder / p).resolve() for p in recipe.bags.message_definitions),
-        }
+        update={"root": absolute(recipe.bags.root), "message_definitions": definitions}
     )
-    rigs = tuple(_absolute_rig(rig, folder) for rig in recipe.rigs)
     sections, installed = (
-        {
-            name: section.model_copy(update={"output": (folder / section.output).resolve()})
-            for name, section in given.items()
-        }
+        {name: one.model_copy(update={"output": absolute(one.output)}) for name, one in given.items()}
         for given in (recipe.own_sections, recipe.installed_sections)
     )
-    datasets = tuple(
-        dataset.model_copy(update={"output": (folder / _output_of(dataset)).resolve()})
-        for dataset in recipe.datasets
-    )
     update = {
-        "bags": bags,
-        "rigs": rigs,
+        "bags": bags.with_state(state),
+        "rigs": tuple(_absolute_rig(rig, folder) for rig in recipe.rigs),
         **sections,
         "formats": {**recipe.formats, **installed},
-        "datasets": datasets,
+        "datasets": tuple(
+            one.model_copy(update={"output": absolute(_output_of(one))}) for one in recipe.datasets
+        ),
+        "state": state,
+        "store": None if recipe.store is None else absolute(recipe.store),
     }
-    store = None if recipe.store is None else (folder / recipe.store).resolve()
-    state = (folder / recipe.state).resolve()
-    update |= {"bags": bags.with_state(state), "state": state, "store": store}
     return recipe.model_copy(update=update)
 
 
@@ -254,13 +248,10 @@ def _read_sections(data: JsonMapping) -> tuple[JsonObject, list[Problem]]:
         try:
             sections[name] = model.model_validate_json(json.dumps(value), strict=True)
         except ValidationError as err:
-            problems += _explained_section(name, err, data)
+            problems += [
+                explain({**error, "loc": ("formats", name, *error["loc"])}, data) for error in err.errors()
+            ]
     return sections, problems
-
-
-def _explained_section(name: str, err: ValidationError, data: JsonMapping) -> Iterator[Problem]:
-    for error in err.errors():
-        yield explain({**error, "loc": ("formats", name, *error["loc"])}, data)
 
 
 def _unknown_format(name: str) -> str:
