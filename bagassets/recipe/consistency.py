@@ -25,7 +25,9 @@ def problems_in(recipe: Recipe, data: JsonObject) -> Iterator[Problem]:
     yield from _paths(recipe, data)
     yield from _globs(recipe)
     yield from _scenes(recipe)
-    yield from _nuscenes(recipe)
+    for field in ("categories", "attributes"):
+        entries = enumerate(getattr(recipe.nuscenes, field))
+        yield from _repeated((("nuscenes", field, n, "name"), entry.name) for n, entry in entries)
     yield from _shown_channels(recipe)
     for number, rig in enumerate(recipe.rigs):
         for at, sentence in _rig(rig):
@@ -146,12 +148,9 @@ def _globs(recipe: Recipe) -> Iterator[Problem]:
     globs: list[tuple[tuple[str | int, ...], str]] = [
         *((("bags", "include", n), glob) for n, glob in enumerate(recipe.bags.include)),
         *((("bags", "exclude", n), glob) for n, glob in enumerate(recipe.bags.exclude)),
-        *(
-            (("rigs", r, "match", n), glob)
-            for r, rig in enumerate(recipe.rigs)
-            for n, glob in enumerate(rig.match)
-        ),
     ]
+    for number, rig in enumerate(recipe.rigs):
+        globs += [(("rigs", number, "match", n), glob) for n, glob in enumerate(rig.match)]
     for at, glob in globs:
         if not glob:
             yield at, "an empty glob matches nothing; `**` matches everything"
@@ -192,14 +191,6 @@ def _scenes(recipe: Recipe) -> Iterator[Problem]:
             ("scenes", "length_s"),
             f"{scenes.length_s:g} s is shorter than the time between keyframes ({1.0 / scenes.keyframe_hz:g} s)",
         )
-
-
-def _nuscenes(recipe: Recipe) -> Iterator[Problem]:
-    for field, entries in (
-        ("categories", recipe.nuscenes.categories),
-        ("attributes", recipe.nuscenes.attributes),
-    ):
-        yield from _repeated((("nuscenes", field, n, "name"), entry.name) for n, entry in enumerate(entries))
 
 
 def _repeated(names: Iterable[tuple[tuple[str | int, ...], str]]) -> Iterator[Problem]:

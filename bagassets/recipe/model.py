@@ -71,7 +71,7 @@ class _Channel(Model):
     @property
     def calibration_files(self) -> dict[str, CalibrationFile]:
         """Field -> the calibration file that it names."""
-        return {}
+        return {field: value for field, value in self if isinstance(value, CalibrationFile)}
 
 
 class _PlacedChannel(_Channel):
@@ -108,12 +108,6 @@ class CameraChannel(_Channel):
         None, description="Another K for undistorted images; default: the camera's K."
     )
     to_8bit: GreyRange | None = Field(None, description="How 16-bit grey becomes 8-bit; required for jpeg.")
-
-    @property
-    def calibration_files(self) -> dict[str, CalibrationFile]:
-        """Field -> the calibration file that it names."""
-        named = {"extrinsics": self.extrinsics, "intrinsics": self.intrinsics}
-        return {field: value for field, value in named.items() if isinstance(value, CalibrationFile)}
 
 
 class PointTimes(Model):

@@ -9,19 +9,16 @@ that the calibration program of its tutorials writes with `FileStorage`
 
 from collections.abc import Mapping
 
+from bagassets.geometry.calibration import COEFFICIENTS
 from bagassets.geometry.calibration_files.model import CalibrationFile, Fields, FileLens
 from bagassets.json_types import Json
 from bagassets.quantities import count_text
 
 __all__ = ["MatrixFile"]
 
-# As `cv::calibrateCamera` orders them: k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4 [tx ty]]]].
+# As `cv::calibrateCamera` orders them.
 _BY_LENGTH = {
-    4: "plumb_bob",
-    5: "plumb_bob",
-    8: "rational_polynomial",
-    12: "rational_polynomial",
-    14: "rational_polynomial",
+    number: model for model in ("plumb_bob", "rational_polynomial") for number in COEFFICIENTS[model]
 }
 
 
