@@ -44,12 +44,10 @@ class SE3:
         q = [float(v) for v in rotation]
         t = [float(v) for v in translation]
         if len(q) != 4 or len(t) != 3:
-            msg = f"a pose needs 4 + 3 numbers, got {len(q)} + {len(t)}"
-            raise ValueError(msg)
+            raise ValueError(f"a pose needs 4 + 3 numbers, got {len(q)} + {len(t)}")
         norm = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
         if not (all(map(isfinite, t)) and isfinite(norm)) or norm < 1e-6:
-            msg = f"a pose needs finite numbers and a rotation, got rotation {q}, translation {t}"
-            raise ValueError(msg)
+            raise ValueError(f"a pose needs finite numbers and a rotation, got rotation {q}, translation {t}")
         w, x, y, z = (v / norm for v in q)
         return cls((w, x, y, z), (t[0], t[1], t[2]))
 

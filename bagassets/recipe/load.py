@@ -4,16 +4,16 @@ The result depends only on the text and the recipe's folder, not on environment 
 """
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from bagassets.errors import PluginError, RecipeError
 from bagassets.extensions import FORMATS, installed_extensions
 from bagassets.json_types import Json, JsonMapping, JsonObject
-from bagassets.recipe.consistency import problems_in
+from bagassets.recipe.consistency import paths_in, problems_in
 from bagassets.recipe.format_settings import section_model
 from bagassets.recipe.model import Recipe, Rig
 from bagassets.recipe.model_datasets import NamedDataset
@@ -73,19 +73,8 @@ def paths_written(path: Path) -> list[Path]:
         OSError: the recipe cannot be read.
     """
     recipe, _, _ = _as_written(path.read_text(encoding="utf-8"), path)
-    written = [*_paths_in(recipe), *(_output_of(dataset) for dataset in recipe.datasets)]
+    written = [*(one for _, one in paths_in(recipe)), *(_output_of(dataset) for dataset in recipe.datasets)]
     return [path.absolute().parent / one for one in written]
-
-
-def _paths_in(value: object) -> Iterator[Path]:
-    if isinstance(value, Path):
-        yield value
-    elif isinstance(value, BaseModel):
-        for _, inner in value:
-            yield from _paths_in(inner)
-    elif isinstance(value, tuple | list | dict):
-        for inner in value.values() if isinstance(value, dict) else value:
-            yield from _paths_in(inner)
 
 
 def _as_written(text: str, path: Path) -> tuple[Recipe, JsonObject, Place]:

@@ -48,8 +48,7 @@ class GreyRange(Model):
     @model_validator(mode="after")
     def _one(self) -> Self:
         if (self.range is None) == (self.percentiles is None):
-            msg = "give either range or percentiles"
-            raise ValueError(msg)
+            raise ValueError("give either range or percentiles")
         field = "percentiles" if self.range is None else "range"
         low, high = self.range or self.percentiles or (0.0, 0.0)
         if not low < high:

@@ -12,7 +12,7 @@ from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_base import FieldValueError, Transform
 from bagassets.recipe.schema import describe, enter, plain, tag_field, variants
 
-__all__ = ["Problem", "closest", "explain", "open_questions", "undecided", "with_stand_ins"]
+__all__ = ["Problem", "closest", "explain", "open_questions", "undecided", "value_at", "with_stand_ins"]
 
 Problem = tuple[tuple[str | int, ...], str]
 """A location in the recipe (field names, keys, indices), and what is wrong there, without full stop."""
@@ -36,14 +36,14 @@ def explain(error: Mapping[str, Any], data: Json) -> Problem:
     if kind == "missing" and isinstance(location[-1], int):
         location, kind = location[:-1], "too_short"  # pydantic blames the absent entry of a vector
     at, annotation = _locate(location)
-    context, value = error.get("ctx", {}), _value(data, at)
-    if kind == "extra_forbidden" and _model(location) is Transform and "file" in _value(data, at[:-1]):
+    context, value = error.get("ctx", {}), value_at(data, at)
+    if kind == "extra_forbidden" and _model(location) is Transform and "file" in value_at(data, at[:-1]):
         return at[:-1], (
             "only a camera's extrinsics can come from a file; give the `translation` and `rotation` of this sensor, or "
             "name a `urdf` of the rig"
         )
     if kind == "extra_forbidden":
-        return at, _unknown_field(str(at[-1]), _model(location), _value(data, at[:-1]))
+        return at, _unknown_field(str(at[-1]), _model(location), value_at(data, at[:-1]))
     if kind == "missing":
         purpose = _purpose(location)
         required = f"this field is required: {purpose}" if purpose else "this field is required"
@@ -217,7 +217,8 @@ def _show(value: Json) -> str:
             return "a mapping"
 
 
-def _value(data: Json, location: tuple[str | int, ...]) -> Json:
+def value_at(data: Json, location: tuple[str | int, ...]) -> Json:
+    """Return what stands at a location in plain data; None if nothing does."""
     for part in location:
         if isinstance(data, list):
             data = data[part] if isinstance(part, int) and part < len(data) else None

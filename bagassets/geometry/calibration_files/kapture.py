@@ -92,13 +92,13 @@ class KaptureFile(CalibrationFile):
             )
         names, distortion = _MODELS[kind]
         wanted = ("width", "height", *names)
-        values = dict(zip(wanted, map(_number, fields[4:]), strict=False))
-        if len(fields) - 4 != len(wanted) or any(value is None for value in values.values()):
+        numbers = [value for value in map(_number, fields[4:]) if value is not None]
+        if not len(fields) - 4 == len(wanted) == len(numbers):
             raise CalibrationError(
                 f"{place}: {kind} takes the numbers {', '.join(wanted)}, found {', '.join(fields[4:]) or 'none'}; "
                 "correct the line."
             )
-        known = {name: value for name, value in values.items() if value is not None}
+        known = dict(zip(wanted, numbers, strict=True))
         fx, fy = known.get("fx", known.get("f", 0.0)), known.get("fy", known.get("f", 0.0))
         width, height = known["width"], known["height"]
         if not (width.is_integer() and height.is_integer()):
