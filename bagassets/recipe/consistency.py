@@ -48,10 +48,13 @@ def paths_in(value: object, at: tuple[str | int, ...] = ()) -> Iterator[tuple[tu
             yield from paths_in(inner, (*at, name))
 
 
+def _own_paths(recipe: Recipe) -> Iterator[tuple[tuple[str | int, ...], Path]]:
+    """Yield the paths in a recipe but those that only the package of a format knows about."""
+    return ((at, path) for at, path in paths_in(recipe) if at[0] != "formats" or at[2:] == ("output",))
+
+
 def _paths(recipe: Recipe, data: JsonObject) -> Iterator[Problem]:
-    for at, path in paths_in(recipe):
-        if at[0] == "formats" and at[2:] != ("output",):
-            continue  # what its package does with it
+    for at, path in _own_paths(recipe):
         match at:
             case _ if str(value_at(data, at)).startswith("~"):
                 yield (
@@ -80,27 +83,19 @@ def _paths(recipe: Recipe, data: JsonObject) -> Iterator[Problem]:
 
 def _outputs(recipe: Recipe) -> Iterator[Problem]:
     """Check that each dataset has its own folder; nuScenes versions may share a dataroot, as in nuScenes itself."""
-    nuscenes = recipe.nuscenes
+    versions: dict[tuple[str | int, ...], str] = {("nuscenes", "output"): recipe.nuscenes.version}
+    for number, dataset in enumerate(recipe.datasets):
+        versions["datasets", number, "output"] = dataset.version or recipe.nuscenes.version
     taken: list[tuple[str, Path, str | None]] = [("state folder", recipe.state, None)]
     if recipe.store is not None:
         taken.append(("store", recipe.store, None))
-    wanted: list[tuple[tuple[str | int, ...], Path, str | None]] = [
-        ((name, "output"), section.output, nuscenes.version if section is nuscenes else None)
-        for name, section in recipe.own_sections.items()
-    ]
-    wanted += [
-        (("formats", name, "output"), section.output, None)
-        for name, section in recipe.installed_sections.items()
-    ]
-    wanted += [
-        (("datasets", number, "output"), dataset.output, dataset.version or nuscenes.version)
-        for number, dataset in enumerate(recipe.datasets)
-        if dataset.output is not None
-    ]
-    for at, output, version in wanted:
+    for at, output in _own_paths(recipe):
+        if at[-1] != "output":
+            continue
+        version = versions.get(at)
         for owner, folder, other in taken:
-            versions = output == folder and version is not None and other is not None and version != other
-            if not versions and (output == folder or folder in output.parents or output in folder.parents):
+            both = output == folder and version is not None and other is not None and version != other
+            if not both and (output == folder or folder in output.parents or output in folder.parents):
                 yield (
                     at,
                     f"{output} and the {owner} {folder} must be different, and neither may contain the other",

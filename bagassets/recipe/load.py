@@ -61,7 +61,7 @@ def parse_recipe(text: str, path: Path) -> Recipe:
     recipe = _absolute(recipe, path.parent)
     problems = list(problems_in(recipe, data))
     if problems:
-        raise _wrong(problems, data, places, path)
+        raise RecipeError(*_sentences(problems, data, places, path))
     return recipe
 
 
@@ -98,7 +98,7 @@ def _as_written(text: str, path: Path) -> tuple[Recipe, JsonObject, Place]:
         recipe, others = _validated(with_stand_ins(data, questions))
         problems = [*problems, *others] if others else []
     if recipe is None or problems:
-        raise _wrong(problems, data, places, path)
+        raise RecipeError(*_sentences(problems, data, places, path))
     rigs = tuple(
         rig.with_questions(_sentences(questions[number], data, places, path)) if number in questions else rig
         for number, rig in enumerate(recipe.rigs)
@@ -132,10 +132,6 @@ def _causes(err: ValidationError) -> list[ErrorDetails]:
     errors = err.errors()
     inner = {error["loc"][:depth] for error in errors for depth in range(len(error["loc"]))}
     return [error for error in errors if error["type"] != "too_short" or error["loc"] not in inner]
-
-
-def _wrong(problems: Iterable[Problem], data: JsonObject, places: Place, path: Path) -> RecipeError:
-    return RecipeError(*_sentences(problems, data, places, path))
 
 
 def _sentences(problems: Iterable[Problem], data: JsonObject, places: Place, path: Path) -> list[str]:
