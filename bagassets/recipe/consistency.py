@@ -9,7 +9,7 @@ from bagassets.json_types import JsonObject
 from bagassets.recipe.model import CameraChannel, LidarChannel, Recipe, Rig
 from bagassets.recipe.model_calibration import Intrinsics
 from bagassets.recipe.model_poses import FixedPose, NavSatSource, TfSource
-from bagassets.recipe.problems import Problem, closest, value_at
+from bagassets.recipe.problems import Problem, closest, suggestion, value_at
 
 __all__ = ["paths_in", "problems_in"]
 
@@ -118,9 +118,7 @@ def _shown_channels(recipe: Recipe) -> Iterator[Problem]:
         asked.append((("vision", "cameras", number), name, "camera"))
     for at, wanted, kind in asked:
         if wanted is not None and wanted not in kinds[kind]:
-            near = closest(wanted, kinds[kind])
-            hint = f"; did you mean {near}?" if near else ""
-            yield at, f"no rig has a {kind} {wanted}{hint}"
+            yield at, f"no rig has a {kind} {wanted}{suggestion(wanted, kinds[kind])}"
 
 
 def _globs(recipe: Recipe) -> Iterator[Problem]:

@@ -12,7 +12,16 @@ from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_base import FieldValueError, Transform
 from bagassets.recipe.schema import describe, enter, plain, tag_field, variants
 
-__all__ = ["Problem", "closest", "explain", "open_questions", "undecided", "value_at", "with_stand_ins"]
+__all__ = [
+    "Problem",
+    "closest",
+    "explain",
+    "open_questions",
+    "suggestion",
+    "undecided",
+    "value_at",
+    "with_stand_ins",
+]
 
 Problem = tuple[tuple[str | int, ...], str]
 """A location in the recipe (field names, keys, indices), and what is wrong there, without full stop."""
@@ -65,7 +74,7 @@ def explain(error: Mapping[str, Any], data: Json) -> Problem:
         return at, f"needs a value: {_purpose(location) or describe(annotation)}"
     if kind == "literal_error":
         allowed = [str(option) for option in get_args(plain(annotation))]
-        return at, f"must be {_either(allowed)}; found {_show(value)}{_suggestion(value, allowed)}"
+        return at, f"must be {_either(allowed)}; found {_show(value)}{suggestion(value, allowed)}"
     return at, f"expected {describe(annotation)}; found {_show(value)}{_quoting(annotation, value)}"
 
 
@@ -177,10 +186,11 @@ def _tag(at: tuple[str | int, ...], annotation: object, value: Json) -> Problem:
     if not isinstance(value, dict) or tag not in value:
         return (*at, tag), f"this field is required; it is {_either(allowed)}"
     given = value[tag]
-    return (*at, tag), f"must be {_either(allowed)}; found {_show(given)}{_suggestion(given, allowed)}"
+    return (*at, tag), f"must be {_either(allowed)}; found {_show(given)}{suggestion(given, allowed)}"
 
 
-def _suggestion(value: Json, allowed: list[str]) -> str:
+def suggestion(value: Json, allowed: list[str]) -> str:
+    """Return the end of a sentence about a wrong value; "" if it is no misspelling of an allowed one."""
     near = closest(value, allowed) if isinstance(value, str) else ""
     return f"; did you mean {near}?" if near else ""
 
