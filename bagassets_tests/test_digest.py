@@ -441,7 +441,7 @@ def test_a_file_is_hashed_in_whichever_order_it_is_followed(tmp_path_factory, si
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(canonical, "_READ_BYTES", 100)
         hasher = canonical.FileHasher(path)
-    with hasher:
+    with closing(hasher):
         for at_hand, begin, length in told:
             if at_hand:
                 data = content[begin : begin + length]
