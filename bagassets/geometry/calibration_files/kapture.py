@@ -7,7 +7,7 @@ COLMAP. Principal points are taken as they are: kapture's importers of ROS calib
 import re
 
 from bagassets.errors import CalibrationError
-from bagassets.geometry.calibration_files.model import CalibrationFile, FileLens, FilePose
+from bagassets.geometry.calibration_files.model import CalibrationFile, FileLens, FilePose, finite
 from bagassets.geometry.se3 import SE3
 
 __all__ = ["KaptureFile", "is_kapture"]
@@ -92,7 +92,7 @@ class KaptureFile(CalibrationFile):
             )
         names, distortion = _MODELS[kind]
         wanted = ("width", "height", *names)
-        numbers = [value for value in map(_number, fields[4:]) if value is not None]
+        numbers = [value for value in map(finite, fields[4:]) if value is not None]
         if not len(fields) - 4 == len(wanted) == len(numbers):
             raise CalibrationError(
                 f"{place}: {kind} takes the numbers {', '.join(wanted)}, found {', '.join(fields[4:]) or 'none'}; "
@@ -123,15 +123,7 @@ class KaptureFile(CalibrationFile):
 
 def _is_pose(fields: list[str]) -> bool:
     """Return whether a line is `rig, sensor, qw, qx, qy, qz, tx, ty, tz`."""
-    numbers = [_number(field) for field in fields[2:]]
+    numbers = [finite(field) for field in fields[2:]]
     if len(fields) != _POSE or any(number is None for number in numbers):
         return False
     return any(number for number in numbers[:4])
-
-
-def _number(text: str) -> float | None:
-    try:
-        number = float(text)
-    except ValueError:
-        return None
-    return number if abs(number) < float("inf") else None
