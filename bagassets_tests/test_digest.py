@@ -4,6 +4,7 @@ import random
 import sqlite3
 import time
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import closing
 
 import pytest
 from blake3 import blake3
@@ -440,7 +441,7 @@ def test_a_file_is_hashed_in_whichever_order_it_is_followed(tmp_path_factory, si
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(canonical, "_READ_BYTES", 100)
         hasher = canonical.FileHasher(path)
-    with hasher:
+    with closing(hasher):
         for at_hand, begin, length in told:
             if at_hand:
                 data = content[begin : begin + length]
@@ -454,6 +455,6 @@ def test_a_file_is_hashed_in_whichever_order_it_is_followed(tmp_path_factory, si
 def test_bytes_that_are_handed_over_are_not_read_again(tmp_path):
     path = tmp_path / "a.bag"
     path.write_bytes(bytes(1 << 20))
-    with canonical.FileHasher(path) as hasher:
+    with closing(canonical.FileHasher(path)) as hasher:
         hasher.follow(1000 + (1 << 19), b"x" * (1 << 19))
         assert hasher.finish() == digest_bytes(bytes(1000) + b"x" * (1 << 19) + bytes((1 << 19) - 1000))

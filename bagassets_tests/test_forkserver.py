@@ -46,7 +46,7 @@ def eventually(condition, what="it happens"):
 
 def spec_in(folder, **options):
     defaults = {"modules": (JOBS,), "paths": (str(TESTS),), "preload": f"{JOBS}:preload"}
-    return ServerSpec.of(folder, options.pop("recipe", None), **(defaults | options))
+    return ServerSpec(folder, **(defaults | options)).located()
 
 
 @pytest.fixture

@@ -349,10 +349,8 @@ def test_it_ends_even_if_its_interrupt_is_lost(project):
 
 @pytest.fixture
 def server(tmp_path):
-    spec = ServerSpec.of(
-        tmp_path / "state", modules=("forkserver_jobs",), paths=(str(Path(__file__).parent),)
-    )
-    with Client.ensure(spec) as client:
+    spec = ServerSpec(tmp_path / "state", modules=("forkserver_jobs",), paths=(str(Path(__file__).parent),))
+    with Client.ensure(spec.located()) as client:
         yield client
         with suppress(ServerRefusedError):
             client.shutdown(grace_s=0.0)

@@ -33,7 +33,7 @@ START_NS = 1_700_000_000_000_000_000
 
 def parsed(packets, packet_ns=VLP16_PACKET_NS, jitter_ns=None):
     host_ns = START_NS + np.arange(len(packets)) * packet_ns
-    return Packets.of(host_ns if jitter_ns is None else host_ns + jitter_ns, packets.view(PACKET))
+    return Packets(host_ns if jitter_ns is None else host_ns + jitter_ns, packets.view(PACKET))
 
 
 def cut(packets, cut_deg=0.0, pushed=256):
@@ -238,10 +238,10 @@ def test_a_pause_is_told_from_a_late_packet():
     packets = parsed(vlp16_packets(4))
     per_turn = len(packets) // 4
     for pause_ns, complete in ((19_000_000, True), (25_000_000, False)):
-        host_ns, device_us = packets.host_ns.copy(), packets.device_us.copy()
+        host_ns, data = packets.host_ns.copy(), packets.data.copy()
         host_ns[per_turn * 2 + 30 :] += pause_ns
-        device_us[per_turn * 2 + 30 :] += pause_ns // 1000
-        paused = Packets(host_ns, device_us, packets.azimuths, packets.data)
+        data["us"][per_turn * 2 + 30 :] += pause_ns // 1000
+        paused = Packets(host_ns, data)
         assert all(turn.complete for turn in cut(paused)) == complete
 
 
@@ -365,7 +365,7 @@ def test_machine_code_gives_the_bits_of_the_library(model, seed, modes):
     rng = np.random.default_rng(seed)
     packets = any_packets(rng, MODELS[model], modes)
     times_ns = START_NS + np.cumsum(rng.integers(50_000, 2_000_000, len(packets)))
-    taken = Packets.of(times_ns, packets)
+    taken = Packets(times_ns, packets)
     ours, library = RevolutionDecoder(model), RevolutionDecoder(model)
     library._decoder = velodyne._Library(velodyne._model(model)[0])
     for part in itertools.pairwise([0, *sorted(rng.integers(0, len(packets), 2)), len(packets)]):

@@ -161,7 +161,7 @@ def _packets(recording: Recording, stages: _Stages, out: Path) -> None:
             continue
         with stages.stage("packets to points"):
             times_ns = np.array(stamps_ns, np.int64)
-            packets = Packets.of(times_ns, np.frombuffer(b"".join(payloads), dtype=PACKET))
+            packets = Packets(times_ns, np.frombuffer(b"".join(payloads), dtype=PACKET))
             points = decoder.decode(packets, times_ns).points
         _write(out / f"{written % 8}.bin", lidar_bytes(points), stages)
         stamps_ns, payloads, written = [], [], written + 1

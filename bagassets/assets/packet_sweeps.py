@@ -173,7 +173,7 @@ class PacketSweeps:
         if refused:
             kept = np.delete(np.arange(len(data)), list(refused))
             host_ns, data, log_times_ns = host_ns[kept], data[kept], log_times_ns[kept]
-        for revolution in self._cutter.push(Packets.of(host_ns, data), log_times_ns):
+        for revolution in self._cutter.push(Packets(host_ns, data), log_times_ns):
             self._write(revolution)
 
     def _refuse(self, reason: str, number: int) -> None:

@@ -1,12 +1,12 @@
 """`sensor_msgs/CameraInfo`: what a camera's calibration says, checked for plausibility."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite
 
 from bagassets.decode.fields import stamp_and_frame
 from bagassets.errors import DecodeError
-from bagassets.geometry.calibration import IDENTITY, CameraCalibration, RegionOfInterest
+from bagassets.geometry.calibration import COEFFICIENTS, IDENTITY, CameraCalibration, RegionOfInterest
 from bagassets.recordings.model import Message
 
 __all__ = ["CameraInfoReading", "check_lens", "decode_camera_info", "named_distortion"]
@@ -20,13 +20,6 @@ MODELS = {
     "kannala_brandt4": "equidistant",
     "": "none",
     "none": "none",
-}
-# OpenCV's numbers of coefficients: k1 k2 p1 p2 [k3 [k4 k5 k6 [s1-s4 [tx ty]]]], and k1-k4 of fisheye.
-COEFFICIENTS: Mapping[str, tuple[int, ...]] = {
-    "none": (0,),
-    "plumb_bob": (4, 5),
-    "rational_polynomial": (8, 12, 14),
-    "equidistant": (4,),
 }
 
 

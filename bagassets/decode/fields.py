@@ -14,7 +14,15 @@ from bagassets.geometry.se3 import SE3
 from bagassets.geometry.tf_tree import normalise_frame
 from bagassets.recordings.model import Message
 
-__all__ = ["Column", "check_points", "rigid_transform", "stamp_and_frame", "stamp_ns", "unit_quaternion"]
+__all__ = [
+    "Column",
+    "check_points",
+    "members",
+    "rigid_transform",
+    "stamp_and_frame",
+    "stamp_ns",
+    "unit_quaternion",
+]
 
 
 Column = NDArray[Any]
@@ -79,6 +87,11 @@ def rigid_transform(position: Message, orientation: Message) -> SE3:
     return SE3(quaternion, translation)
 
 
+def members(message: Message) -> tuple[str, ...]:
+    """Return the names of a message's fields."""
+    return tuple(field.name for field in fields(message)) if is_dataclass(message) else ()
+
+
 def check_points(message: Message, most_points: int) -> None:
     """Check the number of points that a lidar or radar message, or a cloud in it, announces.
 
@@ -87,10 +100,7 @@ def check_points(message: Message, most_points: int) -> None:
     Raises:
         DecodeError: there are more than `most_points`.
     """
-    held: list[Message] = (
-        [getattr(message, field.name) for field in fields(message)] if is_dataclass(message) else []
-    )
-    for cloud in (message, *held):
+    for cloud in (message, *(getattr(message, name) for name in members(message))):
         if hasattr(cloud, "point_step"):
             points = int(cloud.width) * int(cloud.height)
         else:

@@ -34,17 +34,10 @@ class _Encoding:
 
 # OpenCV names a Bayer pattern by the second row's second and third pixel, ROS by the first two
 # of the first row: RGGB in ROS is what OpenCV calls BG.
-_BAYER = {
-    "rggb": cv2.COLOR_BayerBG2BGR,
-    "bggr": cv2.COLOR_BayerRG2BGR,
-    "gbrg": cv2.COLOR_BayerGR2BGR,
-    "grbg": cv2.COLOR_BayerGB2BGR,
-}
-_BAYER_TO_BGRA = {
-    "bayer_rggb8": cv2.COLOR_BayerBG2BGRA,
-    "bayer_bggr8": cv2.COLOR_BayerRG2BGRA,
-    "bayer_gbrg8": cv2.COLOR_BayerGR2BGRA,
-    "bayer_grbg8": cv2.COLOR_BayerGB2BGRA,
+_OF_OPENCV = {"rggb": "BG", "bggr": "RG", "gbrg": "GR", "grbg": "GB"}
+_BAYER: Mapping[str, int] = {ros: getattr(cv2, f"COLOR_Bayer{own}2BGR") for ros, own in _OF_OPENCV.items()}
+_BAYER_TO_BGRA: Mapping[str, int] = {
+    f"bayer_{ros}8": getattr(cv2, f"COLOR_Bayer{own}2BGRA") for ros, own in _OF_OPENCV.items()
 }
 ENCODINGS: Mapping[str, _Encoding] = {
     "rgb8": _Encoding(3, 1, cv2.COLOR_RGB2BGR),

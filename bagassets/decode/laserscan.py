@@ -11,11 +11,10 @@ from bagassets.decode.point_times import LONGEST_REVOLUTION_NS, Moment, time_of
 from bagassets.decode.pointcloud2 import NO_INTENSITY
 from bagassets.errors import DecodeError
 from bagassets.geometry.portable import sin_cos
+from bagassets.geometry.se3 import Floats
 from bagassets.recordings.model import Message
 
 __all__ = ["decode_laserscan"]
-
-Floats = NDArray[np.float64]
 
 # Rays may take slightly longer than `scan_time`, which some drivers measure and others set.
 _LONGEST_IN_SCANS = 1.5

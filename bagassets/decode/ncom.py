@@ -132,11 +132,4 @@ def _pose(lat_rad: float, lon_rad: float, alt_m: float, angles: bytes) -> NcomPo
         raise DecodeError("its NCOM position is not on Earth")
     if _INVALID in (heading, pitch, roll):
         raise DecodeError("its NCOM orientation is marked invalid")
-    return NcomPose(
-        lat_deg,
-        lon_deg,
-        alt_m,
-        heading * 1e-6,
-        pitch * 1e-6,
-        roll * 1e-6,
-    )
+    return NcomPose(lat_deg, lon_deg, alt_m, heading * 1e-6, pitch * 1e-6, roll * 1e-6)

@@ -16,13 +16,13 @@ Velocities are relative to the radar in messages of what it measured itself (Dop
 may be either way: drivers differ, and Autoware's converter has a switch. There the recipe says it.
 """
 
-from dataclasses import fields, is_dataclass
+from dataclasses import is_dataclass
 from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bagassets.decode.fields import stamp_and_frame
+from bagassets.decode.fields import members, stamp_and_frame
 from bagassets.decode.model import RadarReading
 from bagassets.decode.pointcloud2 import point_fields
 from bagassets.decode.radar_fields import TRACK_NUMBERS, Side, radar_reading
@@ -89,13 +89,13 @@ def _is_cloud(value: Message) -> bool:
 def _cloud_of(message: Message) -> Message | None:
     if _is_cloud(message):
         return message
-    members = (getattr(message, name) for name in _members(message))
-    return next((member for member in members if _is_cloud(member) and member.width and member.height), None)
+    held = (getattr(message, name) for name in members(message))
+    return next((one for one in held if _is_cloud(one) and one.width and one.height), None)
 
 
 def _elements_of(message: Message) -> list[Message] | None:
     """Return the list of targets in a message, None if it has no list of messages."""
-    names = _members(message)
+    names = members(message)
     lists = [name for name in (*_LISTS, *names) if name in names and _is_list(getattr(message, name))]
     if not lists:
         return None
@@ -108,10 +108,6 @@ def _is_list(value: object) -> bool:
     return isinstance(value, list) and (not value or is_dataclass(value[0]))
 
 
-def _members(message: Message) -> tuple[str, ...]:
-    return tuple(field.name for field in fields(message)) if is_dataclass(message) else ()
-
-
 def _columns(elements: list[Message]) -> dict[str, NDArray[np.float64]]:
     """Return dotted member name in lower case -> (N,) values, of all members that are numbers."""
     rows = [_flat(element) for element in elements]
@@ -121,7 +117,7 @@ def _columns(elements: list[Message]) -> dict[str, NDArray[np.float64]]:
 
 def _flat(element: Message, prefix: str = "") -> dict[str, float]:
     numbers: dict[str, float] = {}
-    for name in _members(element):
+    for name in members(element):
         value = getattr(element, name)
         dotted = f"{prefix}{name.lower()}"
         if isinstance(value, bool | int | float | np.number | np.bool_):

@@ -12,16 +12,15 @@ from math import pi
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bagassets.decode.fields import Column
 from bagassets.decode.model import RadarReading
 from bagassets.errors import DecodeError
 from bagassets.geometry.portable import sin_cos
+from bagassets.geometry.se3 import Floats
 
 __all__ = ["TRACK_NUMBERS", "Side", "radar_reading"]
 
-Floats = NDArray[np.float64]
 Side = Literal["left", "right"]
 
 # In messages of objects the position may lie in a pose.

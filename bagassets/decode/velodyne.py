@@ -15,6 +15,7 @@ that another library or processor might round differently.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import velodyne_decoder
@@ -58,46 +59,41 @@ _SELF_EXPLANATORY = {product: model for model, product in _MODELS.values() if pr
 MODEL_NAMES = "HDL-32E, VLP-16, Puck Hi-Res, VLP-32A, VLP-32B, VLP-32C, VLS-128"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Packets:
     """Data packets, in the order in which they were recorded.
 
     Attributes:
         host_ns: (N,) when the host received them, on the clock of the recipe.
-        device_us: (N,) the lidar's own times, microseconds since the top of the hour.
-        azimuths: (N,) of their first blocks, hundredths of a degree, clockwise from the x axis.
         data: (N,) `PACKET`, all that is in them.
     """
 
     host_ns: NDArray[np.int64]
-    device_us: NDArray[np.int64]
-    azimuths: NDArray[np.int64]
     data: NDArray[np.void]
 
-    @classmethod
-    def of(cls, host_ns: NDArray[np.int64], data: NDArray[np.void]) -> "Packets":
-        """Return packets received at (N,) times."""
-        azimuths = data["blocks"]["azimuth"][:, 0].astype(np.int64)
-        return cls(host_ns, data["us"].astype(np.int64), azimuths, data)
+    @cached_property
+    def device_us(self) -> NDArray[np.int64]:
+        """The lidar's own times (N,), microseconds since the top of the hour."""
+        return self.data["us"].astype(np.int64)
+
+    @cached_property
+    def azimuths(self) -> NDArray[np.int64]:
+        """Azimuths (N,) of their first blocks, hundredths of a degree, clockwise from the x axis."""
+        return self.data["blocks"]["azimuth"][:, 0].astype(np.int64)
 
     @classmethod
     def joined(cls, parts: "Sequence[Packets]") -> "Packets":
         """Return packets that follow each other."""
         if not parts:
-            return cls.of(np.empty(0, dtype=np.int64), np.empty(0, dtype=PACKET))
+            return cls(np.empty(0, dtype=np.int64), np.empty(0, dtype=PACKET))
         if len(parts) == 1:
             return parts[0]
         # As plain bytes: numpy copies structures field by field.
         data = np.concatenate([part.data.view(np.uint8).reshape(-1, PACKET.itemsize) for part in parts])
-        return cls(
-            np.concatenate([part.host_ns for part in parts]),
-            np.concatenate([part.device_us for part in parts]),
-            np.concatenate([part.azimuths for part in parts]),
-            data.view(PACKET)[:, 0],
-        )
+        return cls(np.concatenate([part.host_ns for part in parts]), data.view(PACKET)[:, 0])
 
     def __getitem__(self, which: slice) -> "Packets":
-        return Packets(self.host_ns[which], self.device_us[which], self.azimuths[which], self.data[which])
+        return Packets(self.host_ns[which], self.data[which])
 
     def __len__(self) -> int:
         return len(self.host_ns)

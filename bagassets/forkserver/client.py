@@ -282,13 +282,12 @@ class ServerStart:
                 raise
             try:
                 code = starter.wait(self._timeout_s)
-            except TimeoutExpired as err:
+            except BaseException as err:
                 starter.kill()
+                if not isinstance(err, TimeoutExpired):
+                    raise
                 reason = f"it took longer than {self._timeout_s:.0f} s"
                 raise BagAssetsError(*_cannot_start(self._files, reason)) from err
-            except BaseException:
-                starter.kill()
-                raise
         if code not in {0, SOURCE_CHANGED}:
             raise BagAssetsError(*_cannot_start(self._files, f"it ended with exit code {code}"))
 

@@ -85,12 +85,12 @@ class Job:
 
     def listen(self) -> list[Message]:
         """Read what the worker sent; return its new notes."""
-        messages = self.lines.receive(self.channel)
-        notes = [message["note"] for message in messages if "note" in message]
-        for note in notes:
-            self.notes.update(note)
-        for message in messages:
-            if "note" not in message:
+        notes = []
+        for message in self.lines.receive(self.channel):
+            if "note" in message:
+                notes.append(message["note"])
+                self.notes.update(message["note"])
+            else:
                 self.end = message
         return notes
 

@@ -57,14 +57,6 @@ class Server:
         self._later: Iterator[object] | None = None
         self._can_wait = False
         self._end_requested = False
-        self._ops: dict[str, Callable[[Connection, Message], Message]] = {
-            "hello": self._hello,
-            "submit": self._submit,
-            "cancel": self._cancel,
-            "status": self._status,
-            "drain": self._drain_op,
-            "shutdown": self._shutdown_op,
-        }
 
     # --- life ------------------------------------------------------------------------
 
@@ -254,11 +246,24 @@ class Server:
         self._connections.add(connection)
 
     def _on_message(self, connection: Connection, message: Message) -> None:
-        answer = self._ops.get(str(message.get("op")))
-        if answer is None:
-            connection.send({"reply": "error", "message": f"no such request: {message.get('op')}"})
-            return
-        connection.send(answer(connection, message))
+        match message.get("op"):
+            case "hello":
+                answer = self._hello()
+            case "submit":
+                answer = self._submit(connection, message["job"])
+            case "cancel":
+                answer = self._cancel(message)
+            case "status":
+                answer = self._status()
+            case "drain":
+                self._stop_listening()
+                answer = {"reply": "draining", "jobs": len(self._jobs)}
+            case "shutdown":
+                self._shutdown(message["grace_s"])
+                answer = {"reply": "ending", "jobs": len(self._jobs)}
+            case op:
+                answer = {"reply": "error", "message": f"no such request: {op}"}
+        connection.send(answer)
 
     def _on_close(self, connection: Connection) -> None:
         self._connections.discard(connection)
@@ -269,7 +274,7 @@ class Server:
                 _LOG.info("job %s: its client is gone; cancelled", job.label)
                 job.cancel(job.request["grace_s"])
 
-    def _hello(self, _connection: Connection, _message: Message) -> Message:
+    def _hello(self) -> Message:
         return {
             "reply": "hello",
             "stamp": self._files.stamp,
@@ -277,10 +282,9 @@ class Server:
             "draining": self._drain_if_old(),
         }
 
-    def _submit(self, connection: Connection, message: Message) -> Message:
+    def _submit(self, connection: Connection, request: Message) -> Message:
         if self._listener is None or self._drain_if_old():
             return {"reply": "refused", "message": "the server is outdated and takes no more jobs"}
-        request = message["job"]
         if request["once"]:
             if request["label"] in self._done_once:
                 return {"reply": "submitted", "job": ""}
@@ -290,14 +294,14 @@ class Server:
             self._owners[job.id] = connection
         return {"reply": "submitted", "job": job.id, "process": job.process.as_json()}
 
-    def _cancel(self, _connection: Connection, message: Message) -> Message:
+    def _cancel(self, message: Message) -> Message:
         job = self._jobs.get(message["job"])
         if job is None or job.is_done:
             return {"reply": "cancelled", "found": False}
         job.cancel(message["grace_s"])
         return {"reply": "cancelled", "found": True}
 
-    def _status(self, _connection: Connection, _message: Message) -> Message:
+    def _status(self) -> Message:
         now = time.monotonic()
         jobs = [
             {
@@ -320,14 +324,6 @@ class Server:
             "clients": len(self._connections),
             "jobs": jobs,
         }
-
-    def _drain_op(self, _connection: Connection, _message: Message) -> Message:
-        self._stop_listening()
-        return {"reply": "draining", "jobs": len(self._jobs)}
-
-    def _shutdown_op(self, _connection: Connection, message: Message) -> Message:
-        self._shutdown(message["grace_s"])
-        return {"reply": "ending", "jobs": len(self._jobs)}
 
     def _shutdown(self, grace_s: float) -> None:
         self._stop_listening()

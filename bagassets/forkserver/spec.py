@@ -59,35 +59,20 @@ class ServerSpec(NamedTuple):
     idle_timeout_s: float = IDLE_TIMEOUT_S
     recipes: tuple[Path, ...] = ()
 
-    @classmethod
-    def of(
-        cls,
-        state_folder: Path,
-        recipe: Path | None = None,
-        *,
-        modules: tuple[str, ...] = (),
-        paths: tuple[str, ...] = (),
-        preload: str = "",
-        idle_timeout_s: float = IDLE_TIMEOUT_S,
-        recipes: tuple[Path, ...] = (),
-    ) -> Self:
-        """Return the spec of a server for this process.
+    def located(self) -> Self:
+        """Return it as a server for this process: its paths absolute, with the sources of the modules and this environment.
 
         Raises:
             BagAssetsError: a module cannot be found.
         """
-        recipe = None if recipe is None else recipe.expanduser().resolve()
-        sources, folders = _locate((bagassets.__name__, *modules), paths)
-        return cls(
-            state_folder.expanduser().resolve(),
-            recipe,
-            tuple(modules),
-            folders,
-            preload,
-            _environment(recipe),
-            sources,
-            idle_timeout_s,
-            recipes,
+        recipe = None if self.recipe is None else self.recipe.expanduser().resolve()
+        sources, folders = _locate((bagassets.__name__, *self.modules), self.paths)
+        return self._replace(
+            state_folder=self.state_folder.expanduser().resolve(),
+            recipe=recipe,
+            paths=folders,
+            environment=_environment(recipe),
+            sources=sources,
         )
 
     @classmethod

@@ -41,15 +41,10 @@ def server_spec(
     Raises:
         BagAssetsError: a module cannot be found, or the variable is no number.
     """
-    return ServerSpec.of(
-        state_folder,
-        recipe,
-        modules=modules,
-        paths=paths,
-        preload=f"{_WORKER}:preload",
-        idle_timeout_s=_idle_timeout_s() if idle_timeout_s is None else idle_timeout_s,
-        recipes=recipes,
-    )
+    spec = ServerSpec(state_folder, recipe, modules, paths, f"{_WORKER}:preload", recipes=recipes)
+    return spec._replace(
+        idle_timeout_s=_idle_timeout_s() if idle_timeout_s is None else idle_timeout_s
+    ).located()
 
 
 def find_server(recipe: Path) -> Client | None:
@@ -79,7 +74,7 @@ def _idle_timeout_s() -> float:
         ) from None
 
 
-def connect(spec: ServerSpec, instance: str, *, timeout_s: float = 60.0) -> Client:
+def connect(spec: ServerSpec, instance: str) -> Client:
     """Return a client of a server for `spec`, which is started if there is none.
 
     Each server reports once the runs whose workers died with an earlier server.
@@ -87,7 +82,7 @@ def connect(spec: ServerSpec, instance: str, *, timeout_s: float = 60.0) -> Clie
     Raises:
         BagAssetsError: the server cannot start.
     """
-    client = Client.ensure(spec, timeout_s=timeout_s)
+    client = Client.ensure(spec)
     name = hashlib.sha256(instance.encode()).hexdigest()[:12]
     args = {"instance": instance, "locks": _locks(client)}
     client.submit(f"{_WORKER}:recover", args, label=f"recover-{name}", detached=True, once=True)

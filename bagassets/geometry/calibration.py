@@ -13,6 +13,7 @@ from bagassets.geometry.se3 import SE3
 from bagassets.json_types import JsonMapping
 
 __all__ = [
+    "COEFFICIENTS",
     "IDENTITY",
     "CalibratedCamera",
     "CalibratedSensor",
@@ -26,6 +27,13 @@ __all__ = [
 
 IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 """A (3, 3) matrix, row by row."""
+COEFFICIENTS: Mapping[str, tuple[int, ...]] = {
+    "none": (0,),
+    "plumb_bob": (4, 5),
+    "rational_polynomial": (8, 12, 14),
+    "equidistant": (4,),
+}
+"""OpenCV's numbers of coefficients: k1 k2 p1 p2 [k3 [k4 k5 k6 [s1-s4 [tx ty]]]], and k1-k4 of fisheye."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ are cut off where the next term is below half a unit in the last place. Errors s
 few units in the last place. All functions work elementwise on arrays of any shape.
 """
 
+from itertools import accumulate
 from math import pi
 
 import numpy as np
@@ -25,12 +26,8 @@ __all__ = [
 ]
 
 # (-1)^k / (2k + 1)!  and  (-1)^k / (2k)!
-_SINC = [1.0]
-for _k in range(1, 12):
-    _SINC.append(-_SINC[-1] / ((2 * _k) * (2 * _k + 1)))
-_COS = [1.0]
-for _k in range(1, 12):
-    _COS.append(-_COS[-1] / ((2 * _k - 1) * (2 * _k)))
+_SINC = list(accumulate(range(1, 12), lambda last, k: -last / ((2 * k) * (2 * k + 1)), initial=1.0))
+_COS = list(accumulate(range(1, 12), lambda last, k: -last / ((2 * k - 1) * (2 * k)), initial=1.0))
 _ARCTAN = [(-1.0 if k % 2 else 1.0) / (2 * k + 1) for k in range(9)]
 
 

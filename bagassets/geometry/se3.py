@@ -4,14 +4,16 @@ All arithmetic is elementwise. What is computed here is written into datasets, a
 kernels differ between processors in the last bits.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from math import isfinite, sqrt
-from typing import Self
+from typing import Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+Number = TypeVar("Number", float, Floats)
 
 __all__ = ["SE3", "Floats", "quaternion_from_rotation", "quaternion_multiply", "rotate"]
 
@@ -42,12 +44,10 @@ class SE3:
         q = [float(v) for v in rotation]
         t = [float(v) for v in translation]
         if len(q) != 4 or len(t) != 3:
-            msg = f"a pose needs 4 + 3 numbers, got {len(q)} + {len(t)}"
-            raise ValueError(msg)
+            raise ValueError(f"a pose needs 4 + 3 numbers, got {len(q)} + {len(t)}")
         norm = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
         if not (all(map(isfinite, t)) and isfinite(norm)) or norm < 1e-6:
-            msg = f"a pose needs finite numbers and a rotation, got rotation {q}, translation {t}"
-            raise ValueError(msg)
+            raise ValueError(f"a pose needs finite numbers and a rotation, got rotation {q}, translation {t}")
         w, x, y, z = (v / norm for v in q)
         return cls((w, x, y, z), (t[0], t[1], t[2]))
 
@@ -77,18 +77,10 @@ class SE3:
 
     def __matmul__(self, other: "SE3") -> "SE3":
         """Compose: `a_SE3_b @ b_SE3_c` is `a_SE3_c`."""
-        # As `quaternion_multiply`, in plain floats: for one transform that is many times faster.
-        aw, ax, ay, az = self.rotation
-        bw, bx, by, bz = other.rotation
-        rotation = (
-            aw * bw - ax * bx - ay * by - az * bz,
-            aw * bx + ax * bw + ay * bz - az * by,
-            aw * by - ax * bz + ay * bw + az * bx,
-            aw * bz + ax * by - ay * bx + az * bw,
-        )
+        # In plain floats: for one transform that is many times faster than in arrays.
         x, y, z = _rotated(self.rotation, other.translation)
         tx, ty, tz = self.translation
-        return SE3.create(rotation, (x + tx, y + ty, z + tz))
+        return SE3.create(_product(self.rotation, other.rotation), (x + tx, y + ty, z + tz))
 
     def inverse(self) -> "SE3":
         """Return `src_SE3_dst`."""
@@ -105,40 +97,26 @@ class SE3:
 
 def quaternion_multiply(a: Floats, b: Floats) -> Floats:
     """Hamilton product of (..., 4) quaternions w, x, y, z."""
-    aw, ax, ay, az = np.moveaxis(a, -1, 0)
-    bw, bx, by, bz = np.moveaxis(b, -1, 0)
-    return np.stack(
-        [
-            aw * bw - ax * bx - ay * by - az * bz,
-            aw * bx + ax * bw + ay * bz - az * by,
-            aw * by - ax * bz + ay * bw + az * bx,
-            aw * bz + ax * by - ay * bx + az * bw,
-        ],
-        axis=-1,
-    )
+    return np.stack(_product(np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)), axis=-1)
 
 
 def rotate(quaternion: Floats, vectors: Floats) -> Floats:
     """Rotate (..., 3) vectors by (..., 4) unit quaternions w, x, y, z; shapes broadcast."""
-    w, x, y, z = np.moveaxis(quaternion, -1, 0)
-    vx, vy, vz = np.moveaxis(vectors, -1, 0)
-    tx = 2 * (y * vz - z * vy)
-    ty = 2 * (z * vx - x * vz)
-    tz = 2 * (x * vy - y * vx)
-    return np.stack(
-        [
-            vx + w * tx + y * tz - z * ty,
-            vy + w * ty + z * tx - x * tz,
-            vz + w * tz + x * ty - y * tx,
-        ],
-        axis=-1,
+    return np.stack(_rotated(np.moveaxis(quaternion, -1, 0), np.moveaxis(vectors, -1, 0)), axis=-1)
+
+
+def _product(a: Iterable[Number], b: Iterable[Number]) -> tuple[Number, Number, Number, Number]:
+    aw, ax, ay, az = a
+    bw, bx, by, bz = b
+    return (
+        aw * bw - ax * bx - ay * by - az * bz,
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
     )
 
 
-def _rotated(
-    quaternion: tuple[float, float, float, float], vector: tuple[float, float, float]
-) -> tuple[float, float, float]:
-    """Rotate one vector; the arithmetic is that of `rotate`."""
+def _rotated(quaternion: Iterable[Number], vector: Iterable[Number]) -> tuple[Number, Number, Number]:
     w, x, y, z = quaternion
     vx, vy, vz = vector
     tx = 2 * (y * vz - z * vy)

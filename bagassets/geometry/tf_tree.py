@@ -121,13 +121,12 @@ class TransformLog:
 
     def __init__(self, source: str) -> None:
         self.source = source
-        self._samples: dict[tuple[str, str], tuple[array[int], array[float]]] = {}
-        self._topics: dict[tuple[str, str], set[str]] = {}
+        self._samples: dict[tuple[str, str], tuple[array[int], array[float], set[str]]] = {}
 
     def add(self, parent: str, child: str, stamp_ns: int, parent_SE3_child: SE3, topic: str = "") -> None:
         """Add one sample of one edge, which was on a topic."""
-        self._topics.setdefault((parent, child), set()).add(topic)
-        stamps, numbers = self._samples.setdefault((parent, child), (array("q"), array("d")))
+        stamps, numbers, topics = self._samples.setdefault((parent, child), (array("q"), array("d"), set()))
+        topics.add(topic)
         stamps.append(stamp_ns)
         numbers.extend(parent_SE3_child.translation)
         numbers.extend(parent_SE3_child.rotation)
@@ -135,7 +134,7 @@ class TransformLog:
     def edges(self) -> list[Edge]:
         """Return the edges; of samples with the same stamp the first one counts, as in tf2."""
         edges = []
-        for (parent, child), (stamps, numbers) in self._samples.items():
+        for (parent, child), (stamps, numbers, topics) in self._samples.items():
             stamps_ns, first = np.unique(np.array(stamps, dtype=np.int64), return_index=True)
             table = np.array(numbers).reshape(-1, 7)
             # Of all samples, whatever their stamps, only to see whether it moves.
@@ -143,8 +142,8 @@ class TransformLog:
             kept = replace(every, translations_m=table[first, :3], rotations=table[first, 3:])
             repeated = len(stamps) - len(stamps_ns)
             disputed = repeated > 0 and every.moves and not kept.moves
-            topics = tuple(sorted(self._topics[parent, child]))
-            edges.append(replace(kept, repeated=repeated, disputed=disputed, topics=topics))
+            named = tuple(sorted(topics))
+            edges.append(replace(kept, repeated=repeated, disputed=disputed, topics=named))
         return edges
 
 
@@ -175,10 +174,11 @@ class TfTree:
             CalibrationError: a frame is unknown, the two are not connected, a frame on the way has two
                 parents or is above itself, or a fixed edge has several values at one time.
         """
+        nothing = f"no transform from {src} to {dst}"
         for frame in (src, dst):
             if frame not in self.frames:
                 raise CalibrationError(
-                    f"no transform from {src} to {dst}: {frame} is not a frame known here ({self._describe_frames()})"
+                    f"{nothing}: {frame} is not a frame known here ({self._describe_frames()})"
                 )
         from_src, trouble_src = self._way_up(src)
         from_dst, trouble_dst = self._way_up(dst)
@@ -187,19 +187,19 @@ class TfTree:
         for steps, frame in enumerate(above_src):
             if frame in above_dst:
                 up, down = from_src[:steps], from_dst[: above_dst.index(frame)]
-                if not (disputed := [edge for edge in (*up, *down) if edge.disputed]):
-                    return up, down
-                trouble_src = (
-                    f"{disputed[0].parent} -> {disputed[0].child} ({disputed[0].source}) has several values at one time; "
-                    f"{_remedy(disputed[:1])}"
-                )
-                break
+                for edge in (*up, *down):
+                    if edge.disputed:
+                        raise CalibrationError(
+                            f"{nothing}: {edge.parent} -> {edge.child} ({edge.source}) has several values at one time; "
+                            f"{_remedy([edge])}"
+                        )
+                return up, down
         trouble = (
             trouble_src
             or trouble_dst
             or f"they are in two trees with the roots {above_src[-1]} and {above_dst[-1]} ({self._describe_frames()})"
         )
-        raise CalibrationError(f"no transform from {src} to {dst}: {trouble}")
+        raise CalibrationError(f"{nothing}: {trouble}")
 
     def fixed(self, dst: str, src: str) -> tuple[SE3, tuple[str, ...]]:
         """Return `dst_SE3_src`, which must not change over the recording, and its sources.

@@ -199,24 +199,20 @@ def _zone_number(lat_deg: float, lon_deg: float) -> int:
     return int((lon_deg + 180) // 6) % 60 + 1
 
 
-def _krueger(n: float) -> tuple[float, ...]:
-    """Return the alphas of equation 35 for the third flattening `n`; row j holds powers from n^j upward."""
-    rows: list[list[float]] = [
-        [1 / 2, -2 / 3, 5 / 16, 41 / 180, -127 / 288, 7891 / 37800],
-        [13 / 48, -3 / 5, 557 / 1440, 281 / 630, -1983433 / 1935360],
-        [61 / 240, -103 / 140, 15061 / 26880, 167603 / 181440],
-        [49561 / 161280, -179 / 168, 6601661 / 7257600],
-        [34729 / 80640, -3418889 / 1995840],
-        [212378941 / 319334400],
-    ]
-    return tuple(
-        sum(value * n ** (j + power) for power, value in enumerate(row))
-        for j, row in enumerate(rows, start=1)
-    )
-
-
 _THIRD_FLATTENING = FLATTENING / (2 - FLATTENING)
-_ALPHA = _krueger(_THIRD_FLATTENING)
+# Factors of powers of the third flattening in equation 35; row j begins with its jth power.
+_POWERS: list[list[float]] = [
+    [1 / 2, -2 / 3, 5 / 16, 41 / 180, -127 / 288, 7891 / 37800],
+    [13 / 48, -3 / 5, 557 / 1440, 281 / 630, -1983433 / 1935360],
+    [61 / 240, -103 / 140, 15061 / 26880, 167603 / 181440],
+    [49561 / 161280, -179 / 168, 6601661 / 7257600],
+    [34729 / 80640, -3418889 / 1995840],
+    [212378941 / 319334400],
+]
+_ALPHA = [
+    sum(value * _THIRD_FLATTENING ** (j + power) for power, value in enumerate(row))
+    for j, row in enumerate(_POWERS, start=1)
+]
 _RECTIFYING_RADIUS_M = (
     SEMI_MAJOR_M
     / (1 + _THIRD_FLATTENING)

@@ -68,8 +68,7 @@ def birds_eye(
     _vehicle(picture, min(_CAR_M, _MOST_SHARE * range_m) * width / (2 * range_m))
     for number, category in enumerate(categories):
         text(picture, category, 12, 46 + 16 * number, size_px=11, colour=colour_of(number), halo=True)
-    if title:
-        text(picture, title, 12, 24, size_px=13, halo=True)
+    text(picture, title, 12, 24, size_px=13, halo=True)
     return picture
 
 

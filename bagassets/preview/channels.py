@@ -19,26 +19,44 @@ __all__ = ["CameraImages", "Clouds"]
 
 
 @dataclass(frozen=True, eq=False)
-class CameraImages:
-    """The images of one camera.
+class _Readings:
+    """The readings of one channel.
 
     Attributes:
         channel: its name.
         artifact: artifact with the files.
         stamps_ns: (N,) increasing.
         files: names in the artifact.
-        widths: (N,) of the images, in pixels.
-        camera: model of the images as written; None if unknown.
-        ego_SE3_cam: extrinsics.
+        ego_SE3_sensor: extrinsics.
     """
 
     channel: str
     artifact: Artifact
     stamps_ns: NDArray[np.int64]
     files: Sequence[str]
+    ego_SE3_sensor: SE3
+
+    def path(self, reading: int) -> Path:
+        """Return the file of a reading."""
+        return self.artifact.path(self.files[reading])
+
+    def global_SE3_sensor(self, reading: int, trajectory: Trajectory) -> SE3 | None:
+        """Return where the sensor was at the time of a reading; None without an ego pose at that time."""
+        global_SE3_ego = trajectory.pose_at(int(self.stamps_ns[reading]))
+        return None if global_SE3_ego is None else global_SE3_ego @ self.ego_SE3_sensor
+
+
+@dataclass(frozen=True, eq=False)
+class CameraImages(_Readings):
+    """The images of one camera.
+
+    Attributes:
+        widths: (N,) of the images, in pixels.
+        camera: model of the images as written; None if unknown.
+    """
+
     widths: NDArray[np.int32]
     camera: CameraModel | None
-    ego_SE3_cam: SE3
 
     @classmethod
     def of(
@@ -66,45 +84,33 @@ class CameraImages:
             artifact,
             index.column("stamp_ns").to_numpy(),
             index.column("file").to_pylist(),
+            ego_SE3_cam.normalised(),
             index.column("width").to_numpy(),
             camera,
-            ego_SE3_cam.normalised(),
         )
 
     def read(self, image: int) -> Image:
         """Return an image; see `read_image`."""
-        return read_image(self.artifact.path(self.files[image]))
+        return read_image(self.path(image))
 
     def read_reduced(self, image: int, least_width: int) -> Image:
         """Return an image, smaller if it is much wider than `least_width`; see `read_reduced`."""
-        return read_reduced(self.artifact.path(self.files[image]), int(self.widths[image]), least_width)
+        return read_reduced(self.path(image), int(self.widths[image]), least_width)
 
     def view(self, image: int, trajectory: Trajectory) -> View | None:
         """Return the camera at the time of an image; None without intrinsics, or without an ego pose at that time."""
-        global_SE3_ego = trajectory.pose_at(int(self.stamps_ns[image]))
-        if self.camera is None or global_SE3_ego is None:
-            return None
-        return View(self.camera, global_SE3_ego @ self.ego_SE3_cam)
+        global_SE3_cam = self.global_SE3_sensor(image, trajectory)
+        return None if self.camera is None or global_SE3_cam is None else View(self.camera, global_SE3_cam)
 
 
 @dataclass(frozen=True, eq=False)
-class Clouds:
+class Clouds(_Readings):
     """The revolutions of one lidar.
 
     Attributes:
-        channel: its name.
-        artifact: artifact with the files.
-        stamps_ns: (N,) increasing.
-        files: names in the artifact.
-        ego_SE3_lidar: extrinsics.
         read: reads (N, >=3) points of a file, x, y and z in the lidar frame first, metres.
     """
 
-    channel: str
-    artifact: Artifact
-    stamps_ns: NDArray[np.int64]
-    files: Sequence[str]
-    ego_SE3_lidar: SE3
     read: Callable[[Path], NDArray[np.float32]]
 
     @classmethod
@@ -128,9 +134,8 @@ class Clouds:
 
     def points_global(self, revolution: int, trajectory: Trajectory) -> Floats | None:
         """Return the (N, 3) points of a revolution in the global frame, metres; None without an ego pose at its time."""
-        global_SE3_ego = trajectory.pose_at(int(self.stamps_ns[revolution]))
-        if global_SE3_ego is None:
+        global_SE3_lidar = self.global_SE3_sensor(revolution, trajectory)
+        if global_SE3_lidar is None:
             return None
-        points = self.read(self.artifact.path(self.files[revolution]))
-        points_lidar = np.asarray(points[:, :3], dtype=np.float64)
-        return (global_SE3_ego @ self.ego_SE3_lidar).transform_points(points_lidar)
+        points_lidar = self.read(self.path(revolution))[:, :3]
+        return global_SE3_lidar.transform_points(points_lidar.astype(np.float64))

@@ -61,6 +61,5 @@ def future_trajectory(
             a, b = (tuple(np.rint(side[i]).astype(int).tolist()) for side in (left, right))
             cv2.line(picture, a, b, TEXT, max(1, width // 900), cv2.LINE_AA)
             text(picture, f"{second} s", b[0] + 6, b[1] + 4, size_px=max(10, width / 100), halo=True)
-    if title:
-        text(picture, title, 12, 24, size_px=max(11, width / 80), halo=True)
+    text(picture, title, 12, 24, size_px=max(11, width / 80), halo=True)
     return picture

@@ -40,8 +40,7 @@ def lidar_over_camera(
     radius = max(1, round(width / (900 if len(shown) > SPARSE_POINTS else 500)))
     _dots(picture, np.rint(pixels[shown]).astype(np.int32), _colours(_share(depth[shown])), radius)
     _legend(picture)
-    if title:
-        text(picture, title, 12, 24, size_px=max(11, width / 80), halo=True)
+    text(picture, title, 12, 24, size_px=max(11, width / 80), halo=True)
     return picture
 
 

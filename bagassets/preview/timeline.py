@@ -97,12 +97,8 @@ class _Axis:
 
 def _step(least: float) -> float:
     """Return 1, 2 or 5 times a power of ten, at least `least`."""
-    for power in range(-4, 7):
-        for digit in (1, 2, 5):
-            step = float(f"{digit}e{power}")
-            if step >= least:
-                return step
-    return least
+    steps = (float(f"{digit}e{power}") for power in range(-4, 7) for digit in (1, 2, 5))
+    return next((step for step in steps if step >= least), least)
 
 
 def _row(picture: Image, axis: _Axis, topic: JsonMapping, top: int) -> None:

@@ -26,16 +26,10 @@ def files_match(
     listed = {entry["filename"] for entry in files}
     nowhere = sorted(set(named) - listed)
     unnamed = sorted(listed - set(named))
-    problems = [
-        *_sentence(
-            "file of sample_data is in no artifact", "files of sample_data are in no artifact", nowhere
-        ),
-        *_sentence(
-            "listed file is not in sample_data",
-            "listed files are not in sample_data",
-            unnamed,
-        ),
-    ]
+    problems = _sentence(
+        "file of sample_data is in no artifact", "files of sample_data are in no artifact", nowhere
+    )
+    problems += _sentence("listed file is not in sample_data", "listed files are not in sample_data", unnamed)
     artifacts: dict[str, tuple[Artifact, dict[str, int]]] = {}
     lost: dict[str, str] = {}
     missing, torn = [], []

@@ -134,7 +134,7 @@ def _shortages(facts: JsonMapping) -> list[tuple[str, Mapping[str, int], list[in
 
 def _channels(facts: JsonMapping, stamps_of: StampsOf) -> str:
     """Describe which channels lack readings at how many keyframes, and when they start late or stop early."""
-    spans = _spans(facts)
+    spans = [counts["span_ns"] for counts in facts["counts"]["channels"].values() if counts["span_ns"]]
     begins_ns = min((span[0] for span in spans), default=0)
     ends_ns = max((span[1] for span in spans), default=0)
     shortages = _shortages(facts)
@@ -154,10 +154,6 @@ def _channels(facts: JsonMapping, stamps_of: StampsOf) -> str:
 def _silence_ns(stamps_ns: Stamps) -> float:
     """Return how long a channel may be silent at the start or end of a recording: a few of its median periods."""
     return _MISSING_PERIODS * float(np.median(np.diff(stamps_ns))) if len(stamps_ns) > 1 else 0.0
-
-
-def _spans(facts: JsonMapping) -> list[list[int]]:
-    return [counts["span_ns"] for counts in facts["counts"]["channels"].values() if counts["span_ns"]]
 
 
 def _moment(stamp_ns: int, begins_ns: int) -> str:

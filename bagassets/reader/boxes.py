@@ -1,6 +1,6 @@
 """Boxes of a sample."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import overload
 
@@ -100,9 +100,6 @@ class Boxes(Sequence[Box]):
         if isinstance(index, slice):
             return Boxes(self._boxes[index], self.frame, self._view)
         return self._boxes[index]
-
-    def __iter__(self) -> Iterator[Box]:
-        return iter(self._boxes)
 
     def __repr__(self) -> str:
         categories = sorted({box.category for box in self._boxes})

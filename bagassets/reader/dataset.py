@@ -4,7 +4,7 @@ Nothing is decoded before it is asked for. Names that are not there raise KeyErr
 """
 
 from abc import abstractmethod
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TypeVar, overload
@@ -73,9 +73,6 @@ class _Samples(Sequence["Sample"]):
         if isinstance(index, slice):
             return [Sample(self._source, number) for number in self._numbers[index]]
         return Sample(self._source, self._numbers[index])
-
-    def __iter__(self) -> "Iterator[Sample]":
-        return (Sample(self._source, number) for number in self._numbers)
 
 
 class Dataset(_Samples):

@@ -1,19 +1,20 @@
 """Datasets in the nuScenes format, ours and others."""
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cached_property, partial
+from pathlib import Path
 from typing import NamedTuple
 
 from bagassets.errors import DatasetError
 from bagassets.formats.nuscenes.schema import SPLITS, TABLES
 from bagassets.geometry.se3 import SE3
-from bagassets.json_types import JsonObject
+from bagassets.json_types import JsonMapping, JsonObject
 from bagassets.reader.boxes import Box
 from bagassets.reader.source import Reading, SceneRow
 from bagassets.reader.table_folder import TableFolder
 
-__all__ = ["NuScenesSource"]
+__all__ = ["NuScenesSource", "pose_in", "reading_in"]
 
 _OPTIONAL = {"map"}  # not read here
 
@@ -89,17 +90,8 @@ class NuScenesSource:
     def _reading(self, row: JsonObject, poses: Mapping[str, JsonObject] | None = None) -> Reading:
         """Return a reading; `poses` are those to look its own up in, by default those of keyframes."""
         mounted = self._mounting(row)
-        sensor = self._sensor(mounted)
-        return Reading(
-            channel=sensor["channel"],
-            modality=sensor["modality"],
-            stamp_ns=1000 * row["timestamp"],
-            path=self.root / row["filename"],
-            size_px=(row["width"] or 0, row["height"] or 0),
-            ego_SE3_sensor=SE3.create(mounted["rotation"], mounted["translation"]),
-            intrinsics=mounted["camera_intrinsic"] or None,
-            find_pose=partial(self._pose, row["ego_pose_token"], poses),
-        )
+        find_pose = partial(self._pose, row["ego_pose_token"], poses)
+        return reading_in(row, mounted, self._sensor(mounted), self.root, find_pose)
 
     def _mounting(self, row: JsonObject) -> JsonObject:
         return self._row("calibrated_sensor", row["calibrated_sensor_token"])
@@ -108,8 +100,7 @@ class NuScenesSource:
         return self._row("sensor", mounted["sensor_token"])
 
     def _pose(self, token: str, poses: Mapping[str, JsonObject] | None) -> SE3:
-        row = self._lookup(self._poses if poses is None else poses, "ego_pose", token)
-        return SE3.create(row["rotation"], row["translation"])
+        return pose_in(self._lookup(self._poses if poses is None else poses, "ego_pose", token))
 
     def _box(self, row: JsonObject) -> Box:
         instance = self._row("instance", row["instance_token"])
@@ -121,7 +112,7 @@ class NuScenesSource:
             category=self._row("category", instance["category_token"])["name"],
             attributes=tuple(self._row("attribute", token)["name"] for token in row["attribute_tokens"]),
             visibility=self._row("visibility", visibility)["level"] if visibility else "",
-            pose=SE3.create(row["rotation"], row["translation"]),
+            pose=pose_in(row),
             size_m=(width, length, height),
             num_lidar_pts=row["num_lidar_pts"],
             num_radar_pts=row["num_radar_pts"],
@@ -194,6 +185,27 @@ class NuScenesSource:
             raise DatasetError(
                 f"{self.folder.path / table}.json: there is no row {token}, which another table names; {self.folder.remedy()}"
             ) from None
+
+
+def pose_in(row: JsonMapping) -> SE3:
+    """Return the pose in a row of a table."""
+    return SE3.create(row["rotation"], row["translation"])
+
+
+def reading_in(
+    row: JsonMapping, mounted: JsonMapping, sensor: JsonMapping, root: Path, find_pose: Callable[[], SE3]
+) -> Reading:
+    """Return the reading in a row of sample_data, given the rows of its sensor and the dataroot."""
+    return Reading(
+        channel=sensor["channel"],
+        modality=sensor["modality"],
+        stamp_ns=1000 * row["timestamp"],
+        path=root / row["filename"],
+        size_px=(row["width"] or 0, row["height"] or 0),
+        ego_SE3_sensor=pose_in(mounted),
+        intrinsics=mounted["camera_intrinsic"] or None,
+        find_pose=find_pose,
+    )
 
 
 def _by_sample(rows: Iterable[JsonObject]) -> Mapping[str, Sequence[JsonObject]]:

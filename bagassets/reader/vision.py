@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 from math import cos, sin
 
+from bagassets.geometry.euler import of_half_angles
 from bagassets.geometry.se3 import SE3
 from bagassets.json_types import JsonObject
 from bagassets.reader.boxes import Box
@@ -105,11 +106,5 @@ def _name(row: JsonObject) -> str:
 def _pose(values: Sequence[float]) -> SE3:
     """Return the transform of x, y, z and roll, pitch, yaw about fixed axes."""
     x, y, z, *angles = values
-    (cr, cp, cy), (sr, sp, sy) = ([of(angle / 2) for angle in angles] for of in (cos, sin))
-    rotation = (
-        cr * cp * cy + sr * sp * sy,
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-    )
-    return SE3.create(rotation, (x, y, z))
+    sines, cosines = ([of(angle / 2) for angle in angles] for of in (sin, cos))
+    return SE3.create(of_half_angles(sines, cosines), (x, y, z))

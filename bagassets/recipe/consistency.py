@@ -3,13 +3,15 @@
 from collections.abc import Iterable, Iterator
 from pathlib import Path, PurePosixPath
 
-from bagassets.json_types import Json, JsonObject
+from pydantic import BaseModel
+
+from bagassets.json_types import JsonObject
 from bagassets.recipe.model import CameraChannel, LidarChannel, Recipe, Rig
 from bagassets.recipe.model_calibration import Intrinsics
 from bagassets.recipe.model_poses import FixedPose, NavSatSource, TfSource
-from bagassets.recipe.problems import Problem, closest
+from bagassets.recipe.problems import Problem, closest, suggestion, value_at
 
-__all__ = ["problems_in"]
+__all__ = ["paths_in", "problems_in"]
 
 _COEFFICIENTS = {"plumb_bob": (0, 4, 5), "rational_polynomial": (0, 8, 12, 14), "equidistant": (0, 4)}
 """Model -> possible numbers of distortion coefficients in OpenCV and ROS."""
@@ -25,96 +27,75 @@ def problems_in(recipe: Recipe, data: JsonObject) -> Iterator[Problem]:
     yield from _paths(recipe, data)
     yield from _globs(recipe)
     yield from _scenes(recipe)
-    yield from _nuscenes(recipe)
+    for field in ("categories", "attributes"):
+        entries = enumerate(getattr(recipe.nuscenes, field))
+        yield from _repeated((("nuscenes", field, n, "name"), entry.name) for n, entry in entries)
     yield from _shown_channels(recipe)
     for number, rig in enumerate(recipe.rigs):
         for at, sentence in _rig(rig):
             yield ("rigs", number, *at), sentence
 
 
+def paths_in(value: object, at: tuple[str | int, ...] = ()) -> Iterator[tuple[tuple[str | int, ...], Path]]:
+    """Yield the paths in a recipe, or in a part of it, each after its location."""
+    if isinstance(value, Path):
+        yield at, value
+    elif isinstance(value, BaseModel | dict | tuple | list):
+        entries: Iterable[tuple[str | int, object]] = enumerate(value)
+        if isinstance(value, BaseModel | dict):
+            entries = value.items() if isinstance(value, dict) else value
+        for name, inner in entries:
+            yield from paths_in(inner, (*at, name))
+
+
+def _own_paths(recipe: Recipe) -> Iterator[tuple[tuple[str | int, ...], Path]]:
+    """Yield the paths in a recipe but those that only the package of a format knows about."""
+    return ((at, path) for at, path in paths_in(recipe) if at[0] != "formats" or at[2:] == ("output",))
+
+
 def _paths(recipe: Recipe, data: JsonObject) -> Iterator[Problem]:
-    bags = data["bags"]
-    written: list[tuple[tuple[str | int, ...], Json]] = [
-        (("bags", "root"), bags["root"]),
-        (("state",), data.get("state")),
-        (("store",), data.get("store")),
-        *(((name, "output"), (data.get(name) or {}).get("output")) for name in recipe.own_sections),
-        *(
-            (("formats", name, "output"), data["formats"][name].get("output"))
-            for name in recipe.installed_sections
-        ),
-        *((("datasets", n, "output"), d.get("output")) for n, d in enumerate(data.get("datasets", []))),
-        *((("bags", "message_definitions", n), p) for n, p in enumerate(bags.get("message_definitions", []))),
-        *((("rigs", n, "urdf"), rig.get("urdf")) for n, rig in enumerate(data["rigs"])),
-        *(
-            (at, data["rigs"][at[1]]["channels"][at[3]][at[4]]["file"])
-            for at, _ in _calibration_files(recipe)
-        ),
-    ]
-    home = [at for at, path in written if isinstance(path, str) and path.startswith("~")]
-    for at in home:
-        yield (
-            at,
-            "`~` is not expanded, because the web UI may run as another user; give an absolute path, or one relative to the recipe's folder",
-        )
-    for number, rig in enumerate(recipe.rigs):
-        at = ("rigs", number, "urdf")
-        if rig.urdf is not None and at not in home and not rig.urdf.is_file():
-            yield (
-                at,
-                f"there is no file {rig.urdf}; give an absolute path to the URDF, or one relative to the recipe's folder",
-            )
-    for at, file in _calibration_files(recipe):
-        if at not in home and not file.is_file():
-            yield (
-                at,
-                f"{file} is a folder; name the calibration file in it"
-                if file.is_dir()
-                else f"there is no file {file}; give an absolute path to the calibration file, or one relative to the "
-                "recipe's folder",
-            )
-    for number, folder in enumerate(recipe.bags.message_definitions):
-        at = ("bags", "message_definitions", number)
-        if at not in home and not folder.is_dir():
-            yield at, f"there is no folder {folder}; name a folder of .msg files"
+    for at, path in _own_paths(recipe):
+        match at:
+            case _ if str(value_at(data, at)).startswith("~"):
+                yield (
+                    at,
+                    "`~` is not expanded, because the web UI may run as another user; give an absolute path, or one relative to the recipe's folder",
+                )
+            case ("rigs", _, "urdf") if not path.is_file():
+                yield (
+                    at,
+                    f"there is no file {path}; give an absolute path to the URDF, or one relative to the recipe's folder",
+                )
+            case ("rigs", _, "channels", _, _, "file") if not path.is_file():
+                yield (
+                    at,
+                    f"{path} is a folder; name the calibration file in it"
+                    if path.is_dir()
+                    else f"there is no file {path}; give an absolute path to the calibration file, or one relative to the "
+                    "recipe's folder",
+                )
+            case ("bags", "message_definitions", _) if not path.is_dir():
+                yield at, f"there is no folder {path}; name a folder of .msg files"
     if recipe.bags.root.is_file():
         yield ("bags", "root"), f"{recipe.bags.root} is a file; name the folder with the recordings"
     yield from _outputs(recipe)
 
 
-def _calibration_files(recipe: Recipe) -> list[tuple[tuple[str, int, str, str, str, str], Path]]:
-    """Return the place of each calibration file in the recipe, and its path."""
-    return [
-        (("rigs", number, "channels", name, field, "file"), one.file)
-        for number, rig in enumerate(recipe.rigs)
-        for name, channel in rig.channels.items()
-        for field, one in channel.calibration_files.items()
-    ]
-
-
 def _outputs(recipe: Recipe) -> Iterator[Problem]:
     """Check that each dataset has its own folder; nuScenes versions may share a dataroot, as in nuScenes itself."""
-    nuscenes = recipe.nuscenes
+    versions: dict[tuple[str | int, ...], str] = {("nuscenes", "output"): recipe.nuscenes.version}
+    for number, dataset in enumerate(recipe.datasets):
+        versions["datasets", number, "output"] = dataset.version or recipe.nuscenes.version
     taken: list[tuple[str, Path, str | None]] = [("state folder", recipe.state, None)]
     if recipe.store is not None:
         taken.append(("store", recipe.store, None))
-    wanted: list[tuple[tuple[str | int, ...], Path, str | None]] = [
-        ((name, "output"), section.output, nuscenes.version if section is nuscenes else None)
-        for name, section in recipe.own_sections.items()
-    ]
-    wanted += [
-        (("formats", name, "output"), section.output, None)
-        for name, section in recipe.installed_sections.items()
-    ]
-    wanted += [
-        (("datasets", number, "output"), dataset.output, dataset.version or nuscenes.version)
-        for number, dataset in enumerate(recipe.datasets)
-        if dataset.output is not None
-    ]
-    for at, output, version in wanted:
+    for at, output in _own_paths(recipe):
+        if at[-1] != "output":
+            continue
+        version = versions.get(at)
         for owner, folder, other in taken:
-            versions = output == folder and version is not None and other is not None and version != other
-            if not versions and (output == folder or folder in output.parents or output in folder.parents):
+            both = output == folder and version is not None and other is not None and version != other
+            if not both and (output == folder or folder in output.parents or output in folder.parents):
                 yield (
                     at,
                     f"{output} and the {owner} {folder} must be different, and neither may contain the other",
@@ -137,21 +118,16 @@ def _shown_channels(recipe: Recipe) -> Iterator[Problem]:
         asked.append((("vision", "cameras", number), name, "camera"))
     for at, wanted, kind in asked:
         if wanted is not None and wanted not in kinds[kind]:
-            near = closest(wanted, kinds[kind])
-            hint = f"; did you mean {near}?" if near else ""
-            yield at, f"no rig has a {kind} {wanted}{hint}"
+            yield at, f"no rig has a {kind} {wanted}{suggestion(wanted, kinds[kind])}"
 
 
 def _globs(recipe: Recipe) -> Iterator[Problem]:
     globs: list[tuple[tuple[str | int, ...], str]] = [
         *((("bags", "include", n), glob) for n, glob in enumerate(recipe.bags.include)),
         *((("bags", "exclude", n), glob) for n, glob in enumerate(recipe.bags.exclude)),
-        *(
-            (("rigs", r, "match", n), glob)
-            for r, rig in enumerate(recipe.rigs)
-            for n, glob in enumerate(rig.match)
-        ),
     ]
+    for number, rig in enumerate(recipe.rigs):
+        globs += [(("rigs", number, "match", n), glob) for n, glob in enumerate(rig.match)]
     for at, glob in globs:
         if not glob:
             yield at, "an empty glob matches nothing; `**` matches everything"
@@ -192,14 +168,6 @@ def _scenes(recipe: Recipe) -> Iterator[Problem]:
             ("scenes", "length_s"),
             f"{scenes.length_s:g} s is shorter than the time between keyframes ({1.0 / scenes.keyframe_hz:g} s)",
         )
-
-
-def _nuscenes(recipe: Recipe) -> Iterator[Problem]:
-    for field, entries in (
-        ("categories", recipe.nuscenes.categories),
-        ("attributes", recipe.nuscenes.attributes),
-    ):
-        yield from _repeated((("nuscenes", field, n, "name"), entry.name) for n, entry in enumerate(entries))
 
 
 def _repeated(names: Iterable[tuple[tuple[str | int, ...], str]]) -> Iterator[Problem]:

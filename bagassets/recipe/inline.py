@@ -40,7 +40,11 @@ def write_inline(recipe: Recipe, state: Path, store: Path | None) -> Path:
     Raises:
         StoreError: the file cannot be written.
     """
-    own = _as_json(recipe) | {"state": str(state)} | ({} if store is None else {"store": str(store)})
+    own: JsonObject = recipe.model_dump(mode="json", exclude_unset=True)  # with absolute paths; JSON is YAML
+    if recipe.installed_sections:
+        sections = recipe.installed_sections.items()
+        own["formats"] = {name: one.model_dump(mode="json", exclude_unset=True) for name, one in sections}
+    own |= {"state": str(state)} | ({} if store is None else {"store": str(store)})
     file, content = state / "recipe.yaml", json.dumps(own, ensure_ascii=False, indent=1).encode()
     # Written anew, it would have to be examined again.
     if not file.is_file() or file.read_bytes() != content:
@@ -50,12 +54,3 @@ def write_inline(recipe: Recipe, state: Path, store: Path | None) -> Path:
         except OSError as err:
             raise StoreError(f"{file}: the recipe cannot be written here ({err.strerror or err}).") from err
     return file
-
-
-def _as_json(recipe: Recipe) -> JsonObject:
-    """Return a recipe, its paths absolute, as JSON, which is YAML."""
-    own: JsonObject = recipe.model_dump(mode="json", exclude_unset=True)
-    if recipe.installed_sections:
-        sections = recipe.installed_sections.items()
-        own["formats"] = {name: one.model_dump(mode="json", exclude_unset=True) for name, one in sections}
-    return own

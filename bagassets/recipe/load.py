@@ -4,16 +4,16 @@ The result depends only on the text and the recipe's folder, not on environment 
 """
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from bagassets.errors import PluginError, RecipeError
 from bagassets.extensions import FORMATS, installed_extensions
 from bagassets.json_types import Json, JsonMapping, JsonObject
-from bagassets.recipe.consistency import problems_in
+from bagassets.recipe.consistency import paths_in, problems_in
 from bagassets.recipe.format_settings import section_model
 from bagassets.recipe.model import Recipe, Rig
 from bagassets.recipe.model_datasets import NamedDataset
@@ -61,7 +61,7 @@ def parse_recipe(text: str, path: Path) -> Recipe:
     recipe = _absolute(recipe, path.parent)
     problems = list(problems_in(recipe, data))
     if problems:
-        raise _wrong(problems, data, places, path)
+        raise RecipeError(*_sentences(problems, data, places, path))
     return recipe
 
 
@@ -73,19 +73,8 @@ def paths_written(path: Path) -> list[Path]:
         OSError: the recipe cannot be read.
     """
     recipe, _, _ = _as_written(path.read_text(encoding="utf-8"), path)
-    written = [*_paths_in(recipe), *(_output_of(dataset) for dataset in recipe.datasets)]
+    written = [*(one for _, one in paths_in(recipe)), *(_output_of(dataset) for dataset in recipe.datasets)]
     return [path.absolute().parent / one for one in written]
-
-
-def _paths_in(value: object) -> Iterator[Path]:
-    if isinstance(value, Path):
-        yield value
-    elif isinstance(value, BaseModel):
-        for _, inner in value:
-            yield from _paths_in(inner)
-    elif isinstance(value, tuple | list | dict):
-        for inner in value.values() if isinstance(value, dict) else value:
-            yield from _paths_in(inner)
 
 
 def _as_written(text: str, path: Path) -> tuple[Recipe, JsonObject, Place]:
@@ -109,7 +98,7 @@ def _as_written(text: str, path: Path) -> tuple[Recipe, JsonObject, Place]:
         recipe, others = _validated(with_stand_ins(data, questions))
         problems = [*problems, *others] if others else []
     if recipe is None or problems:
-        raise _wrong(problems, data, places, path)
+        raise RecipeError(*_sentences(problems, data, places, path))
     rigs = tuple(
         rig.with_questions(_sentences(questions[number], data, places, path)) if number in questions else rig
         for number, rig in enumerate(recipe.rigs)
@@ -143,10 +132,6 @@ def _causes(err: ValidationError) -> list[ErrorDetails]:
     errors = err.errors()
     inner = {error["loc"][:depth] for error in errors for depth in range(len(error["loc"]))}
     return [error for error in errors if error["type"] != "too_short" or error["loc"] not in inner]
-
-
-def _wrong(problems: Iterable[Problem], data: JsonObject, places: Place, path: Path) -> RecipeError:
-    return RecipeError(*_sentences(problems, data, places, path))
 
 
 def _sentences(problems: Iterable[Problem], data: JsonObject, places: Place, path: Path) -> list[str]:
@@ -200,34 +185,28 @@ def _absolute_rig(rig: Rig, folder: Path) -> Rig:
 
 
 def _absolute(recipe: Recipe, folder: Path) -> Recipe:
+    def absolute(path: Path) -> Path:
+        return (folder / path).resolve()
+
+    state, definitions = absolute(recipe.state), tuple(map(absolute, recipe.bags.message_definitions))
     bags = recipe.bags.model_copy(
-        update={
-            "root": (folder / recipe.bags.root).resolve(),
-            "message_definitions": tuple((folder / p).resolve() for p in recipe.bags.message_definitions),
-        }
+        update={"root": absolute(recipe.bags.root), "message_definitions": definitions}
     )
-    rigs = tuple(_absolute_rig(rig, folder) for rig in recipe.rigs)
     sections, installed = (
-        {
-            name: section.model_copy(update={"output": (folder / section.output).resolve()})
-            for name, section in given.items()
-        }
+        {name: one.model_copy(update={"output": absolute(one.output)}) for name, one in given.items()}
         for given in (recipe.own_sections, recipe.installed_sections)
     )
-    datasets = tuple(
-        dataset.model_copy(update={"output": (folder / _output_of(dataset)).resolve()})
-        for dataset in recipe.datasets
-    )
     update = {
-        "bags": bags,
-        "rigs": rigs,
+        "bags": bags.with_state(state),
+        "rigs": tuple(_absolute_rig(rig, folder) for rig in recipe.rigs),
         **sections,
         "formats": {**recipe.formats, **installed},
-        "datasets": datasets,
+        "datasets": tuple(
+            one.model_copy(update={"output": absolute(_output_of(one))}) for one in recipe.datasets
+        ),
+        "state": state,
+        "store": None if recipe.store is None else absolute(recipe.store),
     }
-    store = None if recipe.store is None else (folder / recipe.store).resolve()
-    state = (folder / recipe.state).resolve()
-    update |= {"bags": bags.with_state(state), "state": state, "store": store}
     return recipe.model_copy(update=update)
 
 
@@ -254,13 +233,10 @@ def _read_sections(data: JsonMapping) -> tuple[JsonObject, list[Problem]]:
         try:
             sections[name] = model.model_validate_json(json.dumps(value), strict=True)
         except ValidationError as err:
-            problems += _explained_section(name, err, data)
+            problems += [
+                explain({**error, "loc": ("formats", name, *error["loc"])}, data) for error in err.errors()
+            ]
     return sections, problems
-
-
-def _explained_section(name: str, err: ValidationError, data: JsonMapping) -> Iterator[Problem]:
-    for error in err.errors():
-        yield explain({**error, "loc": ("formats", name, *error["loc"])}, data)
 
 
 def _unknown_format(name: str) -> str:

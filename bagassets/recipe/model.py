@@ -48,8 +48,7 @@ class GreyRange(Model):
     @model_validator(mode="after")
     def _one(self) -> Self:
         if (self.range is None) == (self.percentiles is None):
-            msg = "give either range or percentiles"
-            raise ValueError(msg)
+            raise ValueError("give either range or percentiles")
         field = "percentiles" if self.range is None else "range"
         low, high = self.range or self.percentiles or (0.0, 0.0)
         if not low < high:
@@ -71,7 +70,7 @@ class _Channel(Model):
     @property
     def calibration_files(self) -> dict[str, CalibrationFile]:
         """Field -> the calibration file that it names."""
-        return {}
+        return {field: value for field, value in self if isinstance(value, CalibrationFile)}
 
 
 class _PlacedChannel(_Channel):
@@ -108,12 +107,6 @@ class CameraChannel(_Channel):
         None, description="Another K for undistorted images; default: the camera's K."
     )
     to_8bit: GreyRange | None = Field(None, description="How 16-bit grey becomes 8-bit; required for jpeg.")
-
-    @property
-    def calibration_files(self) -> dict[str, CalibrationFile]:
-        """Field -> the calibration file that it names."""
-        named = {"extrinsics": self.extrinsics, "intrinsics": self.intrinsics}
-        return {field: value for field, value in named.items() if isinstance(value, CalibrationFile)}
 
 
 class PointTimes(Model):

@@ -35,16 +35,13 @@ class FieldValueError(ValueError):
         self.at = at
 
 
-def _slug(name: str) -> str:
-    if not re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.-]*", name):
-        raise ValueError("must consist of letters, digits, '-', '_' and '.', and not start with '-' or '.'")
-    return name
+def _matching(pattern: str, problem: str) -> AfterValidator:
+    def check(name: str) -> str:
+        if not re.fullmatch(pattern, name):
+            raise ValueError(problem)
+        return name
 
-
-def _channel_name(name: str) -> str:
-    if not re.fullmatch(r"[A-Z][A-Z0-9_]*", name):
-        raise ValueError("a channel's name has capitals, digits and '_' only, as in CAM_FRONT")
-    return name
+    return AfterValidator(check)
 
 
 def _frame_name(name: str) -> str:
@@ -59,8 +56,10 @@ def not_empty(text: str) -> str:
     return text
 
 
-Slug = Annotated[str, AfterValidator(_slug)]
-ChannelName = Annotated[str, AfterValidator(_channel_name)]
+_SLUG = "must consist of letters, digits, '-', '_' and '.', and not start with '-' or '.'"
+Slug = Annotated[str, _matching(r"[A-Za-z0-9_][A-Za-z0-9_.-]*", _SLUG)]
+_CHANNEL = "a channel's name has capitals, digits and '_' only, as in CAM_FRONT"
+ChannelName = Annotated[str, _matching(r"[A-Z][A-Z0-9_]*", _CHANNEL)]
 CameraName = Annotated[str, AfterValidator(not_empty)]
 FrameName = Annotated[str, AfterValidator(_frame_name)]
 TopicName = Annotated[str, AfterValidator(not_empty)]

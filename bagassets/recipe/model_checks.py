@@ -22,10 +22,13 @@ class Check(Model):
     severity: Severity = Field("error", description=_SEVERITY)
 
 
-class ChannelsCheck(Model):
+class _Warning(Model):
+    severity: Severity = Field("warn", description=_SEVERITY)
+
+
+class ChannelsCheck(Check):
     """Configured channels have messages in the recording, and files made from them."""
 
-    severity: Severity = Field("error", description=_SEVERITY)
     optional: tuple[ChannelName, ...] = Field((), description="Channels that a recording may lack.")
     max_lost: float | None = Field(
         None,
@@ -52,18 +55,16 @@ class TopicLimits(Model):
         return self
 
 
-class TopicsCheck(Model):
+class TopicsCheck(_Warning):
     """Rates and pauses of topics: those of channels and poses, and those named here."""
 
-    severity: Severity = Field("warn", description=_SEVERITY)
     max_gap_s: float = Field(1.0, gt=0, description="Longest pause of any topic.")
     limits: dict[TopicName, TopicLimits] = Field(default_factory=dict, description="Topic -> its own limits.")
 
 
-class StampsCheck(Model):
+class StampsCheck(_Warning):
     """Header stamps go forward."""
 
-    severity: Severity = Field("warn", description=_SEVERITY)
     max_backward: int = Field(
         0, ge=0, description="Number of messages of a topic whose stamps may go back in time."
     )
@@ -72,20 +73,18 @@ class StampsCheck(Model):
     )
 
 
-class PosesCheck(Model):
+class PosesCheck(Check):
     """Readings of the sensors have an ego pose at their time."""
 
-    severity: Severity = Field("error", description=_SEVERITY)
     min_share: float = Field(
         0.99, ge=0, le=1, description="Share of each channel's readings that must have a pose."
     )
     max_speed_mps: float = Field(70.0, gt=0, description="A faster movement between two poses is a jump.")
 
 
-class SweepTimesCheck(Model):
+class SweepTimesCheck(_Warning):
     """Lidar clouds match best with the ego poses at their own stamps."""
 
-    severity: Severity = Field("warn", description=_SEVERITY)
     min_gain: float = Field(
         0.05,
         gt=0,
@@ -94,10 +93,9 @@ class SweepTimesCheck(Model):
     )
 
 
-class CalibrationCheck(Model):
+class CalibrationCheck(_Warning):
     """Extrinsics and intrinsics are plausible for a vehicle with real lenses."""
 
-    severity: Severity = Field("warn", description=_SEVERITY)
     max_distance_m: float = Field(10.0, gt=0, description="Largest distance of a sensor from the ego frame.")
     max_tilt_deg: float = Field(
         60.0,
@@ -115,10 +113,9 @@ class CalibrationCheck(Model):
     )
 
 
-class BoxesCheck(Model):
+class BoxesCheck(_Warning):
     """Boxes were decoded, and are plausible for road users."""
 
-    severity: Severity = Field("warn", description=_SEVERITY)
     max_lost: float = Field(0.01, ge=0, le=1, description="Share of a source's boxes that may be lost.")
     max_speed_mps: float = Field(60.0, gt=0, description="A faster movement of a track is a jump.")
     noise_m: float = Field(

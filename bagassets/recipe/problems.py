@@ -12,7 +12,16 @@ from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_base import FieldValueError, Transform
 from bagassets.recipe.schema import describe, enter, plain, tag_field, variants
 
-__all__ = ["Problem", "closest", "explain", "open_questions", "undecided", "with_stand_ins"]
+__all__ = [
+    "Problem",
+    "closest",
+    "explain",
+    "open_questions",
+    "suggestion",
+    "undecided",
+    "value_at",
+    "with_stand_ins",
+]
 
 Problem = tuple[tuple[str | int, ...], str]
 """A location in the recipe (field names, keys, indices), and what is wrong there, without full stop."""
@@ -36,14 +45,14 @@ def explain(error: Mapping[str, Any], data: Json) -> Problem:
     if kind == "missing" and isinstance(location[-1], int):
         location, kind = location[:-1], "too_short"  # pydantic blames the absent entry of a vector
     at, annotation = _locate(location)
-    context, value = error.get("ctx", {}), _value(data, at)
-    if kind == "extra_forbidden" and _model(location) is Transform and "file" in _value(data, at[:-1]):
+    context, value = error.get("ctx", {}), value_at(data, at)
+    if kind == "extra_forbidden" and _model(location) is Transform and "file" in value_at(data, at[:-1]):
         return at[:-1], (
             "only a camera's extrinsics can come from a file; give the `translation` and `rotation` of this sensor, or "
             "name a `urdf` of the rig"
         )
     if kind == "extra_forbidden":
-        return at, _unknown_field(str(at[-1]), _model(location), _value(data, at[:-1]))
+        return at, _unknown_field(str(at[-1]), _model(location), value_at(data, at[:-1]))
     if kind == "missing":
         purpose = _purpose(location)
         required = f"this field is required: {purpose}" if purpose else "this field is required"
@@ -65,7 +74,7 @@ def explain(error: Mapping[str, Any], data: Json) -> Problem:
         return at, f"needs a value: {_purpose(location) or describe(annotation)}"
     if kind == "literal_error":
         allowed = [str(option) for option in get_args(plain(annotation))]
-        return at, f"must be {_either(allowed)}; found {_show(value)}{_suggestion(value, allowed)}"
+        return at, f"must be {_either(allowed)}; found {_show(value)}{suggestion(value, allowed)}"
     return at, f"expected {describe(annotation)}; found {_show(value)}{_quoting(annotation, value)}"
 
 
@@ -177,10 +186,11 @@ def _tag(at: tuple[str | int, ...], annotation: object, value: Json) -> Problem:
     if not isinstance(value, dict) or tag not in value:
         return (*at, tag), f"this field is required; it is {_either(allowed)}"
     given = value[tag]
-    return (*at, tag), f"must be {_either(allowed)}; found {_show(given)}{_suggestion(given, allowed)}"
+    return (*at, tag), f"must be {_either(allowed)}; found {_show(given)}{suggestion(given, allowed)}"
 
 
-def _suggestion(value: Json, allowed: list[str]) -> str:
+def suggestion(value: Json, allowed: list[str]) -> str:
+    """Return the end of a sentence about a wrong value; "" if it is no misspelling of an allowed one."""
     near = closest(value, allowed) if isinstance(value, str) else ""
     return f"; did you mean {near}?" if near else ""
 
@@ -217,7 +227,8 @@ def _show(value: Json) -> str:
             return "a mapping"
 
 
-def _value(data: Json, location: tuple[str | int, ...]) -> Json:
+def value_at(data: Json, location: tuple[str | int, ...]) -> Json:
+    """Return what stands at a location in plain data; None if nothing does."""
     for part in location:
         if isinstance(data, list):
             data = data[part] if isinstance(part, int) and part < len(data) else None

@@ -2,12 +2,11 @@
 
 import json
 from collections.abc import Iterator
-from pathlib import PurePath
 from typing import get_args, get_origin
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
-from pydantic_core import PydanticUndefined
+from pydantic_core import PydanticUndefined, to_jsonable_python
 
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.schema import describe, is_tag, limits, models_in, plain, tag_field, variants
@@ -141,13 +140,7 @@ def _default(field: FieldInfo) -> str:
         return ""
     if isinstance(value, BaseModel):
         return "see below"
-    return f"`{_cell(json.dumps(_json(value), ensure_ascii=False).strip(chr(34)))}`"
-
-
-def _json(value: object) -> object:
-    if isinstance(value, PurePath):
-        return value.as_posix()
-    return [_json(entry) for entry in value] if isinstance(value, tuple) else value
+    return f"`{_cell(json.dumps(to_jsonable_python(value), ensure_ascii=False).strip(chr(34)))}`"
 
 
 def _cell(text: str) -> str:

@@ -71,17 +71,12 @@ def read_yaml(text: str, path: Path) -> tuple[Json, Place]:
     Raises:
         RecipeError: the text is not YAML, or uses a feature that a recipe does not have.
     """
-    loader = None
     try:
-        loader = _Loader(text.removeprefix("\ufeff"))
-        node = loader.get_single_node()
+        node = yaml.compose(text.removeprefix("\ufeff"), Loader=_Loader)
     except yaml.YAMLError as err:
         raise RecipeError(_syntax_error(err, text, path)) from err
     except RecursionError:
         raise RecipeError(f"{path}:1: the recipe is nested too deeply for a recipe.") from None
-    finally:
-        if loader is not None:
-            loader.dispose()
     if node is None:
         return None, Place(1)
     return _Reader(path, _PLENTY + len(text)).value(

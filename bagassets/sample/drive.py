@@ -4,7 +4,7 @@ The same seed and profile give the same drive in every format: the messages have
 and the same stamps.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import pairwise
@@ -14,7 +14,7 @@ from pathlib import Path
 from bagassets.sample.oddities.catalogue import ODDITIES
 from bagassets.sample.recorder import Compression, RecordingFormat, open_recorder
 from bagassets.sample.rig import cameras
-from bagassets.sample.schedule import Event, drive_events
+from bagassets.sample.schedule import drive_events
 from bagassets.sample.throughput import throughput_cameras, throughput_events
 from bagassets.sample.truth import Truth
 from bagassets.sample.world import World
@@ -97,7 +97,7 @@ def write_recordings(
     rig = {camera.channel: camera for camera in make_cameras(kind.width, kind.height)}
     truth = Truth(World(seed), drive_start_ns(seed), rig)
     length_s = kind.duration_s if duration_s is None else duration_s
-    events = _events(kind, truth, seed, length_s)
+    events = throughput_events(truth, seed, length_s) if kind.throughput else drive_events(truth, length_s)
     for name in odd:
         events = ODDITIES[name](events, truth)
     with ExitStack() as stack:
@@ -113,9 +113,3 @@ def write_recordings(
                     recorder.write_raw(event.topic, event.msgtype, event.log_time_ns, event.payload(recorder))
             progress(truth.seconds(event.log_time_ns))
     return truth
-
-
-def _events(kind: Profile, truth: Truth, seed: int, length_s: float) -> Iterator[Event]:
-    if kind.throughput:
-        return throughput_events(truth, seed, length_s)
-    return drive_events(truth, length_s)

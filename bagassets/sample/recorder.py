@@ -5,7 +5,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Literal, Protocol
+from typing import Literal
 
 import lz4.frame
 from mcap.writer import CompressionType
@@ -31,23 +31,8 @@ COMPRESSIONS: dict[RecordingFormat, tuple[Compression, ...]] = {
 }
 
 
-class Recorder(Protocol):
-    """An open recording."""
-
-    messages: Messages
-
-    def write(self, topic: str, msgtype: str, log_time_ns: int, message: Message) -> None:
-        """Serialize a message and append it."""
-
-    def write_raw(self, topic: str, msgtype: str, log_time_ns: int, data: bytes | bytearray) -> None:
-        """Append a serialized message."""
-
-    def serialize(self, msgtype: str, message: Message) -> bytes:
-        """Return the bytes of a message in this format."""
-
-
-class _Recorder(ABC):
-    """Base of the writers; `_add` creates the connection of a topic."""
+class Recorder(ABC):
+    """An open recording; the writer of each format says in `_add` how the connection of a topic is created."""
 
     def __init__(self, *, ros1: bool) -> None:
         self.messages = Messages(ros1=ros1)
@@ -58,20 +43,31 @@ class _Recorder(ABC):
         """Create the connection of a topic; return a function that appends a message to it."""
 
     def serialize(self, msgtype: str, message: Message) -> bytes:
+        """Return the bytes of a message in this format."""
         store = self.messages.store
         serialize = store.serialize_ros1 if self.messages.ros1 else store.serialize_cdr
         return bytes(serialize(message, msgtype))
 
     def write(self, topic: str, msgtype: str, log_time_ns: int, message: Message) -> None:
+        """Serialize a message and append it."""
         self.write_raw(topic, msgtype, log_time_ns, self.serialize(msgtype, message))
 
     def write_raw(self, topic: str, msgtype: str, log_time_ns: int, data: bytes | bytearray) -> None:
+        """Append a serialized message."""
         if topic not in self._appenders:
             self._appenders[topic] = self._add(topic, msgtype)
         self._appenders[topic](log_time_ns, data)
 
 
-class _Ros1Recorder(_Recorder):
+class _RosbagsRecorder(Recorder):
+    _writer: Rosbag1Writer | Rosbag2Writer
+
+    def _add(self, topic: str, msgtype: str) -> Callable[[int, bytes | bytearray], None]:
+        connection = self._writer.add_connection(topic, msgtype, typestore=self.messages.store)
+        return lambda log_time_ns, data: self._writer.write(connection, log_time_ns, bytes(data))
+
+
+class _Ros1Recorder(_RosbagsRecorder):
     def __init__(self, path: Path, compression: Compression, stack: ExitStack) -> None:
         super().__init__(ros1=True)
         writer = Rosbag1Writer(path)
@@ -80,10 +76,6 @@ class _Ros1Recorder(_Recorder):
         if compression == "lz4":
             writer.compressor = _roslz4
         self._writer = stack.enter_context(writer)
-
-    def _add(self, topic: str, msgtype: str) -> Callable[[int, bytes | bytearray], None]:
-        connection = self._writer.add_connection(topic, msgtype, typestore=self.messages.store)
-        return lambda log_time_ns, data: self._writer.write(connection, log_time_ns, bytes(data))
 
 
 def _roslz4(data: bytes) -> bytes:
@@ -102,7 +94,7 @@ def _roslz4(data: bytes) -> bytes:
     return compressed
 
 
-class _Ros2Recorder(_Recorder):
+class _Ros2Recorder(_RosbagsRecorder):
     def __init__(self, path: Path, compression: Compression, stack: ExitStack) -> None:
         super().__init__(ros1=False)
         if path.suffix == ".db3":  # the database alone, without the folder and its metadata
@@ -114,12 +106,8 @@ class _Ros2Recorder(_Recorder):
             writer.set_compression(CompressionMode.MESSAGE, CompressionFormat.ZSTD)
         self._writer = stack.enter_context(writer)
 
-    def _add(self, topic: str, msgtype: str) -> Callable[[int, bytes | bytearray], None]:
-        connection = self._writer.add_connection(topic, msgtype, typestore=self.messages.store)
-        return lambda log_time_ns, data: self._writer.write(connection, log_time_ns, bytes(data))
 
-
-class _McapRecorder(_Recorder):
+class _McapRecorder(Recorder):
     def __init__(self, path: Path, compression: Compression, stack: ExitStack) -> None:
         super().__init__(ros1=False)
         stream = stack.enter_context(path.open("xb"))

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.se3 import SE3, Floats, quaternion_multiply, rotate
 from bagassets.sample.cast import Hits, cast
-from bagassets.sample.rig import EGO_SE3_LIDAR, EGO_SE3_RADAR, LIDAR, RADAR, Camera, Lidar
+from bagassets.sample.rig import EGO_SE3_LIDAR, EGO_SE3_RADAR, LIDAR, RADAR, Camera
 from bagassets.sample.world import RADIUS_M, World
 
-__all__ = ["CameraView", "lidar_points", "radar_targets", "rays_of"]
+__all__ = ["CameraView", "cast_from", "lidar_points", "radar_targets", "rays_of"]
 
 SKY = np.array([205, 220, 235], np.float32)
 # Brightness of the faces of a box: front and back, sides, top.
@@ -51,13 +51,11 @@ class CameraView:
 
     def hits(self, time_s: float) -> Hits:
         """Return what each pixel sees, row by row."""
-        odom_SE3_cam = self._world.ego.at(time_s) @ self._camera.ego_SE3_cam
-        return self._cast(odom_SE3_cam, time_s)[0]
+        return self._cast(time_s)[0]
 
     def image(self, time_s: float) -> NDArray[np.uint8]:
         """Return the image as (H, W, 3) BGR."""
-        odom_SE3_cam = self._world.ego.at(time_s) @ self._camera.ego_SE3_cam
-        hits, directions = self._cast(odom_SE3_cam, time_s)
+        hits, directions, place = self._cast(time_s)
         sky, ground = np.flatnonzero(hits.thing < 0), np.flatnonzero(hits.thing == 0)
         paint = np.zeros((len(self._world.things) + 2, 3))  # the last row is the sky's, at index -1
         for thing in self._world.things:
@@ -65,7 +63,7 @@ class CameraView:
         lit = (paint[:, None, :] * _FACE_LIGHT[:, None]).reshape(-1, 3).astype(np.float32)
         colours = lit[3 * hits.thing + hits.face]
         colours[sky] = SKY - 60.0 * np.clip(directions[sky, 2:3], 0.0, 1.0)
-        spots = np.array(odom_SE3_cam.translation) + directions[ground] * hits.distance_m[ground, None]
+        spots = place + directions[ground] * hits.distance_m[ground, None]
         colours[ground] = _ground_colour(spots)
         haze = np.minimum(hits.distance_m.astype(np.float32) / 220, np.float32(0.8))
         haze[sky] = 0
@@ -74,10 +72,13 @@ class CameraView:
         image: NDArray[np.uint8] = np.clip(colours, 0, 255).astype(np.uint8).reshape(shape)[:, :, ::-1]
         return np.ascontiguousarray(image)
 
-    def _cast(self, odom_SE3_cam: SE3, time_s: float) -> tuple[Hits, Floats]:
+    def _cast(self, time_s: float) -> tuple[Hits, Floats, Floats]:
+        """Return hits and directions of the rays, and the place of the camera."""
+        odom_SE3_cam = self._world.ego.at(time_s) @ self._camera.ego_SE3_cam
+        place = np.array(odom_SE3_cam.translation)
         directions: Floats = rotate(np.array(odom_SE3_cam.rotation), self._rays)
-        origins = np.broadcast_to(np.array(odom_SE3_cam.translation), directions.shape)
-        return cast(self._world.things, origins, directions, np.full(len(directions), time_s)), directions
+        origins, times = np.broadcast_to(place, directions.shape), np.full(len(directions), time_s)
+        return cast(self._world.things, origins, directions, times), directions, place
 
 
 def _ground_colour(spots: Floats) -> Floats:
@@ -98,21 +99,18 @@ def _ground_colour(spots: Floats) -> Floats:
     return np.where((dashes | edges)[:, None], 235.0, colours)
 
 
-def _sweep(world: World, lidar: Lidar, ego_SE3_sensor: SE3, start_s: float) -> tuple[Floats, Hits, Floats]:
-    """Cast one revolution, each column at its own time; return rays, hits and times since the start."""
-    azimuth = -2 * np.pi * np.arange(lidar.columns) / lidar.columns  # clockwise, from straight ahead
-    elevation = np.deg2rad(np.linspace(lidar.lowest_deg, lidar.highest_deg, lidar.rings))
-    offsets_s = np.arange(lidar.columns) / lidar.columns * lidar.period_ns * 1e-9
-    azimuths, elevations = np.meshgrid(azimuth, elevation, indexing="ij")
-    times = np.repeat(start_s + offsets_s, lidar.rings)
+def cast_from(
+    world: World, ego_SE3_sensor: SE3, azimuths: Floats, elevations: Floats, times_s: Floats
+) -> tuple[Floats, Hits]:
+    """Cast rays (M,) of a lidar, each at its own time; return them, in the frame of the lidar, and what they hit."""
     rays = np.stack(
         [np.cos(elevations) * np.cos(azimuths), np.cos(elevations) * np.sin(azimuths), np.sin(elevations)],
         axis=-1,
-    ).reshape(-1, 3)
-    positions, rotations = world.ego.pose(times)
+    )
+    positions, rotations = world.ego.pose(times_s)
     origins = positions + rotate(rotations, np.array(ego_SE3_sensor.translation))
     directions = rotate(quaternion_multiply(rotations, np.array(ego_SE3_sensor.rotation)), rays)
-    return rays, cast(world.things, origins, directions, times), times - start_s
+    return rays, cast(world.things, origins, directions, times_s)
 
 
 def lidar_points(world: World, start_s: float) -> NDArray[np.void]:
@@ -121,7 +119,13 @@ def lidar_points(world: World, start_s: float) -> NDArray[np.void]:
     Fields: x, y, z, intensity (float32), ring (uint16), t (uint32, nanoseconds since the start). A
     few returns are NaN, as real drivers send them.
     """
-    rays, hits, offsets_s = _sweep(world, LIDAR, EGO_SE3_LIDAR, start_s)
+    azimuth = -2 * np.pi * np.arange(LIDAR.columns) / LIDAR.columns  # clockwise, from straight ahead
+    elevation = np.deg2rad(np.linspace(LIDAR.lowest_deg, LIDAR.highest_deg, LIDAR.rings))
+    azimuths, elevations = (one.ravel() for one in np.meshgrid(azimuth, elevation, indexing="ij"))
+    times = np.repeat(
+        start_s + np.arange(LIDAR.columns) / LIDAR.columns * LIDAR.period_ns * 1e-9, LIDAR.rings
+    )
+    rays, hits = cast_from(world, EGO_SE3_LIDAR, azimuths, elevations, times)
     seen = (hits.distance_m < LIDAR.range_m) & (hits.thing >= 0)
     kind = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("ring", "<u2"), ("t", "<u4")]
     points = np.zeros(int(seen.sum()), kind)
@@ -130,7 +134,7 @@ def lidar_points(world: World, start_s: float) -> NDArray[np.void]:
         points[name] = xyz[:, i]
     points["intensity"] = 20 + (hits.thing[seen] * 37) % 200
     points["ring"] = np.tile(np.arange(LIDAR.rings), LIDAR.columns)[seen]
-    points["t"] = np.round(offsets_s[seen] * 1e9)
+    points["t"] = np.round((times - start_s)[seen] * 1e9)
     points["x"][::997] = np.nan
     return points
 
@@ -158,17 +162,7 @@ def radar_targets(
         velocity = (centres[1] - centres[0]) / step_s
         still = rotate(np.array(radar_SE3_odom.rotation), velocity)
         moving = rotate(np.array(radar_SE3_odom.rotation), velocity - radar_velocity)
-        targets.append(
-            {
-                "x": x,
-                "y": y,
-                "z": z,
-                "rcs": 10.0 if "vehicle" in thing.category else -2.0,
-                "vx": moving[0],
-                "vy": moving[1],
-                "vz": moving[2],
-                "vx_comp": still[0],
-                "vy_comp": still[1],
-            }
-        )
+        target = {"x": x, "y": y, "z": z, "rcs": 10.0 if "vehicle" in thing.category else -2.0}
+        target |= zip(("vx", "vy", "vz"), moving, strict=True)
+        targets.append(target | {"vx_comp": still[0], "vy_comp": still[1]})
     return targets

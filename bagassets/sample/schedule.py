@@ -116,12 +116,8 @@ def _stamps(truth: Truth, end_ns: int, period_ns: int, offset_ns: int = 0) -> ra
 def _static(truth: Truth) -> Iterator[Event]:
     sensors = [(camera.frame, camera.ego_SE3_cam) for camera in truth.cameras.values()]
     sensors += [("lidar_top", EGO_SE3_LIDAR), ("radar_front", EGO_SE3_RADAR)]
-    start_ns = truth.start_ns
-
-    def make(messages: Messages) -> Message:
-        return messages.transforms(start_ns, "base_link", sensors)
-
-    yield event(start_ns, "/tf_static", "tf2_msgs/msg/TFMessage", make)
+    make = partial(Messages.transforms, stamp_ns=truth.start_ns, parent="base_link", children=sensors)
+    yield event(truth.start_ns, "/tf_static", "tf2_msgs/msg/TFMessage", make)
 
 
 def _odometry(truth: Truth, end_ns: int) -> Iterator[Event]:

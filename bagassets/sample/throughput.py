@@ -17,13 +17,12 @@ import velodyne_decoder
 import yaml
 from numpy.typing import NDArray
 
-from bagassets.geometry.se3 import Floats, quaternion_multiply, rotate
+from bagassets.geometry.se3 import Floats
 from bagassets.kernels.returns import BANK_FLAGS, PACKET
 from bagassets.recordings.model import Message
-from bagassets.sample.cast import cast
 from bagassets.sample.messages import Messages
 from bagassets.sample.recorder import Recorder
-from bagassets.sample.render import CameraView
+from bagassets.sample.render import CameraView, cast_from
 from bagassets.sample.rig import EGO_SE3_LIDAR, Camera, cameras, rear_camera
 from bagassets.sample.schedule import CAMERA_LATENCY_NS, Event, event, merged, mosaic, motion_events
 from bagassets.sample.truth import Truth
@@ -160,14 +159,7 @@ def packets_of_revolution(world: World, start_s: float) -> NDArray[np.void]:
     # An azimuth is that of the head, turned by each laser's own.
     azimuths = -(head[:, None] - turn[None, :]).reshape(-1)
     elevations = np.tile(elevation, len(firings))
-    rays = np.stack(
-        [np.cos(elevations) * np.cos(azimuths), np.cos(elevations) * np.sin(azimuths), np.sin(elevations)],
-        axis=-1,
-    )
-    positions, rotations = world.ego.pose(times)
-    origins = positions + rotate(rotations, np.array(EGO_SE3_LIDAR.translation))
-    directions: Floats = rotate(quaternion_multiply(rotations, np.array(EGO_SE3_LIDAR.rotation)), rays)
-    hits = cast(world.things, origins, directions, times)
+    _, hits = cast_from(world, EGO_SE3_LIDAR, azimuths, elevations, times)
     seen = (hits.thing >= 0) & (hits.distance_m < _MAX_RANGE_M)
     packets = np.zeros(PACKETS, PACKET)
     blocks = packets["blocks"]

@@ -10,6 +10,8 @@ from bagassets.store.canonical import digest_json
 
 __all__ = ["Action", "Step"]
 
+_version = cache(version)
+
 
 @dataclass(frozen=True)
 class Step:
@@ -49,8 +51,3 @@ class Action:
     def digest(self) -> str:
         """Digest of the action."""
         return digest_json(self.as_json())
-
-
-@cache
-def _version(distribution: str) -> str:
-    return version(distribution)

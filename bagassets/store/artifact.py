@@ -144,7 +144,9 @@ class ArtifactWriter:
                 path.parent.mkdir(parents=True, exist_ok=True)
                 self._made.add(path.parent)
             # Read-only, since datasets have hard links to it.
-            with open(path, "xb", opener=_read_only) as file:
+            with open(
+                path, "xb", opener=lambda name, flags: os.open(name, flags | os.O_CLOEXEC, 0o444)
+            ) as file:
                 file.write(data)
         except OSError as err:
             raise StoreError(
@@ -183,7 +185,3 @@ class ArtifactWriter:
                 f"{self._folder}: cannot be written ({err.strerror}); free disk space, or make the folder writable."
             ) from err
         return digest_bytes(manifest)
-
-
-def _read_only(path: str, flags: int) -> int:
-    return os.open(path, flags | os.O_CLOEXEC, 0o444)

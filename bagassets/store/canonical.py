@@ -2,8 +2,8 @@
 
 import json
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
-from typing import Self
 
 from blake3 import blake3
 
@@ -44,12 +44,12 @@ def digest_file(path: Path, between: Callable[[int], None] | None = None) -> str
         between: called with the number of bytes just read, every few milliseconds; an exception that it raises ends the
             hashing.
     """
-    with FileHasher(path) as hasher:
+    with closing(FileHasher(path)) as hasher:
         return hasher.finish(between)
 
 
 class FileHasher:
-    """Hashes a file from its beginning, a block at a time. Close it, or use it as a context manager.
+    """Hashes a file from its beginning, a block at a time; close it.
 
     The file is read, not mapped: a mapped file that somebody truncates kills the process that reads it.
 
@@ -89,9 +89,3 @@ class FileHasher:
     def close(self) -> None:
         """Close the file."""
         self._file.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self.close()

@@ -26,7 +26,7 @@ from uuid import uuid4
 
 from bagassets.atomic import create_atomically, write_atomically
 from bagassets.errors import StoreError
-from bagassets.json_types import JsonObject
+from bagassets.json_types import Json, JsonObject
 from bagassets.store.action import Action
 from bagassets.store.artifact import MANIFEST, Artifact, ArtifactWriter
 from bagassets.store.lease import action_lock
@@ -210,20 +210,13 @@ class Store:
 
     def action(self, digest: str) -> JsonObject | None:
         """Return a recorded action, whether it succeeded or failed, as JSON; None if there is no record."""
-        for path in (self._action_file(digest), self._failure_file(digest)):
-            try:
-                action: JsonObject = json.loads(path.read_bytes())["action"]
-            except (OSError, ValueError, KeyError):
-                continue
-            return action
-        return None
+        files = (self._action_file(digest), self._failure_file(digest))
+        actions = (_recorded(file, "action") for file in files)
+        return next((action for action in actions if action is not None), None)
 
     def seconds(self, action_digest: str) -> float:
         """Return the time that a recorded action took; 0 if there is no record."""
-        try:
-            return float(json.loads(self._action_file(action_digest).read_bytes())["seconds"])
-        except (OSError, ValueError, KeyError):
-            return 0.0
+        return float(_recorded(self._action_file(action_digest), "seconds") or 0.0)
 
     def forget(self, action_digest: str) -> None:
         """Remove the records of an action, so that it runs again."""
@@ -263,11 +256,8 @@ class Store:
 
     def failure(self, action_digest: str, subject: Path | None = None) -> str | None:
         """Return the recorded error of an action, with the path of `subject` filled in; see `record_failure`."""
-        try:
-            text = json.loads(self._failure_file(action_digest).read_bytes())["error"]
-        except (OSError, ValueError, KeyError):
-            return None
-        return str(text) if subject is None else str(text).replace(_SUBJECT, str(subject))
+        text = _recorded(self._failure_file(action_digest), "error")
+        return text if text is None or subject is None else str(text).replace(_SUBJECT, str(subject))
 
     def record_failure(self, action: Action, error: str, subject: Path | None = None) -> None:
         """Record that `action` failed; the newest error is kept. If that is not possible, the action will run again.
@@ -314,6 +304,14 @@ class Store:
             raise StoreError(
                 f"{path}: cannot be written ({err.strerror}); free disk space, or make the folder writable."
             ) from err
+
+
+def _recorded(path: Path, field: str) -> Json:
+    """Return a field of a record; None if there is no such record, or it cannot be read."""
+    try:
+        return json.loads(path.read_bytes())[field]
+    except (OSError, ValueError, KeyError):
+        return None
 
 
 def _artifact_on_record(path: Path) -> str | None:

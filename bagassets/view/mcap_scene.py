@@ -22,9 +22,10 @@ from bagassets import __version__
 from bagassets.atomic import replacing
 from bagassets.errors import DatasetError
 from bagassets.geometry.wgs84 import LocalFrame
+from bagassets.reader.source import Reading
 from bagassets.recordings.own_files import VIEW_LIBRARY
 from bagassets.view import messages
-from bagassets.view.scene import DatasetScene, Reading
+from bagassets.view.scene import DatasetScene
 
 __all__ = ["write_scene"]
 
@@ -71,7 +72,7 @@ def _in_order(scene: DatasetScene, fixes: Sequence[Fix]) -> Iterator[TimedMessag
         return
     categories = sorted({row["category"] for rows in scene.boxes.values() for row in rows})
     start_ns = scene.readings[0].stamp_ns
-    poses = {reading.stamp_ns: reading.global_SE3_ego for reading in scene.readings}
+    poses = {reading.stamp_ns: reading.find_pose() for reading in scene.readings}
     yield "/path", start_ns, messages.path(start_ns, [poses[stamp] for stamp in sorted(poses)])
     events: list[tuple[int, str, Callable[[], Message]]] = [
         *((at, "/boxes", partial(messages.boxes, at, rows, categories)) for at, rows in scene.boxes.items()),
@@ -86,11 +87,11 @@ def _in_order(scene: DatasetScene, fixes: Sequence[Fix]) -> Iterator[TimedMessag
             yield topic, at_ns, make()
         if moved_ns != reading.stamp_ns:
             moved_ns = reading.stamp_ns
-            edges = [(messages.GLOBAL, messages.EGO, reading.global_SE3_ego)]
+            edges = [(messages.GLOBAL, messages.EGO, reading.find_pose())]
             # Extrinsics are constant, but repeated with each pose so that playback may begin anywhere.
             edges += [(messages.EGO, name, ego_SE3_sensor) for name, ego_SE3_sensor in sorted(mounts.items())]
             yield "/tf", moved_ns, messages.transforms(moved_ns, edges)
-            yield "/ego", moved_ns, messages.pose(moved_ns, reading.global_SE3_ego)
+            yield "/ego", moved_ns, messages.pose(moved_ns, reading.find_pose())
         yield from _reading(reading)
     for at_ns, topic, make in waiting:
         yield topic, at_ns, make()
@@ -99,7 +100,7 @@ def _in_order(scene: DatasetScene, fixes: Sequence[Fix]) -> Iterator[TimedMessag
 def _reading(reading: Reading) -> Iterator[TimedMessage]:
     name = f"/{reading.channel}"
     if reading.modality == "camera":
-        if reading.intrinsic:
+        if reading.intrinsics:
             yield f"{name}/calibration", reading.stamp_ns, messages.calibration(reading)
         yield f"{name}/image", reading.stamp_ns, messages.image(reading)
     else:
@@ -118,7 +119,7 @@ def _places(
         return
     frame = LocalFrame(scene.origin["lat"], scene.origin["lon"], scene.origin["alt"])
     samples = set(scene.samples)
-    at = {r.stamp_ns: r.global_SE3_ego.translation for r in scene.readings if r.stamp_ns in samples}
+    at = {r.stamp_ns: r.find_pose().translation for r in scene.readings if r.stamp_ns in samples}
     columns = frame.to_geodetic(np.array([at[stamp] for stamp in sorted(at)]).reshape(-1, 3))
     for stamp_ns, lat, lon, alt in zip(sorted(at), *(column.tolist() for column in columns), strict=True):
         yield stamp_ns, (lat, lon, alt)

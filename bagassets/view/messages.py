@@ -28,7 +28,7 @@ from bagassets.assets.lidar_file import COLUMNS, read_lidar_file
 from bagassets.assets.radar_file import FIELDS, read_radar_file
 from bagassets.geometry.se3 import SE3
 from bagassets.json_types import JsonMapping
-from bagassets.view.scene import Reading
+from bagassets.reader.source import Reading
 
 __all__ = [
     "EGO",
@@ -80,7 +80,7 @@ def image(reading: Reading) -> CompressedImage:
 
 def calibration(reading: Reading) -> CameraCalibration:
     """Return the pinhole camera of an image as written; nuScenes has no distortion."""
-    rows = [[float(value) for value in row] for row in reading.intrinsic]
+    rows = [[float(value) for value in row] for row in reading.intrinsics or ()]
     width, height = reading.size_px
     return CameraCalibration(
         timestamp=stamp(reading.stamp_ns),

@@ -3,41 +3,18 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
+from functools import partial
 from pathlib import Path
 
 from bagassets.errors import DatasetError
 from bagassets.formats.nuscenes.table_file import read_table
-from bagassets.geometry.se3 import SE3
 from bagassets.json_types import JsonMapping, JsonObject
+from bagassets.reader.nuscenes import pose_in, reading_in
+from bagassets.reader.source import Reading
 
-__all__ = ["DatasetScene", "Reading", "load_scene", "scene_names"]
+__all__ = ["DatasetScene", "load_scene", "scene_names"]
 
 Row = JsonMapping
-
-
-@dataclass(frozen=True)
-class Reading:
-    """One reading of one channel.
-
-    Attributes:
-        channel: canonical name.
-        modality: camera, lidar or radar.
-        stamp_ns: its stamp.
-        path: path of its file.
-        size_px: width and height of an image.
-        intrinsic: K of an image, 3 rows of 3; empty if there is none.
-        global_SE3_ego: where the vehicle was.
-        ego_SE3_sensor: where the sensor sits.
-    """
-
-    channel: str
-    modality: str
-    stamp_ns: int
-    path: Path
-    size_px: tuple[int, int]
-    intrinsic: Sequence[Sequence[float]]
-    global_SE3_ego: SE3
-    ego_SE3_sensor: SE3
 
 
 @dataclass(frozen=True)
@@ -123,19 +100,8 @@ def _readings(dataroot: Path, version: str, samples: Mapping[str, int]) -> list[
     readings = []
     for row in rows:
         mounted = calibrated[row["calibrated_sensor_token"]]
-        sensor, pose = sensors[mounted["sensor_token"]], poses[row["ego_pose_token"]]
-        readings.append(
-            Reading(
-                channel=sensor["channel"],
-                modality=sensor["modality"],
-                stamp_ns=1000 * row["timestamp"],
-                path=dataroot / row["filename"],
-                size_px=(row["width"], row["height"]),
-                intrinsic=mounted["camera_intrinsic"],
-                global_SE3_ego=SE3.create(pose["rotation"], pose["translation"]),
-                ego_SE3_sensor=SE3.create(mounted["rotation"], mounted["translation"]),
-            )
-        )
+        find_pose = partial(pose_in, poses[row["ego_pose_token"]])
+        readings.append(reading_in(row, mounted, sensors[mounted["sensor_token"]], dataroot, find_pose))
     return sorted(readings, key=lambda reading: (reading.stamp_ns, reading.channel))
 
 

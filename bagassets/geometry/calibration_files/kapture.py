@@ -7,7 +7,7 @@ COLMAP. Principal points are taken as they are: kapture's importers of ROS calib
 import re
 
 from bagassets.errors import CalibrationError
-from bagassets.geometry.calibration_files.model import CalibrationFile, FileLens, FilePose
+from bagassets.geometry.calibration_files.model import CalibrationFile, FileLens, FilePose, finite
 from bagassets.geometry.se3 import SE3
 
 __all__ = ["KaptureFile", "is_kapture"]
@@ -92,13 +92,13 @@ class KaptureFile(CalibrationFile):
             )
         names, distortion = _MODELS[kind]
         wanted = ("width", "height", *names)
-        values = dict(zip(wanted, map(_number, fields[4:]), strict=False))
-        if len(fields) - 4 != len(wanted) or any(value is None for value in values.values()):
+        numbers = [value for value in map(finite, fields[4:]) if value is not None]
+        if not len(fields) - 4 == len(wanted) == len(numbers):
             raise CalibrationError(
                 f"{place}: {kind} takes the numbers {', '.join(wanted)}, found {', '.join(fields[4:]) or 'none'}; "
                 "correct the line."
             )
-        known = {name: value for name, value in values.items() if value is not None}
+        known = dict(zip(wanted, numbers, strict=True))
         fx, fy = known.get("fx", known.get("f", 0.0)), known.get("fy", known.get("f", 0.0))
         width, height = known["width"], known["height"]
         if not (width.is_integer() and height.is_integer()):
@@ -123,15 +123,7 @@ class KaptureFile(CalibrationFile):
 
 def _is_pose(fields: list[str]) -> bool:
     """Return whether a line is `rig, sensor, qw, qx, qy, qz, tx, ty, tz`."""
-    numbers = [_number(field) for field in fields[2:]]
+    numbers = [finite(field) for field in fields[2:]]
     if len(fields) != _POSE or any(number is None for number in numbers):
         return False
     return any(number for number in numbers[:4])
-
-
-def _number(text: str) -> float | None:
-    try:
-        number = float(text)
-    except ValueError:
-        return None
-    return number if abs(number) < float("inf") else None

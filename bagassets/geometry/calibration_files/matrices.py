@@ -9,19 +9,16 @@ that the calibration program of its tutorials writes with `FileStorage`
 
 from collections.abc import Mapping
 
+from bagassets.geometry.calibration import COEFFICIENTS
 from bagassets.geometry.calibration_files.model import CalibrationFile, Fields, FileLens
 from bagassets.json_types import Json
 from bagassets.quantities import count_text
 
 __all__ = ["MatrixFile"]
 
-# As `cv::calibrateCamera` orders them: k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4 [tx ty]]]].
+# As `cv::calibrateCamera` orders them.
 _BY_LENGTH = {
-    4: "plumb_bob",
-    5: "plumb_bob",
-    8: "rational_polynomial",
-    12: "rational_polynomial",
-    14: "rational_polynomial",
+    number: model for model in ("plumb_bob", "rational_polynomial") for number in COEFFICIENTS[model]
 }
 
 
@@ -66,12 +63,8 @@ class MatrixFile(CalibrationFile):
             fields.whole("image_height", "the height of the images in pixels"),
             self._matrix("camera_matrix", "the intrinsic matrix K", 3, 3),
             d,
-            self._matrix("rectification_matrix", "the rectification R", 3, 3)
-            if fields.has("rectification_matrix")
-            else None,
-            self._matrix("projection_matrix", "the projection matrix P", 3, 4)
-            if fields.has("projection_matrix")
-            else None,
+            self._matrix_if_any("rectification_matrix", "the rectification R", 3, 3),
+            self._matrix_if_any("projection_matrix", "the projection matrix P", 3, 4),
         )
 
     def _coefficients(self) -> tuple[float, ...]:
@@ -105,6 +98,9 @@ class MatrixFile(CalibrationFile):
                 f"OpenCV's lenses have 4, 5, 8, 12 or 14 coefficients, found {len(d)}",
             )
         return _BY_LENGTH[len(d)]
+
+    def _matrix_if_any(self, field: str, meaning: str, rows: int, cols: int) -> tuple[float, ...] | None:
+        return self._matrix(field, meaning, rows, cols) if self._fields.has(field) else None
 
     def _matrix(self, field: str, meaning: str, rows: int, cols: int) -> tuple[float, ...]:
         section = self._fields.section(field, meaning)

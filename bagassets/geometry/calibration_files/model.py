@@ -11,7 +11,7 @@ from bagassets.errors import CalibrationError
 from bagassets.geometry.se3 import SE3, Floats, quaternion_from_rotation
 from bagassets.json_types import Json
 
-__all__ = ["CalibrationFile", "Fields", "FileLens", "FilePose"]
+__all__ = ["CalibrationFile", "Fields", "FileLens", "FilePose", "finite"]
 
 # Files are written with as few as four digits.
 ROTATION_TOLERANCE = 1e-3
@@ -255,13 +255,19 @@ class Fields:
         return self._value[field]
 
     def _number(self, field: str, value: Json, meaning: str) -> float:
-        try:
-            number = float(value) if isinstance(value, str) else float("nan")
-        except ValueError:
-            number = float("nan")
-        if not isfinite(number):
+        number = finite(value) if isinstance(value, str) else None
+        if number is None:
             raise self.error(field, f"expected {meaning}, in numbers, found {_kind(value)}")
         return number
+
+
+def finite(text: str) -> float | None:
+    """Return the number in a text; None if it is none, or not finite."""
+    try:
+        number = float(text)
+    except ValueError:
+        return None
+    return number if isfinite(number) else None
 
 
 def _is_rotation(matrix: Floats) -> bool:

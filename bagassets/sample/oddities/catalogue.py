@@ -1,6 +1,6 @@
 """All oddities by name."""
 
-from bagassets.sample.oddities import cameras, lidars, motion, radars, robots, transforms
+from bagassets.sample.oddities import cameras, lidars, motion, radars, robots
 from bagassets.sample.oddities.stream import Oddity
 
 __all__ = ["ODDITIES"]
@@ -11,5 +11,4 @@ ODDITIES: dict[str, Oddity] = {
     **motion.ODDITIES,
     **radars.ODDITIES,
     **robots.ODDITIES,
-    **transforms.ODDITIES,
 }
