@@ -11,7 +11,7 @@ from bagassets.escaping import visible
 from bagassets.propose.commented_yaml import Question
 from bagassets.propose.proposal import Proposal
 from bagassets.propose.sensors import shown_type
-from bagassets.propose.topic_uses import TopicUse
+from bagassets.propose.summary import USES, TopicUse
 from bagassets.quantities import count_text
 
 __all__ = ["print_found", "print_next_steps", "print_questions"]
@@ -134,8 +134,7 @@ def _merged(uses: Iterable[TopicUse]) -> list[TopicUse]:
     by_name: dict[tuple[str, str], TopicUse] = {}
     for use in uses:
         by_name.setdefault((use.topic.name, use.topic.msgtype), use)
-    order = ("used", "not decodable", "left out", "not needed")
-    return sorted(by_name.values(), key=lambda use: order.index(use.status))
+    return sorted(by_name.values(), key=lambda use: USES.index(use.status))
 
 
 def _named(paths: Sequence[str]) -> str:

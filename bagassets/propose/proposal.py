@@ -13,8 +13,8 @@ from bagassets.propose.poses import PoseProposal, pose_candidates
 from bagassets.propose.rig_text import urdf_name, write_rig
 from bagassets.propose.rigs import RigProposal, propose_rig
 from bagassets.propose.sensors import find_sensors, lacks_definition, shown_type
-from bagassets.propose.summary import RecordingSummary
-from bagassets.propose.topic_uses import TopicUse, uses_of
+from bagassets.propose.summary import RecordingSummary, TopicUse
+from bagassets.propose.topic_uses import uses_of
 from bagassets.quantities import count_text
 from bagassets.recipe.model import Scenes
 
@@ -128,7 +128,6 @@ def propose_recipe(
         write_rig(sheet, rig, calibrations, clock=rig.clock.clock != usual)
     if not rigs:
         _no_rig(sheet, bare, unreadable)
-        _example_rig(sheet)
     _scenes(sheet, rigs)
     sheet.field(
         0, "splits:", "of whole recordings; nuscenes-devkit knows these as custom_train and custom_val"
@@ -229,17 +228,6 @@ def _no_rig(sheet: Sheet, bare: Sequence[Bare], unreadable: Mapping[str, str]) -
     else:
         text = f"no recording has a camera, lidar or radar, so there is nothing to convert; {elsewhere}"
     sheet.ask(1, "rigs", text, below=True)
-
-
-def _first(reasons: Mapping[str, str]) -> str:
-    """Return the first topic of several and its reason."""
-    topic, why = min(reasons.items())
-    return f"{topic}: {why}" + (
-        f" (and {count_text(len(reasons) - 1, 'more topic')})" if len(reasons) > 1 else ""
-    )
-
-
-def _example_rig(sheet: Sheet) -> None:
     sheet.note(1, "A rig looks like this:")
     for line in (
         "- name: rig",
@@ -250,6 +238,14 @@ def _example_rig(sheet: Sheet) -> None:
     ):
         sheet.off(1, line)
     sheet.blank()
+
+
+def _first(reasons: Mapping[str, str]) -> str:
+    """Return the first topic of several and its reason."""
+    topic, why = min(reasons.items())
+    return f"{topic}: {why}" + (
+        f" (and {count_text(len(reasons) - 1, 'more topic')})" if len(reasons) > 1 else ""
+    )
 
 
 def _scenes(sheet: Sheet, rigs: Sequence[RigProposal]) -> None:

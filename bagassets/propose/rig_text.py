@@ -64,7 +64,7 @@ def write_rig(
             "`extrinsics` if they are not at one place.",
         )
     for left in rig.left_out:
-        sheet.note(2, f"left out: {left.topic.name} ({left.reason})")
+        sheet.note(2, f"left out: {left.topic.name} ({left.text})")
     for robot in list(rig.summary.robots)[1:]:
         sheet.note(2, f"left out: all below {robot} (another robot)")
     sheet.blank()

@@ -2,19 +2,19 @@
 
 import re
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from bagassets.decode.registry import types_of
 from bagassets.errors import CalibrationError
-from bagassets.propose.description import described
+from bagassets.geometry.urdf import urdf_edges
 from bagassets.propose.frames import EgoFrame, connected, propose_ego_frame
 from bagassets.propose.grouping import Group
 from bagassets.propose.naming import channel_name, free_name, tokens, word_set
 from bagassets.propose.poses import PoseProposal, odometry_of, propose_pose
-from bagassets.propose.sensors import LeftOut, Sensor, find_sensors
-from bagassets.propose.summary import RecordingSummary
-from bagassets.propose.topic_uses import TopicUse, uses_of
+from bagassets.propose.sensors import Sensor, find_sensors
+from bagassets.propose.summary import RecordingSummary, TopicUse
+from bagassets.propose.topic_uses import uses_of
 
 __all__ = ["ClockProposal", "RigProposal", "boxes_in", "propose_rig"]
 
@@ -59,7 +59,7 @@ class RigProposal:
     channels: dict[str, Sensor]
     reasons: dict[str, str]
     annotations: list[str]
-    left_out: list[LeftOut]
+    left_out: list[TopicUse]
     summary: RecordingSummary
     urdf: TopicUse | None = None
 
@@ -93,9 +93,9 @@ def propose_rig(
     description = next((topic for topic in summary.topics.values() if urdfs and topic.urdf), None)
     if description is not None:
         try:
-            more = described(summary, description.urdf)
+            more = _described(summary, description.urdf)
         except CalibrationError as err:
-            left_out = [*left_out, LeftOut(description, str(err))]
+            left_out.append(TopicUse(description, "left out", str(err)))
         else:
             other = propose_ego_frame(more, sensors, odometry_of(more))
             placed = _placed(summary, ego, sensors)
@@ -118,6 +118,24 @@ def propose_rig(
         left_out=left_out,
         summary=summary,
         urdf=urdf,
+    )
+
+
+def _described(summary: RecordingSummary, urdf: str) -> RecordingSummary:
+    """Return recordings with the fixed joints of a URDF, as builds lay them between `/tf_static` and `/tf`.
+
+    Raises:
+        CalibrationError: the URDF cannot be used.
+    """
+    known = {child for _, child in summary.static}
+    joints = {
+        (edge.parent, edge.child): edge.first for edge in urdf_edges(urdf.encode()) if edge.child not in known
+    }
+    return replace(
+        summary,
+        transforms={**summary.transforms, **joints},
+        moving=summary.moving - joints.keys(),
+        static=summary.static | joints.keys(),
     )
 
 

@@ -2,11 +2,12 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from typing import Literal, get_args
 
 from bagassets.decode.point_times import PointClock
 from bagassets.geometry.se3 import SE3
 
-__all__ = ["Edge", "RecordingSummary", "TopicSummary", "merge_recordings", "merge_topics"]
+__all__ = ["USES", "Edge", "RecordingSummary", "TopicSummary", "TopicUse", "merge_recordings", "merge_topics"]
 
 Edge = tuple[str, str]
 """Parent and child frame, without leading slash."""
@@ -66,6 +67,26 @@ class TopicSummary:
     refusal: str | None = None
     velocities: frozenset[str] = frozenset()
     urdf: str = ""
+
+
+Status = Literal["used", "not decodable", "left out", "not needed"]
+USES: tuple[Status, ...] = get_args(Status)
+"""What becomes of topics, in the order in which they are listed."""
+
+
+@dataclass(frozen=True)
+class TopicUse:
+    """What becomes of a topic.
+
+    Attributes:
+        topic: the topic.
+        status: whether it is used, and if not, in which way.
+        text: as what it is used, or why it is not; "" for topics that are not needed.
+    """
+
+    topic: TopicSummary
+    status: Status
+    text: str = ""
 
 
 @dataclass(frozen=True)

@@ -1,33 +1,13 @@
 """What becomes of each topic of a rig's recordings: used as what, not decodable and why, or not needed."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Literal
 
 from bagassets.decode.registry import types_of
 from bagassets.propose.poses import PoseProposal
-from bagassets.propose.sensors import LeftOut, Sensor
-from bagassets.propose.summary import RecordingSummary, TopicSummary
+from bagassets.propose.sensors import Sensor
+from bagassets.propose.summary import USES, RecordingSummary, TopicUse
 
-__all__ = ["TopicUse", "transform_topics", "uses_of"]
-
-Status = Literal["used", "not decodable", "left out", "not needed"]
-_ORDER: tuple[Status, ...] = ("used", "not decodable", "left out", "not needed")
-
-
-@dataclass(frozen=True)
-class TopicUse:
-    """What becomes of a topic.
-
-    Attributes:
-        topic: the topic.
-        status: whether it is used, and if not, in which way.
-        text: as what it is used, or why it is not; "" for topics that are not needed.
-    """
-
-    topic: TopicSummary
-    status: Status
-    text: str = ""
+__all__ = ["transform_topics", "uses_of"]
 
 
 def uses_of(
@@ -35,7 +15,7 @@ def uses_of(
     channels: Mapping[str, Sensor],
     pose: PoseProposal,
     annotations: list[str],
-    left_out: list[LeftOut],
+    left_out: list[TopicUse],
     urdf: TopicUse | None = None,
 ) -> list[TopicUse]:
     """Return what becomes of each topic, those that are used first.
@@ -61,11 +41,7 @@ def uses_of(
     for name in transform_topics(summary):
         used.setdefault(name, []).append("transforms")
     uses = [TopicUse(summary.topics[name], "used", ", ".join(what)) for name, what in used.items()]
-    uses += [
-        TopicUse(left.topic, "not decodable" if left.is_undecodable else "left out", left.reason)
-        for left in left_out
-    ]
-    uses += [] if urdf is None else [urdf]
+    uses += left_out if urdf is None else [*left_out, urdf]
     known = {use.topic.name for use in uses}
     boxes = "boxes, too; the recipe has it as a comment"
     uses += [
@@ -73,7 +49,7 @@ def uses_of(
         for name, topic in summary.topics.items()
         if name not in known
     ]
-    return sorted(uses, key=lambda use: _ORDER.index(use.status))
+    return sorted(uses, key=lambda use: USES.index(use.status))
 
 
 def transform_topics(summary: RecordingSummary) -> list[str]:
