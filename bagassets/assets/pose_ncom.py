@@ -7,7 +7,7 @@ import numpy as np
 
 from bagassets.assets.pose_outliers import trusted_fixes
 from bagassets.assets.pose_samples import MovingRig, PoseSamples, mounted, stamp_of, wgs84_origin
-from bagassets.assets.rig_frames import RigFrames
+from bagassets.assets.transform_logs import RigFrames
 from bagassets.decode.fields import stamp_ns
 from bagassets.decode.ncom import PACKET_SIZE, NcomReading, decode_ncom
 from bagassets.decode.packets import payload, sender

@@ -5,12 +5,13 @@ Files of one sensor: `<stamp_ns>.pcd.bin` or `<stamp_ns>.pcd`, `index.parquet`, 
 
 from collections.abc import Mapping
 from concurrent.futures import Executor
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import partial
-from typing import Any, Literal, TypeVar
+from typing import Literal
 
 from bagassets.assets.asset import Asset, Facts, Inputs, Use, omitted, uses_of
 from bagassets.assets.calibration import CALIBRATION
+from bagassets.assets.channel import require_decoder, settings_of
 from bagassets.assets.ego_poses import EGO_POSES
 from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.lidar_sweeps import (
@@ -24,7 +25,6 @@ from bagassets.assets.lidar_sweeps import (
 from bagassets.assets.packet_sweeps import PacketSweeps, PacketUse
 from bagassets.assets.radar_sweeps import RadarSettings, RadarSweeps, RadarUse
 from bagassets.assets.sweep_files import SweepFiles
-from bagassets.assets.topic_types import require_decoder
 from bagassets.decode.fields import check_points, stamp_ns
 from bagassets.decode.point_times import Moment
 from bagassets.decode.pointcloud2 import POINTCLOUD2
@@ -42,7 +42,6 @@ from bagassets.store.artifact import ArtifactWriter
 __all__ = ["SWEEPS", "SweepExtractor"]
 
 SweepUse = CloudUse | PacketUse | RadarUse
-S = TypeVar("S", LidarSettings, "LidarChannelSettings", RadarSettings)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,16 +84,11 @@ class SweepsParams:
         for name, channel in sorted(rig.channels.items()):
             given = {**dict(recipe.limits), **dict(channel), "clock": recipe.clock_of(rig, channel)}
             if isinstance(channel, LidarChannel):
-                given["common"] = _settings(LidarSettings, given)
-                lidars[name] = _settings(LidarChannelSettings, given)
+                given["common"] = settings_of(LidarSettings, given)
+                lidars[name] = settings_of(LidarChannelSettings, given)
             elif isinstance(channel, RadarChannel):
-                radars[name] = _settings(RadarSettings, given)
+                radars[name] = settings_of(RadarSettings, given)
         return cls(lidars, radars)
-
-
-def _settings(kind: type[S], given: Mapping[str, Any]) -> S:
-    """Return settings from fields of the recipe, which have the same names."""
-    return kind(**{own.name: given[own.name] for own in fields(kind)})
 
 
 def use(params: SweepsParams, facts: Facts) -> dict[str, Use[SweepUse] | Exception]:
