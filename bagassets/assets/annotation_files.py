@@ -7,8 +7,7 @@ from functools import partial
 from bagassets.annotations.collect import BoxCollector, Place
 from bagassets.annotations.files.box_files import read_json_boxes, read_parquet_boxes
 from bagassets.annotations.files.find import LabelSet
-from bagassets.annotations.files.kitti_labels import read_kitti_labels
-from bagassets.annotations.files.kitti_tracklets import read_kitti_tracklets
+from bagassets.annotations.files.kitti import read_kitti_labels, read_kitti_tracklets
 from bagassets.annotations.files.label import Label, LabelFile, UnreadableLabelsError
 from bagassets.annotations.files.nuscenes_tables import TableSet, read_tables
 from bagassets.annotations.files.sustechpoints import read_sustechpoints

@@ -3,9 +3,8 @@
 Files: `annotations.parquet` and `annotations.json`, which counts messages, files and boxes, and those that were lost.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 
 from bagassets.annotations.collect import UNKNOWN_FRAME, BoxCollector, Place, SourceRules
 from bagassets.annotations.frames import BoxFrames
@@ -19,7 +18,6 @@ from bagassets.assets.ego_poses import EGO_POSES
 from bagassets.assets.inventory import INVENTORY
 from bagassets.decode.boxes import BoxDecoder
 from bagassets.decode.loading import keyed_decoder
-from bagassets.decode.model import BoxReading
 from bagassets.decode.registry import advice, decoder_key, own_types
 from bagassets.errors import DecodeError, LossLimitError, RecipeError
 from bagassets.geometry.trajectory import Trajectory
@@ -30,7 +28,6 @@ from bagassets.quality.finding import Finding
 from bagassets.recipe.model import Recipe, Rig
 from bagassets.recipe.model_annotations import AnnotationFiles, AnnotationTopic
 from bagassets.recipe.model_base import Clock
-from bagassets.recordings.model import Message, RawMessage
 from bagassets.recordings.recording import Recording
 from bagassets.store.artifact import ArtifactWriter
 
@@ -223,19 +220,36 @@ def make_annotations(
     messages = {topic: Counts() for topic in sources}
     ignored = dict.fromkeys(sources, 0)
     for message in recording.messages(sorted(sources)) if sources else ():
-        counts = messages[message.topic]
+        counts, decoder = messages[message.topic], decoders[message.topic]
         counts.read += 1
         try:
             decoded = recording.decode(message)
-            items = list(decoders[message.topic].items(decoded))
+            items = list(decoder.items(decoded))
         except DecodeError as err:
             counts.lose(str(err))
             continue
         counts.written += 1
-        decode = partial(decoders[message.topic].decode, decoded)
-        ignored[message.topic] += _add_boxes(collector, decode, message, items, clock, counts.read)
+        label = f"message logged at {message.log_time_ns}"
+        place = Place(label, f"{message.topic}, {label}")
+        for item in items:
+            try:
+                box = decoder.decode(decoded, item)
+            except DecodeError as err:
+                collector.lose_undecoded(message.topic, str(err), place)
+                continue
+            if box is None:
+                ignored[message.topic] += 1
+                continue
+            stamp_ns = message.log_time_ns if clock == "log" else box.stamp_ns
+            collector.add(replace(box, stamp_ns=stamp_ns, source=message.topic), place, counts.read)
     for topic, counts in messages.items():
-        _check_limits(topic, counts, collector, boxes.lost_messages)
+        lost = sum(counts.lost.values())
+        if lost > boxes.lost_messages * counts.read:
+            raise LossLimitError(
+                f"{topic}: {lost} of {counts.read} messages with boxes cannot be decoded, most often because "
+                f"{counts.main_reason}; limits.lost_messages accepts a share of {boxes.lost_messages:g}."
+            )
+        _check_frames(topic, collector, boxes.lost_messages)
     labelled = add_labels(files, recording, clock, collector)
     for source in files:
         _check_frames(source, collector, boxes.lost_messages)
@@ -289,43 +303,6 @@ def _rules(source: AnnotationTopic | AnnotationFiles) -> SourceRules:
         unmapped=source.unmapped,
         outside="keep",
     )
-
-
-def _add_boxes(
-    collector: BoxCollector,
-    decode: Callable[[Message], BoxReading | None],
-    message: RawMessage,
-    items: Iterable[Message],
-    clock: Clock,
-    number: int,
-) -> int:
-    """Add the boxes of a topic's message to the collector; return the number of items that are no boxes."""
-    ignored = 0
-    label = f"message logged at {message.log_time_ns}"
-    place = Place(label, f"{message.topic}, {label}")
-    for item in items:
-        try:
-            box = decode(item)
-        except DecodeError as err:
-            collector.lose_undecoded(message.topic, str(err), place)
-            continue
-        if box is None:
-            ignored += 1
-            continue
-        stamp_ns = message.log_time_ns if clock == "log" else box.stamp_ns
-        collector.add(replace(box, stamp_ns=stamp_ns, source=message.topic), place, number)
-    return ignored
-
-
-def _check_limits(topic: str, messages: Counts, collector: BoxCollector, limit: float) -> None:
-    lost = sum(messages.lost.values())
-    if lost > limit * messages.read:
-        reason = max(messages.lost, key=lambda name: messages.lost[name])
-        raise LossLimitError(
-            f"{topic}: {lost} of {messages.read} messages with boxes cannot be decoded, most often because {reason}; "
-            f"limits.lost_messages accepts a share of {limit:g}."
-        )
-    _check_frames(topic, collector, limit)
 
 
 def _check_frames(source: str, collector: BoxCollector, limit: float) -> None:

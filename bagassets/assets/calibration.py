@@ -225,17 +225,10 @@ def _fixed(
     try:
         return frames.fixed(ego_frame, frame)
     except CalibrationError as err:
-        raise CalibrationError(f"{what}: {err}. {_damage(frames)}{advice}") from err
-
-
-def _damage(frames: RigFrames) -> str:
-    """Return a sentence about transforms that could not be decoded and may be the missing ones; else empty."""
-    topics = [f"{topic} ({reason})" for topic, reason in sorted(frames.troubles.items())]
-    return (
-        f"Transforms could not be decoded in {', '.join(topics)}, so frames may be missing. "
-        if topics
-        else ""
-    )
+        damaged = ", ".join(f"{topic} ({reason})" for topic, reason in sorted(frames.troubles.items()))
+        if damaged:
+            advice = f"Transforms could not be decoded in {damaged}, so frames may be missing. {advice}"
+        raise CalibrationError(f"{what}: {err}. {advice}") from err
 
 
 def _make(use: Use[CalibrationUse], inputs: Inputs, out: ArtifactWriter) -> Summary:

@@ -36,6 +36,11 @@ class Counts:
         self.lost[reason] = self.lost.get(reason, 0) + number
 
     @property
+    def main_reason(self) -> str:
+        """The reason for which most were lost, the first of several; at least one was."""
+        return max(self.lost, key=lambda reason: self.lost[reason])
+
+    @property
     def balanced(self) -> bool:
         """True if every message that was read is accounted for."""
         return self.read == self.written + self.merged + sum(self.lost.values())

@@ -161,7 +161,11 @@ def make_ego_poses(use: FixedPose | MovingRig, recording: Recording, out: Artifa
     kept = ~strays(stamps_ns, rows[:, :3])
     samples.lose_strays(kept)
     stamps_ns, rows = stamps_ns[kept], rows[kept]
-    _check_losses(use, samples)
+    if samples.failed > use.lost_messages * counts.read:
+        raise LossLimitError(
+            f"ego poses from {use.source_name}: {samples.failed} of {counts.read} "
+            f"{counted_in_poses(use.source.source)}s cannot be used, most often because {counts.main_reason}; limits.lost_messages in the recipe accepts a share of {use.lost_messages:g}."
+        )
     counts.merged += repeated
     counts.written = len(stamps_ns)
     if not counts.balanced:
@@ -205,16 +209,6 @@ def _write(
         | ({"holes_ns": samples.holes_ns} if samples.holes_ns else {}),
     )
     return summary
-
-
-def _check_losses(use: MovingRig, samples: PoseSamples) -> None:
-    counts = samples.counts
-    if samples.failed > use.lost_messages * counts.read:
-        reason = max(counts.lost, key=lambda name: counts.lost[name])
-        raise LossLimitError(
-            f"ego poses from {use.source_name}: {samples.failed} of {counts.read} "
-            f"{counted_in_poses(use.source.source)}s cannot be used, most often because {reason}; limits.lost_messages in the recipe accepts a share of {use.lost_messages:g}."
-        )
 
 
 def load_trajectory(artifact: Artifact) -> Trajectory:

@@ -257,7 +257,8 @@ class FrameExtractor:
             self._fail(err)
             return
         except BagAssetsError:
-            self._stop()
+            while self._in_flight:
+                self._in_flight.popleft()[2].cancel()
             raise
         self._extension = image.extension
         self._rows.append(
@@ -272,10 +273,6 @@ class FrameExtractor:
             }
         )
         self._counts.written += 1
-
-    def _stop(self) -> None:
-        while self._in_flight:
-            self._in_flight.popleft()[2].cancel()
 
     def _fail(self, err: DecodeError, reason: str | None = None) -> None:
         self._failed += 1

@@ -5,6 +5,7 @@ Files: `inventory.json`, and `messages.parquet` with the small messages that lat
 
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import compress
 from math import inf
@@ -113,7 +114,9 @@ def make_inventory(recording: Recording, out: ArtifactWriter, *, size: int) -> J
             del unprobed[name]
         kept.add(number, message)
         if info is not None and msgtype in fix_types:
-            _take_fix(info, message, fixes)
+            with suppress(DecodeError):  # the receiver had no fix
+                fix = own_decoder("fix", info.msgtype)(info.decode(data))
+                fixes[name].append((message.log_time_ns, fix))
     _refuse_shortfall(recording, logs)
     write_pack(out, kept.in_order())
     problems = {
@@ -142,14 +145,6 @@ def _refuse_shortfall(recording: Recording, logs: dict[str, TopicLog]) -> None:
                 f"{recording.path}: topic {name}: {logs[name].count} of {info.count} messages were found, which the "
                 f"recording's own index announces; {advice_for(recording.path)}."
             )
-
-
-def _take_fix(topic: Topic, message: RawMessage, fixes: dict[str, list[tuple[int, FixReading]]]) -> None:
-    try:
-        fix = own_decoder("fix", topic.msgtype)(topic.decode(message.data))
-    except DecodeError:
-        return  # the receiver had no fix
-    fixes[message.topic].append((message.log_time_ns, fix))
 
 
 def _inventory_json(

@@ -44,10 +44,8 @@ def poses_from_navsat(
         try:
             decoded = recording.decode(message)
         except DecodeError as err:
-            if is_fix:
-                samples.fail(str(err))
-            else:
-                counts.lose(str(err))
+            lose = samples.fail if is_fix else counts.lose
+            lose(str(err))
             continue
         try:
             if is_fix:

@@ -91,7 +91,8 @@ def _packets(source: NcomSource, clock: Clock, recording: Recording, samples: Po
     for message in recording.messages([source.topic]):
         try:
             decoded = recording.decode(message)
-            if not _wanted(source.sender, sender(decoded)):
+            address, port = sender(decoded)
+            if source.sender not in {None, address, f"{address}:{port}"}:
                 samples.counts.read += 1
                 samples.counts.merged += 1
                 continue
@@ -118,11 +119,6 @@ def _readings(message: RawMessage, time_ns: int, data: bytes, samples: PoseSampl
             continue
         found.append(_Packet(time_ns, message.log_time_ns, reading))
     return found
-
-
-def _wanted(wanted: str | None, came_from: tuple[str, int]) -> bool:
-    address, port = came_from
-    return wanted is None or wanted in (address, f"{address}:{port}")
 
 
 def _gps_stamps_ns(packets: Sequence[_Packet], leap_seconds: int) -> list[int | None]:

@@ -4,7 +4,6 @@ Files of one sensor: `<stamp_ns>.pcd.bin` or `<stamp_ns>.pcd`, `index.parquet`, 
 """
 
 from collections.abc import Mapping
-from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
 from typing import Literal
@@ -298,12 +297,6 @@ class SweepExtractor:
             )
 
 
-def _extract(
-    use: Use[SweepUse], inputs: Inputs, recording: Recording, out: ArtifactWriter, _: Executor | None
-) -> SweepExtractor:
-    return SweepExtractor(use.params, recording, out, inputs)
-
-
 def _waits_for(params: SweepsParams, inventory: Inventory | None) -> frozenset[str]:
     always = frozenset({INVENTORY.name, CALIBRATION.name})
     deskews = any(lidar.common.deskew for lidar in params.lidars.values())
@@ -332,7 +325,7 @@ compensated for ego motion if they are relative.""",
     families=("cloud", "radar"),
     params=SweepsParams.of,
     use=use,
-    extract=_extract,
+    extract=lambda use, inputs, recording, out, _: SweepExtractor(use.params, recording, out, inputs),
     checks=(
         RecordingCheck(
             "sweeps_complete",

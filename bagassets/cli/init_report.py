@@ -40,7 +40,8 @@ def print_found(proposal: Proposal, unreadable: Mapping[str, str]) -> None:
         sorted(proposal.bare, key=lambda one: one.reason), key=lambda one: one.reason
     ):
         recordings = list(together)
-        echo(f"Left out: {_named([one.path for one in recordings])}: {reason}")
+        more = f" and {len(recordings) - 3} more" if len(recordings) > 3 else ""
+        echo(f"Left out: {', '.join(one.path for one in recordings[:3])}{more}: {reason}")
         _print_topics(_merged(use for one in recordings for use in one.topic_uses))
     for path, reason in list(unreadable.items())[:_LISTED]:
         echo(f"Left out: {path}: {reason}")
@@ -135,11 +136,6 @@ def _merged(uses: Iterable[TopicUse]) -> list[TopicUse]:
     for use in uses:
         by_name.setdefault((use.topic.name, use.topic.msgtype), use)
     return sorted(by_name.values(), key=lambda use: USES.index(use.status))
-
-
-def _named(paths: Sequence[str]) -> str:
-    more = f" and {len(paths) - 3} more" if len(paths) > 3 else ""
-    return ", ".join(paths[:3]) + more
 
 
 def _columns() -> int:

@@ -116,14 +116,11 @@ def is_optical(summary: RecordingSummary, frame: str) -> bool | None:
     """Tell whether a frame has its z axis ahead and its y axis down; None if neither its name nor gravity tells."""
     if "optical" in tokens(frame):
         return True
-    imus = [
-        topic
-        for topic in summary.topics.values()
-        if topic.msgtype in types_of("imu") and topic.acceleration is not None and topic.frames
-    ]
-    for imu in imus:
+    for imu in summary.topics.values():
+        if imu.msgtype not in types_of("imu") or imu.acceleration is None or not imu.frames:
+            continue
         frame_SE3_imu = _transform(summary, frame, imu.frames[0])
-        if frame_SE3_imu is None or imu.acceleration is None:
+        if frame_SE3_imu is None:
             continue
         # What stands still on the Earth is accelerated upwards, as an Imu sees it.
         up = frame_SE3_imu.rotation_matrix @ imu.acceleration

@@ -8,7 +8,7 @@ from pathlib import Path
 from bagassets.escaping import yaml_scalar
 from bagassets.propose.calibration_files import FoundCalibration
 from bagassets.propose.commented_yaml import Question, Sheet
-from bagassets.propose.grouping import Group, group_recordings, match_globs
+from bagassets.propose.grouping import group_recordings, match_globs
 from bagassets.propose.poses import PoseProposal, pose_candidates
 from bagassets.propose.rig_text import urdf_name, write_rig
 from bagassets.propose.rigs import RigProposal, propose_rig
@@ -94,7 +94,11 @@ def propose_recipe(
     unreadable = unreadable or {}
     groups, without_sensor = group_recordings(summaries)
     bare = [_bare(path, summaries[path]) for path in without_sensor]
-    rigs = _rigs(groups, urdfs=urdfs)
+    rigs: list[RigProposal] = []
+    for group in groups:
+        others = [path for other in groups if other is not group for path in other.recordings]
+        match, taken = match_globs(group.recordings, others), {rig.name for rig in rigs}
+        rigs.append(propose_rig(group, match, taken, urdfs=urdfs))
     sheet = Sheet()
     looked_into = len(summaries) + len(unreadable)
     count = count_text(looked_into, "recording")
@@ -149,15 +153,6 @@ def _series(sheet: Sheet, series: Mapping[str, bool | Sequence[str]], asked: Map
         sheet.ask(1, "bags.series", question)
     if asked:
         sheet.off(1, f"series: {{{', '.join(f'{yaml_scalar(whole)}: true' for whole in asked)}}}")
-
-
-def _rigs(groups: Sequence[Group], *, urdfs: bool) -> list[RigProposal]:
-    rigs: list[RigProposal] = []
-    for group in groups:
-        others = [path for other in groups if other is not group for path in other.recordings]
-        match, taken = match_globs(group.recordings, others), {rig.name for rig in rigs}
-        rigs.append(propose_rig(group, match, taken, urdfs=urdfs))
-    return rigs
 
 
 def _bare(path: str, summary: RecordingSummary) -> Bare:
