@@ -25,7 +25,7 @@ NOT_MEASURED = {
     "poses.md": ["a pause of more than 20 s"],
     "scenes.md": [
         "with a camera of 1 Hz, 20 s have 20 keyframes",
-        "each begins at most 1 s before the one before it ends, and at most 2 s (or three periods",
+        "each begins at most 1 s before the one before it ends, and at most 2 s after that",
         "begun within 2 s of the end of the first",
     ],
     "tests.md": [

@@ -63,7 +63,7 @@ def join_parts(bags: Bags, recordings: Sequence[RecordingFiles], key_of: Callabl
             _join(joined, candidate.whole, verdict.parts, key_of)
         elif verdict.why and for_now:  # drives that were one do not fall apart while a part is being replaced
             _leave_out(
-                joined, bags.root, candidate.whole, list(candidate.numbers), for_now, "look again later"
+                joined, bags.root, candidate.whole, list(candidate.numbers), for_now, "; look again later"
             )
         elif verdict.why:
             joined.asked[candidate.whole] = _question(candidate, verdict.why)
@@ -119,7 +119,7 @@ def _join_named(
     if not problem:
         _join(joined, whole, files, key_of)
         return
-    _leave_out(joined, root, whole, found, problem, "copy it there, or correct bags.series")
+    _leave_out(joined, root, whole, found, problem, "; copy it there, or correct bags.series")
 
 
 def _leave_out(
@@ -128,8 +128,8 @@ def _leave_out(
     for path in paths:
         del joined.recordings[path]
         joined.left_out.append((path, f"part of {whole}, of which {problem}"))
-    joined.left_out.append((whole, f"{problem}; {advice}"))
-    joined.broken[whole] = f"{root / whole}: {problem}; {advice}."
+    joined.left_out.append((whole, f"{problem}{advice}"))
+    joined.broken[whole] = f"{root / whole}: {problem}{advice}."
 
 
 def _join(joined: Joined, whole: str, paths: Sequence[str], key_of: Callable[[str], str]) -> None:
