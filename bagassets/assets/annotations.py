@@ -10,10 +10,16 @@ from bagassets.annotations.collect import UNKNOWN_FRAME, BoxCollector, Place, So
 from bagassets.annotations.frames import BoxFrames
 from bagassets.annotations.table import BoxTable
 from bagassets.assets.annotation_files import Labels, add_labels, labels_of
-from bagassets.assets.annotation_frames import BoxPlaces, box_frames, box_places, frames_of_topic
+from bagassets.assets.annotation_frames import (
+    BoxPlaces,
+    ReadingParams,
+    box_frames,
+    box_places,
+    frames_of_topic,
+)
 from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use, inlined, omitted
 from bagassets.assets.calibration import CALIBRATION
-from bagassets.assets.channel import Counts
+from bagassets.assets.channel import Counts, settings_of
 from bagassets.assets.ego_poses import EGO_POSES
 from bagassets.assets.inventory import INVENTORY
 from bagassets.decode.boxes import BoxDecoder
@@ -42,27 +48,6 @@ _SHAPES = {
     "derived_object_msgs",
     "visualization_msgs",
 }
-
-
-@dataclass(frozen=True)
-class ReadingParams:
-    """Further parameters of `annotations`, if the recipe names any boxes.
-
-    Attributes:
-        clock: which time of a message counts.
-        lost_messages: share of messages and boxes that may be lost to decoding.
-        ego_frame: frame of the vehicle.
-        tf_static: topics with static transforms.
-        tf: topics with transforms.
-        channels: topics of the channels, which limit the times of labels; empty without label files.
-    """
-
-    clock: Clock
-    lost_messages: float
-    ego_frame: str
-    tf_static: tuple[str, ...]
-    tf: tuple[str, ...]
-    channels: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -163,15 +148,13 @@ def use(params: AnnotationParams, facts: Facts) -> dict[str, Use[AnnotationUse]]
         return {"": Use(AnnotationUse((), None))}
     topics = {source.topic: source for source in params.topics if inventory.has(source.topic)}
     absent = [source.topic for source in params.topics if source.topic not in topics]
-    labels, without = labels_of(params.files, reading.channels, reading.clock, facts)
+    labels, without = labels_of(params.files, reading, facts)
     if not topics and not labels:
         return {"": Use(AnnotationUse((*absent, *without), None))}
     frames = [entry.frame for entry in labels.values()]
     for name, source in topics.items():
         frames += frames_of_topic(name, source.frame, inventory)
-    places = box_places(
-        facts, frames, ego_frame=reading.ego_frame, tf_static=reading.tf_static, tf=reading.tf
-    )
+    places = box_places(facts, frames, reading)
     sources = {}
     for name, source in topics.items():
         msgtype = inventory.topic(name).msgtype
@@ -212,10 +195,8 @@ def make_annotations(
         return _write(nothing.finish(), {}, use.absent, out)
     sources, files, clock = boxes.sources, boxes.files, boxes.clock
     decoders = {topic: _decoder(topic, source, recording) for topic, source in sources.items()}
-    rules = {topic: _rules(source.rules) for topic, source in sources.items()}
-    for path, labels in files.items():
-        entry = labels.entry
-        rules[path] = replace(_rules(entry), outside=entry.outside, span_ns=labels.span_ns)
+    rules = {topic: _rules(source.rules, outside="keep", span_ns=None) for topic, source in sources.items()}
+    rules |= {path: _rules(labels.entry, span_ns=labels.span_ns) for path, labels in files.items()}
     collector = BoxCollector(box_frames(boxes.places, clock, recording, trajectory), rules)
     messages = {topic: Counts() for topic in sources}
     ignored = dict.fromkeys(sources, 0)
@@ -293,16 +274,9 @@ def _decoder(topic: str, source: BoxTopic, recording: Recording) -> BoxDecoder:
     return decoder
 
 
-def _rules(source: AnnotationTopic | AnnotationFiles) -> SourceRules:
-    return SourceRules(
-        frame=source.frame,
-        categories=source.categories,
-        attributes=source.attributes,
-        attribute_names=source.attribute_names,
-        refuse=source.bad_boxes == "refuse",
-        unmapped=source.unmapped,
-        outside="keep",
-    )
+def _rules(source: AnnotationTopic | AnnotationFiles, **more: object) -> SourceRules:
+    given = dict(source) | {"refuse": source.bad_boxes == "refuse"}
+    return settings_of(SourceRules, given | more)
 
 
 def _check_frames(source: str, collector: BoxCollector, limit: float) -> None:

@@ -16,7 +16,6 @@ from bagassets.geometry.euler import quaternions_from_rpy
 from bagassets.geometry.wgs84 import LocalFrame
 from bagassets.recipe.model_base import Clock
 from bagassets.recipe.model_poses import NcomSource
-from bagassets.recordings.model import RawMessage
 from bagassets.recordings.recording import Recording
 
 __all__ = ["poses_from_ncom"]
@@ -103,22 +102,15 @@ def _packets(source: NcomSource, clock: Clock, recording: Recording, samples: Po
             continue
         header = getattr(decoded, "header", None)
         time_ns = stamp_of(clock, message, None if header is None else stamp_ns(header.stamp))
-        packets += _readings(message, time_ns, data, samples)
+        for start in range(0, max(len(data), 1), PACKET_SIZE):  # one payload may hold several
+            samples.counts.read += 1
+            try:
+                reading = decode_ncom(data[start : start + PACKET_SIZE])
+            except DecodeError as err:
+                samples.fail(str(err))
+                continue
+            packets.append(_Packet(time_ns, message.log_time_ns, reading))
     return packets
-
-
-def _readings(message: RawMessage, time_ns: int, data: bytes, samples: PoseSamples) -> list[_Packet]:
-    """Return the packets in one payload, which may hold several."""
-    found = []
-    for start in range(0, max(len(data), 1), PACKET_SIZE):
-        samples.counts.read += 1
-        try:
-            reading = decode_ncom(data[start : start + PACKET_SIZE])
-        except DecodeError as err:
-            samples.fail(str(err))
-            continue
-        found.append(_Packet(time_ns, message.log_time_ns, reading))
-    return found
 
 
 def _gps_stamps_ns(packets: Sequence[_Packet], leap_seconds: int) -> list[int | None]:

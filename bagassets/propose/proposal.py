@@ -11,10 +11,9 @@ from bagassets.propose.commented_yaml import Question, Sheet
 from bagassets.propose.grouping import group_recordings, match_globs
 from bagassets.propose.poses import PoseProposal, pose_candidates
 from bagassets.propose.rig_text import urdf_name, write_rig
-from bagassets.propose.rigs import RigProposal, propose_rig
+from bagassets.propose.rigs import RigProposal, propose_rig, uses_of
 from bagassets.propose.sensors import find_sensors, lacks_definition, shown_type
 from bagassets.propose.summary import RecordingSummary, TopicUse
-from bagassets.propose.topic_uses import uses_of
 from bagassets.quantities import count_text
 from bagassets.recipe.model import Scenes
 

@@ -10,7 +10,7 @@ from bagassets.propose.naming import PREFIX
 from bagassets.propose.poses import lonely_poses
 from bagassets.propose.rigs import RigProposal
 from bagassets.propose.sensors import Sensor
-from bagassets.propose.topic_uses import transform_topics
+from bagassets.propose.summary import transform_topics
 from bagassets.recipe.model import Rig
 from bagassets.recordings.globs import literal_glob
 

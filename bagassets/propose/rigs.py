@@ -1,7 +1,7 @@
 """One rig of a proposed recipe: its channels, frames, clock, poses and boxes."""
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -13,10 +13,9 @@ from bagassets.propose.grouping import Group
 from bagassets.propose.naming import channel_name, free_name, tokens, word_set
 from bagassets.propose.poses import PoseProposal, odometry_of, propose_pose
 from bagassets.propose.sensors import Sensor, find_sensors
-from bagassets.propose.summary import RecordingSummary, TopicUse
-from bagassets.propose.topic_uses import uses_of
+from bagassets.propose.summary import USES, RecordingSummary, TopicUse, transform_topics
 
-__all__ = ["ClockProposal", "RigProposal", "boxes_in", "propose_rig"]
+__all__ = ["ClockProposal", "RigProposal", "boxes_in", "propose_rig", "uses_of"]
 
 _LARGE_OFFSET_S = 1.0
 _MARKERS = "visualization_msgs/"  # for whatever somebody wants to see in three dimensions, seldom for boxes
@@ -189,3 +188,45 @@ def _rig_name(match: list[str], taken: Collection[str], robot: str) -> str:
         stem = re.sub(r"\.(bag|mcap|db3)$", "", stem)
         name = re.sub(r"[^A-Za-z0-9_.-]+", "-", stem).strip("-._") or "rig"
     return free_name(name, taken, "-")
+
+
+def uses_of(
+    summary: RecordingSummary,
+    channels: Mapping[str, Sensor],
+    pose: PoseProposal,
+    annotations: list[str],
+    left_out: list[TopicUse],
+    urdf: TopicUse | None = None,
+) -> list[TopicUse]:
+    """Return what becomes of each topic: used as what, not decodable and why, or not needed; those that are used first.
+
+    Args:
+        summary: the recordings.
+        channels: channel -> sensor.
+        pose: where poses come from.
+        annotations: topics with boxes, the one that is used first.
+        left_out: topics that could be a sensor's.
+        urdf: what becomes of a robot description.
+    """
+    used: dict[str, list[str]] = {}
+    for name, sensor in channels.items():
+        used.setdefault(sensor.topic.name, []).append(name)
+        if sensor.camera_info is not None:
+            used.setdefault(sensor.camera_info.name, []).append(f"calibration of {name}")
+    for field, what in (("topic", "poses"), ("imu", "orientation")):
+        if field in pose.fields:
+            used.setdefault(pose.fields[field], []).append(what)
+    for name in annotations[:1]:
+        used.setdefault(name, []).append("boxes")
+    for name in transform_topics(summary):
+        used.setdefault(name, []).append("transforms")
+    uses = [TopicUse(summary.topics[name], "used", ", ".join(what)) for name, what in used.items()]
+    uses += left_out if urdf is None else [*left_out, urdf]
+    known = {use.topic.name for use in uses}
+    boxes = "boxes, too; the recipe has it as a comment"
+    uses += [
+        TopicUse(topic, "left out", boxes) if name in annotations else TopicUse(topic, "not needed")
+        for name, topic in summary.topics.items()
+        if name not in known
+    ]
+    return sorted(uses, key=lambda use: USES.index(use.status))

@@ -30,8 +30,7 @@ from bagassets.propose.naming import is_radar_list
 from bagassets.propose.poses import propose_pose
 from bagassets.propose.radar_velocities import velocities_of
 from bagassets.propose.sensors import find_sensors, modality_of
-from bagassets.propose.summary import Edge, RecordingSummary, TopicSummary, merge_topics
-from bagassets.propose.topic_uses import transform_topics
+from bagassets.propose.summary import Edge, RecordingSummary, TopicSummary, merge_topics, transform_topics
 from bagassets.recipe.model import Limits, Scenes
 from bagassets.recordings.model import Message, RawMessage
 from bagassets.recordings.recording import Recording

@@ -1,6 +1,5 @@
 """Which topics of a recording are sensors worth extracting, one topic per sensor."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 from bagassets.decode.registry import AnyFamily, families_of, own_types
@@ -175,16 +174,10 @@ def _camera_info(image: TopicSummary, summary: RecordingSummary) -> TopicSummary
         for topic in summary.topics.values()
         if topic.msgtype in own_types("camera_info") and topic.count > 0
     }
-    for name in _beside(image.name):
-        if name in infos:
-            return infos[name]
+    parts, length = image.name.split("/"), len(sensor_of(image.name).split("/"))
+    for stop in range(len(parts), length - 1, -1):  # the nearest first
+        beside = "/".join([*parts[:stop], "camera_info"])
+        if beside in infos:
+            return infos[beside]
     matching = [info for info in infos.values() if not set(info.frames).isdisjoint(image.frames)]
     return matching[0] if len(matching) == 1 else None
-
-
-def _beside(topic: str) -> Iterator[str]:
-    """Yield where the CameraInfo of an image topic may be, nearest first."""
-    parts = topic.split("/")
-    base = sensor_of(topic).split("/")
-    for length in range(len(parts), len(base) - 1, -1):
-        yield "/".join([*parts[:length], "camera_info"])

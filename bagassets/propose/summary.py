@@ -5,9 +5,19 @@ from dataclasses import dataclass, field
 from typing import Literal, get_args
 
 from bagassets.decode.point_times import PointClock
+from bagassets.decode.registry import types_of
 from bagassets.geometry.se3 import SE3
 
-__all__ = ["USES", "Edge", "RecordingSummary", "TopicSummary", "TopicUse", "merge_recordings", "merge_topics"]
+__all__ = [
+    "USES",
+    "Edge",
+    "RecordingSummary",
+    "TopicSummary",
+    "TopicUse",
+    "merge_recordings",
+    "merge_topics",
+    "transform_topics",
+]
 
 Edge = tuple[str, str]
 """Parent and child frame, without leading slash."""
@@ -114,6 +124,12 @@ class RecordingSummary:
     def edges(self) -> frozenset[Edge]:
         """Edges of the TF tree."""
         return frozenset(self.transforms)
+
+
+def transform_topics(summary: RecordingSummary) -> list[str]:
+    """Return the topics with transforms."""
+    types = set(types_of("transforms"))
+    return [topic.name for topic in summary.topics.values() if topic.msgtype in types and topic.count > 0]
 
 
 def merge_recordings(summaries: Iterable[RecordingSummary]) -> RecordingSummary:
