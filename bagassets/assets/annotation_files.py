@@ -329,10 +329,11 @@ def _readers(labels: Labels, frames: BoxFrames) -> Iterator[tuple[LabelFile, Rea
             tables = TableSet(labels.logfile, labels.logfiles_of_parts, place_log)
             # The tables that others refer to come first.
             for file in sorted(files, key=lambda file: (file.name == "sample_annotation.json", file.name)):
-                if file.name == "sample_annotation.json":
-                    yield file, partial(read_tables, tables)
-                else:
-                    yield file, partial(_take_table, tables, file.name)
+                is_boxes = file.name == "sample_annotation.json"
+                yield (
+                    file,
+                    partial(read_tables, tables) if is_boxes else partial(_take_table, tables, file.name),
+                )
         case BoxFiles():
             for file in files:
                 is_parquet = file.path.suffix.lower() == ".parquet"

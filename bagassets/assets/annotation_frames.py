@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from bagassets.annotations.frames import DATASET_FRAME, BoxFrames
 from bagassets.assets.asset import Facts
+from bagassets.assets.topic_log import MOST_FRAMES
 from bagassets.assets.transform_logs import read_transforms
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.tf_tree import TfTree
@@ -16,9 +17,6 @@ from bagassets.recordings.inventory import Inventory
 from bagassets.recordings.recording import Recording
 
 __all__ = ["BoxPlaces", "ReadingParams", "between_origins", "box_frames", "box_places", "frames_of_topic"]
-
-# The inventory keeps the first few frames of a topic only.
-_MOST_FRAMES = 5
 
 
 @dataclass(frozen=True)
@@ -96,8 +94,8 @@ def frames_of_topic(topic: str, frame: str | None, inventory: Inventory) -> tupl
     if frame is not None:
         return (frame,)
     recorded = inventory.topic(topic).frame_ids
-    # Items of a message may have frames of their own.
-    return recorded if recorded and len(recorded) < _MOST_FRAMES else (None,)
+    # Items of a message may have frames of their own, and the inventory keeps the first few of a topic only.
+    return recorded if recorded and len(recorded) < MOST_FRAMES else (None,)
 
 
 def box_frames(places: BoxPlaces, clock: Clock, recording: Recording, trajectory: Trajectory) -> BoxFrames:

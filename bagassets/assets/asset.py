@@ -327,11 +327,9 @@ class Asset(Generic[P, U]):
 
     def needs(self, params: P, inventory: Inventory | None) -> frozenset[str]:
         """Return the names of the assets that must be made before it, under these parameters, for a recording."""
-        return (
-            frozenset(asset.name for asset in self.reads)
-            if self.waits_for is None
-            else self.waits_for(params, inventory)
-        )
+        if self.waits_for is not None:
+            return self.waits_for(params, inventory)
+        return frozenset(asset.name for asset in self.reads)
 
     def run(self, use: Use[U], inputs: Inputs, out: ArtifactWriter) -> Summary:
         """Write the artifact of an asset without channels."""

@@ -38,11 +38,9 @@ def short_names(paths: Collection[Path]) -> dict[Path, str]:
     for path in paths:
         others = [other.parts for other in paths if other != path]
         parts = path.parts
-        length = next(
-            n
-            for n in range(1, len(parts) + 1)
-            if n == len(parts) or not any(other[-n:] == parts[-n:] for other in others)
-        )
+        length = 1
+        while length < len(parts) and any(other[-length:] == parts[-length:] for other in others):
+            length += 1
         names[path] = PurePosixPath(*parts[-length:]).as_posix()
     return names
 

@@ -1,4 +1,4 @@
-"""The interface of steps that turn one channel of a recording into files.
+"""The interface of steps that turn one channel of a recording into files, and what they share.
 
 Several extractors share one pass over the recording: it passes each message to the
 extractors of its topic, in order of log time.

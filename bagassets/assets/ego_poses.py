@@ -114,8 +114,7 @@ def use(params: FixedPose | MovingRigParams, facts: Facts) -> dict[str, Use[Fixe
     decoder = None
     if isinstance(source, OdometrySource | PoseTopicSource):
         decoder = decoder_key("pose", inventory.topic(source.topic).msgtype)
-    found = {"urdf": joints, "tf_static": static, "tf": moving, "decoder": decoder}
-    rig = MovingRig(**vars(params) | found)
+    rig = MovingRig(**vars(params) | {"urdf": joints, "tf_static": static, "tf": moving, "decoder": decoder})
     return {"": Use(rig, tuple(sorted({*static, *moving, *topics})))}
 
 

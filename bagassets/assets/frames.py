@@ -213,7 +213,17 @@ class FrameExtractor:
                 self._convert(message)
         while self._in_flight:
             self._collect()
-        self._check()
+        where = f"{self._use.channel}: topic {self._use.settings.topic}"
+        if self._failed > self._use.settings.lost_messages * self._counts.read:
+            raise LossLimitError(
+                f"{where} lost {self._failed} of {self._counts.read} messages; the first: {self._first_error}. "
+                "If that is acceptable, raise limits.lost_messages in the recipe; else remove the channel or fix "
+                "the recording."
+            )
+        if not self._counts.balanced:
+            raise LossLimitError(
+                f"{where}: counts do not add up, {self._counts.as_json()}; this is a bug of the step, please report it."
+            )
         rows = sorted(self._rows, key=lambda row: row["stamp_ns"])
         self._out.write_table("index.parquet", pa.Table.from_pylist(rows, schema=INDEX_SCHEMA))
         facts = {"counts": self._counts.as_json()}
@@ -278,19 +288,6 @@ class FrameExtractor:
         self._failed += 1
         self._first_error = self._first_error or str(err)
         self._counts.lose(reason or str(err))
-
-    def _check(self) -> None:
-        where = f"{self._use.channel}: topic {self._use.settings.topic}"
-        if self._failed > self._use.settings.lost_messages * self._counts.read:
-            raise LossLimitError(
-                f"{where} lost {self._failed} of {self._counts.read} messages; the first: {self._first_error}. "
-                "If that is acceptable, raise limits.lost_messages in the recipe; else remove the channel or fix "
-                "the recording."
-            )
-        if not self._counts.balanced:
-            raise LossLimitError(
-                f"{where}: counts do not add up, {self._counts.as_json()}; this is a bug of the step, please report it."
-            )
 
 
 def _outlasts_the_call(data: bytes | memoryview) -> bool:

@@ -117,7 +117,13 @@ def make_inventory(recording: Recording, out: ArtifactWriter, *, size: int) -> J
             with suppress(DecodeError):  # the receiver had no fix
                 fix = own_decoder("fix", info.msgtype)(info.decode(data))
                 fixes[name].append((message.log_time_ns, fix))
-    _refuse_shortfall(recording, logs)
+    # Nothing is lost silently.
+    for name, info in sorted(recording.topics.items()):
+        if logs[name].count + recording.repeated[name] < info.count:
+            raise RecordingError(
+                f"{recording.path}: topic {name}: {logs[name].count} of {info.count} messages were found, which the "
+                f"recording's own index announces; {advice_for(recording.path)}."
+            )
     write_pack(out, kept.in_order())
     problems = {
         name: probes[name].problem if name in probes else info.problem
@@ -135,16 +141,6 @@ def make_inventory(recording: Recording, out: ArtifactWriter, *, size: int) -> J
         "duration_s": value["duration_s"],
         "unreadable_topics": ", ".join(sorted(name for name in problems if problems[name])) or "none",
     }
-
-
-def _refuse_shortfall(recording: Recording, logs: dict[str, TopicLog]) -> None:
-    """Raise if there are fewer messages than the recording's own index announces: nothing is lost silently."""
-    for name, info in sorted(recording.topics.items()):
-        if logs[name].count + recording.repeated[name] < info.count:
-            raise RecordingError(
-                f"{recording.path}: topic {name}: {logs[name].count} of {info.count} messages were found, which the "
-                f"recording's own index announces; {advice_for(recording.path)}."
-            )
 
 
 def _inventory_json(

@@ -31,8 +31,6 @@ from bagassets.recordings.recording import Recording
 
 __all__ = ["read_samples"]
 
-WITHOUT_OTHERS = "other transforms on the way have no value at its time"
-
 
 def read_samples(source: MovingPoseSource, rig: MovingRig, recording: Recording) -> PoseSamples:
     """Return the samples of a source.
@@ -95,7 +93,7 @@ def _from_tf(source: TfSource, rig: MovingRig, recording: Recording) -> PoseSamp
     samples.counts.merged = samples.counts.written - len(stamps_ns)
     samples.counts.written = used
     if without:
-        samples.counts.lose(WITHOUT_OTHERS, without)
+        samples.counts.lose("other transforms on the way have no value at its time", without)
     samples.stamps_ns = [int(stamp) for stamp in stamps_ns[valid]]
     samples.poses = [SE3.create(q, t) for q, t in zip(rotations[valid], positions[valid], strict=True)]
     return samples
@@ -104,7 +102,14 @@ def _from_tf(source: TfSource, rig: MovingRig, recording: Recording) -> PoseSamp
 def _from_poses(
     source: OdometrySource | PoseTopicSource, rig: MovingRig, recording: Recording, frames: RigFrames
 ) -> PoseSamples:
-    decode = _pose_decoder(source.topic, rig, recording)
+    msgtype = recording.topics[source.topic].msgtype
+    decode: Callable[[Message], PoseReading] | None = keyed_decoder("pose", msgtype, rig.decoder)
+    if decode is None:
+        *names, last = (known.rpartition("/")[2] for known in own_types("pose"))
+        raise PoseError(
+            f"ego poses: topic {source.topic} carries {msgtype}, expected {', '.join(names)} or {last}; "
+            f"{advice('pose', msgtype)}"
+        )
     samples = PoseSamples()
     readings: list[tuple[int, PoseReading]] = []
     for message in recording.messages([source.topic]):
@@ -118,11 +123,18 @@ def _from_poses(
             samples.fail(str(err))
             continue
         readings.append((stamp_of(rig.clock, message, reading.stamp_ns), reading))
+    ego = rig.ego_frame
     child_SE3_ego: dict[str, SE3] = {}
     for stamp_ns, reading in readings:
-        child = source.frame or reading.child or rig.ego_frame
+        child = source.frame or reading.child or ego
         if child not in child_SE3_ego:
-            child_SE3_ego[child] = _static(source.topic, rig.ego_frame, child, frames)
+            try:
+                child_SE3_ego[child] = SE3() if child == ego else frames.fixed(child, ego)[0]
+            except CalibrationError as err:
+                raise PoseError(
+                    f"{source.topic} gives poses of {child}, not of {ego}: {err}. Correct ego_frame in the recipe, or "
+                    "name in ego_pose.frame the frame whose pose this is."
+                ) from err
         samples.global_frame = samples.global_frame or reading.parent
         if reading.parent != samples.global_frame:
             samples.counts.lose("it is in another frame than the first pose")
@@ -130,28 +142,3 @@ def _from_poses(
         samples.stamps_ns.append(stamp_ns)
         samples.poses.append(reading.parent_SE3_child @ child_SE3_ego[child])
     return samples
-
-
-def _pose_decoder(topic: str, rig: MovingRig, recording: Recording) -> Callable[[Message], PoseReading]:
-    msgtype = recording.topics[topic].msgtype
-    decoder: Callable[[Message], PoseReading] | None = keyed_decoder("pose", msgtype, rig.decoder)
-    if decoder is None:
-        *names, last = (known.rpartition("/")[2] for known in own_types("pose"))
-        raise PoseError(
-            f"ego poses: topic {topic} carries {msgtype}, expected {', '.join(names)} or {last}; "
-            f"{advice('pose', msgtype)}"
-        )
-    return decoder
-
-
-def _static(topic: str, ego: str, child: str, frames: RigFrames) -> SE3:
-    """Return `child_SE3_ego`, which must be fixed."""
-    if child == ego:
-        return SE3()
-    try:
-        return frames.fixed(child, ego)[0]
-    except CalibrationError as err:
-        raise PoseError(
-            f"{topic} gives poses of {child}, not of {ego}: {err}. Correct ego_frame in the recipe, or "
-            "name in ego_pose.frame the frame whose pose this is."
-        ) from err

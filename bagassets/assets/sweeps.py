@@ -237,13 +237,26 @@ class SweepExtractor:
         self._sweeps.finish()
         if isinstance(self._sweeps, PacketSweeps):
             self._frame_id = self._sweeps.frame_id
-        self._check()
         use, files = self._use, self._files
-        facts = {
-            "counts": files.counts.as_json(),
-            "messages": self._messages,
-            "points": files.points.as_json(),
-        }
+        counts, points = files.counts, files.points
+        where = f"{use.channel}: topic {use.settings.topic}"
+        shares = (
+            (self._failed_messages, self._messages, "messages"),
+            (self._failed_parts, counts.read, "packets"),
+        )
+        for failed, read, unit in shares:
+            if failed > use.settings.lost_messages * read:
+                raise LossLimitError(
+                    f"{where} lost {failed} of {read} {unit}; the first: {self._first_error}. "
+                    "If that is acceptable, raise limits.lost_messages in the recipe; else remove the channel "
+                    "or repair the recording."
+                )
+        if not (counts.balanced and points.balanced):
+            raise LossLimitError(
+                f"{where}: counts do not add up, {counts.as_json()}, points {points.as_json()}; "
+                "this is a bug of the step, please report it."
+            )
+        facts = {"counts": counts.as_json(), "messages": self._messages, "points": points.as_json()}
         files.finish(
             {
                 "channel": use.channel,
@@ -274,27 +287,6 @@ class SweepExtractor:
         self._failed_messages += messages
         self._first_error = self._first_error or reason
         self._files.lose(reason, number)
-
-    def _check(self) -> None:
-        counts, points = self._files.counts, self._files.points
-        settings = self._use.settings
-        where = f"{self._use.channel}: topic {settings.topic}"
-        shares = (
-            (self._failed_messages, self._messages, "messages"),
-            (self._failed_parts, counts.read, "packets"),
-        )
-        for failed, read, unit in shares:
-            if failed > settings.lost_messages * read:
-                raise LossLimitError(
-                    f"{where} lost {failed} of {read} {unit}; the first: {self._first_error}. "
-                    "If that is acceptable, raise limits.lost_messages in the recipe; else remove the channel "
-                    "or repair the recording."
-                )
-        if not (counts.balanced and points.balanced):
-            raise LossLimitError(
-                f"{where}: counts do not add up, {counts.as_json()}, points {points.as_json()}; "
-                "this is a bug of the step, please report it."
-            )
 
 
 def _waits_for(params: SweepsParams, inventory: Inventory | None) -> frozenset[str]:

@@ -61,9 +61,8 @@ def use(params: TrackParams, facts: StoredFacts) -> dict[str, Use[TrackUse]]:
     """
     poses = facts.artifact("ego_poses")
     origin = poses.read_json("ego_poses.json")["origin"]
-    fixes = (
-        facts.inventory.of_type(*own_types("fix")) if origin is None or origin.get("kind") != "wgs84" else ()
-    )
+    is_on_earth = origin is not None and origin.get("kind") == "wgs84"
+    fixes = () if is_on_earth else facts.inventory.of_type(*own_types("fix"))
     usable = [topic for topic in fixes if topic.count and topic.problem is None and topic.packed]
     best = sorted(usable, key=lambda topic: (-topic.count, topic.name))[:1]
     topics = tuple(topic.name for topic in best)

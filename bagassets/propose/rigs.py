@@ -121,7 +121,9 @@ def propose_rig(
 
 
 def _described(summary: RecordingSummary, urdf: str) -> RecordingSummary:
-    """Return recordings with the fixed joints of a URDF, as builds lay them between `/tf_static` and `/tf`.
+    """Return recordings with the fixed joints of a URDF, as robot_state_publisher latches it, where it puts what TF does not.
+
+    Builds lay them between `/tf_static` and `/tf`, too.
 
     Raises:
         CalibrationError: the URDF cannot be used.

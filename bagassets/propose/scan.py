@@ -162,6 +162,7 @@ class _TopicScan:
         self.length_s = 0.0
         self._summary = _summary_of(topic)
         self.transforms: dict[Edge, list[SE3]] = {}
+        self._takers = {**_FACTS, "cloud": self._take_cloud, "transforms": self._take_transforms}
         self._decoders: dict[AnyFamily, Decode] = {}
         # Reads on if nothing can be used: the type itself says what its messages are.
         self._is_patient = False
@@ -209,12 +210,7 @@ class _TopicScan:
         for family, decode in self._decoders.items():
             facts: Facts = {}
             try:
-                if family == "transforms":
-                    self._take_transforms(facts, decode, value)
-                elif family == "cloud":
-                    self._take_cloud(facts, decode, value, message.msgtype)
-                else:
-                    _FACTS[family](facts, decode, value, message.msgtype)
+                self._takers[family](facts, decode, value, message.msgtype)
             except DecodeError as err:
                 reasons.append(str(err))
             self._add(facts)
@@ -242,7 +238,7 @@ class _TopicScan:
         for family in families:
             try:
                 decoder = find_decoder(family, msgtype)
-                if decoder is not None and family in {*_FACTS, "cloud", "transforms"}:
+                if decoder is not None and family in self._takers:
                     self._decoders[family] = load_decoder(decoder)
                     self._is_patient |= not decoder.by_fields
             except PluginError as err:
@@ -276,7 +272,7 @@ class _TopicScan:
         if len(reading.points) > 1:  # times that do not differ are none
             facts["timed"] = reading.times_ns is not None
 
-    def _take_transforms(self, facts: Facts, decode: Decode, value: Message) -> None:
+    def _take_transforms(self, facts: Facts, decode: Decode, value: Message, _msgtype: str) -> None:
         facts["frames"] = []
         for stamped in decode(value):
             try:

@@ -61,11 +61,10 @@ def find_sensors(summary: RecordingSummary) -> tuple[list[Sensor], list[TopicUse
         if (unusable := _unusable(topic)) is not None:
             left_out.append(unusable)
         elif modality_of(topic) is not None:
-            family = next((known for known in families if _same_sensor(known[0], topic)), None)
-            if family is None:
-                families.append([topic])
-            else:
-                family.append(topic)
+            family = next((known for known in families if _same_sensor(known[0], topic)), [])
+            if not family:
+                families.append(family)
+            family.append(topic)
     sensors = [_sensor(family, summary) for family in families]
     left_out += [
         TopicUse(summary.topics[other], "left out", f"the same sensor as {sensor.topic.name}")
@@ -140,18 +139,14 @@ def _sensor(family: list[TopicSummary], summary: RecordingSummary) -> Sensor:
 def _processing(topic: TopicSummary) -> int:
     """Return how far a topic is from what the sensor measured; less is rawer."""
     words = set(tokens(topic.name))
-    steps = 0
-    if not topic.velodyne and modality_of(topic) == "lidar":
-        steps += 1
-    if topic.msgtype == "sensor_msgs/msg/CompressedImage":
-        steps += 1
-    if words & {"rect", "rectified", "undistorted"}:
-        steps += 4
-    if words & {"mono", "grey", "gray"}:
-        steps += 2  # the colour of the same camera says more
-    if words & {"track", "tracks", "object", "objects"}:
-        steps += 2
-    return steps
+    steps = (
+        (1, not topic.velodyne and modality_of(topic) == "lidar"),
+        (1, topic.msgtype == "sensor_msgs/msg/CompressedImage"),
+        (4, words & {"rect", "rectified", "undistorted"}),
+        (2, words & {"mono", "grey", "gray"}),  # the colour of the same camera says more
+        (2, words & {"track", "tracks", "object", "objects"}),
+    )
+    return sum(number for number, applies in steps if applies)
 
 
 def _is_flat(topic: TopicSummary) -> bool:
@@ -163,9 +158,8 @@ def _lidar_rank(sensor: Sensor) -> int:
     words = {*tokens(sensor.topic.name), *tokens(" ".join(sensor.topic.frames))}
     if sensor.modality != "lidar":
         return 0
-    return (2 if _is_flat(sensor.topic) else 0) + (
-        0 if words & {"top", "roof", "center", "main", "concatenated"} else 1
-    )
+    is_main = words & {"top", "roof", "center", "main", "concatenated"}
+    return (2 if _is_flat(sensor.topic) else 0) + (0 if is_main else 1)
 
 
 def _camera_info(image: TopicSummary, summary: RecordingSummary) -> TopicSummary | None:

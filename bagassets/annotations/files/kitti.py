@@ -104,27 +104,25 @@ class _Handler:
         self.parser.EntityDeclHandler = self._entity
         self.tracklets: list[_Item] = []
         self.has_root = False
-        self._path: list[str] = []
+        self._path: tuple[str, ...] = ()
         self._text = ""
 
     def _start(self, name: str, _attributes: dict[str, str]) -> None:
-        self._path.append(name)
+        self._path = (*self._path, name)
         self._text = ""
-        path, line = tuple(self._path), self.parser.CurrentLineNumber
-        if path == _TRACKLET[:2]:
+        item = _Item(self.parser.CurrentLineNumber)
+        if self._path == _TRACKLET[:2]:
             self.has_root = True
-        elif path == _TRACKLET:
-            self.tracklets.append(_Item(line))
-        elif path == _POSE:
-            self.tracklets[-1].poses.append(_Item(line))
+        elif self._path == _TRACKLET:
+            self.tracklets.append(item)
+        elif self._path == _POSE:
+            self.tracklets[-1].poses.append(item)
 
     def _end(self, name: str) -> None:
-        self._path.pop()
-        path = tuple(self._path)
-        if path == _TRACKLET:
-            self.tracklets[-1].values[name] = self._text.strip()
-        elif path == _POSE:
-            self.tracklets[-1].poses[-1].values[name] = self._text.strip()
+        self._path = self._path[:-1]
+        if self._path in {_TRACKLET, _POSE}:
+            item = self.tracklets[-1] if self._path == _TRACKLET else self.tracklets[-1].poses[-1]
+            item.values[name] = self._text.strip()
         self._text = ""
 
     def _characters(self, text: str) -> None:
