@@ -15,8 +15,7 @@ from label_files import WRITERS, box_json
 from bagassets.annotations.collect import BoxCollector, SourceRules
 from bagassets.annotations.files.box_files import read_json_boxes, read_parquet_boxes
 from bagassets.annotations.files.json_text import entries, parse
-from bagassets.annotations.files.kitti_labels import read_kitti_labels
-from bagassets.annotations.files.kitti_tracklets import read_kitti_tracklets
+from bagassets.annotations.files.kitti import read_kitti_labels, read_kitti_tracklets
 from bagassets.annotations.files.label import UnreadableLabelsError
 from bagassets.annotations.files.nuscenes_tables import TableSet, read_tables
 from bagassets.annotations.files.sustechpoints import read_sustechpoints

@@ -185,7 +185,9 @@ def test_a_topic_with_no_message_of_its_type_is_left_out_with_the_reason(tmp_pat
     assert seen.topics["/points"].problem == (
         "it is sensor_msgs/msg/PointCloud2, and most on its topic are sensor_msgs/msg/LaserScan"
     )
-    assert [left.topic.name for left in find_sensors(seen)[1] if left.is_undecodable] == ["/points"]
+    assert [left.topic.name for left in find_sensors(seen)[1] if left.status == "not decodable"] == [
+        "/points"
+    ]
 
 
 def test_one_damaged_message_does_not_make_its_topic_undecodable(tmp_path):

@@ -7,14 +7,13 @@ from functools import partial
 from bagassets.annotations.collect import BoxCollector, Place
 from bagassets.annotations.files.box_files import read_json_boxes, read_parquet_boxes
 from bagassets.annotations.files.find import LabelSet
-from bagassets.annotations.files.kitti_labels import read_kitti_labels
-from bagassets.annotations.files.kitti_tracklets import read_kitti_tracklets
+from bagassets.annotations.files.kitti import read_kitti_labels, read_kitti_tracklets
 from bagassets.annotations.files.label import Label, LabelFile, UnreadableLabelsError
 from bagassets.annotations.files.nuscenes_tables import TableSet, read_tables
 from bagassets.annotations.files.sustechpoints import read_sustechpoints
 from bagassets.annotations.files.times import FrameClock, named_frames, numbered_frames, read_times
 from bagassets.annotations.frames import DATASET_FRAME, BoxFrames
-from bagassets.assets.annotation_frames import between_origins
+from bagassets.assets.annotation_frames import ReadingParams, between_origins
 from bagassets.assets.asset import Facts, by_digest, inlined, omitted
 from bagassets.assets.channel import Counts
 from bagassets.errors import ChangedWhileReadError, DecodeError, RecipeError, RecordingError
@@ -87,21 +86,20 @@ class Labels:
 
 
 def labels_of(
-    entries: Iterable[AnnotationFiles], topics: Iterable[str], clock: Clock, facts: Facts
+    entries: Sequence[AnnotationFiles], params: ReadingParams, facts: Facts
 ) -> tuple[dict[str, Labels], tuple[str, ...]]:
     """Return path in the recipe -> labels of a recording, and the paths for which it has none.
 
     Args:
         entries: entries of the recipe's `annotation_files`.
-        topics: topics of the rig's channels, whether or not the recording has them.
-        clock: which time of a message counts.
+        params: the topics of the rig's channels, and which time of a message counts.
         facts: facts about the recording.
 
     Raises:
         RecordingError: labels that the recipe requires are missing.
         RecipeError: the topic or file with their times is missing.
     """
-    entries, topics, inventory = tuple(entries), tuple(topics), facts.inventory
+    topics, clock, inventory = params.channels, params.clock, facts.inventory
     labels: dict[str, Labels] = {}
     absent = []
     span_ns, sets = _span_ns(topics, inventory, clock), facts.labels(entries)
@@ -132,11 +130,8 @@ def labels_of(
                 f"{lacking.place}: there are no labels of the format {entry.format}, which the recipe requires "
                 "(`missing: refuse`); put them there, or correct rigs[].annotation_files[].path."
             )
-        for one in (found, *found.parts):
-            if one.files:
-                _require_times(entry, one, inventory)
         if found.files or found.parts:
-            _require_frames(entry, found, inventory)
+            _require_times(entry, found, inventory)
             labels[entry.path] = made(
                 entry, found, tuple(made(entry, one) for one in found.parts if one.files)
             )
@@ -157,14 +152,12 @@ def _require_times(entry: AnnotationFiles, found: LabelSet, inventory: Inventory
             f"rigs[].annotation_files: the recording has no messages on {times.topic}, which gives the times of the "
             f"frames of {entry.path}; correct `times`."
         )
-    if isinstance(times, FileTimes) and found.times is None:
-        raise RecipeError(
-            f"rigs[].annotation_files: there is no file of times {times.path} for {found.place}; correct `times`."
-        )
-
-
-def _require_frames(entry: AnnotationFiles, found: LabelSet, inventory: Inventory) -> None:
-    times, counts = _times_of(entry), [part.frames[1] for part in found.parts if part.frames is not None]
+    for one in (found, *found.parts):
+        if isinstance(times, FileTimes) and one.files and one.times is None:
+            raise RecipeError(
+                f"rigs[].annotation_files: there is no file of times {times.path} for {one.place}; correct `times`."
+            )
+    counts = [part.frames[1] for part in found.parts if part.frames is not None]
     if isinstance(times, TopicTimes) and counts and sum(counts) != inventory.topic(times.topic).count:
         raise RecordingError(
             f"{found.parts[0].place}: frames of a part are counted in messages on {times.topic}, but the recorder repeated some of "
@@ -336,10 +329,11 @@ def _readers(labels: Labels, frames: BoxFrames) -> Iterator[tuple[LabelFile, Rea
             tables = TableSet(labels.logfile, labels.logfiles_of_parts, place_log)
             # The tables that others refer to come first.
             for file in sorted(files, key=lambda file: (file.name == "sample_annotation.json", file.name)):
-                if file.name == "sample_annotation.json":
-                    yield file, partial(read_tables, tables)
-                else:
-                    yield file, partial(_take_table, tables, file.name)
+                is_boxes = file.name == "sample_annotation.json"
+                yield (
+                    file,
+                    partial(read_tables, tables) if is_boxes else partial(_take_table, tables, file.name),
+                )
         case BoxFiles():
             for file in files:
                 is_parquet = file.path.suffix.lower() == ".parquet"

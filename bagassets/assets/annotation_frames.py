@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from bagassets.annotations.frames import DATASET_FRAME, BoxFrames
 from bagassets.assets.asset import Facts
+from bagassets.assets.topic_log import MOST_FRAMES
 from bagassets.assets.transform_logs import read_transforms
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.tf_tree import TfTree
@@ -15,10 +16,28 @@ from bagassets.recipe.model_base import Clock, Vector3
 from bagassets.recordings.inventory import Inventory
 from bagassets.recordings.recording import Recording
 
-__all__ = ["BoxPlaces", "between_origins", "box_frames", "box_places", "frames_of_topic"]
+__all__ = ["BoxPlaces", "ReadingParams", "between_origins", "box_frames", "box_places", "frames_of_topic"]
 
-# The inventory keeps the first few frames of a topic only.
-_MOST_FRAMES = 5
+
+@dataclass(frozen=True)
+class ReadingParams:
+    """Further parameters of `annotations`, if the recipe names any boxes.
+
+    Attributes:
+        clock: which time of a message counts.
+        lost_messages: share of messages and boxes that may be lost to decoding.
+        ego_frame: frame of the vehicle.
+        tf_static: topics with static transforms, whether or not a recording has them.
+        tf: topics with transforms, whether or not a recording has them.
+        channels: topics of the channels, which limit the times of labels; empty without label files.
+    """
+
+    clock: Clock
+    lost_messages: float
+    ego_frame: str
+    tf_static: tuple[str, ...]
+    tf: tuple[str, ...]
+    channels: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -42,14 +61,7 @@ class BoxPlaces:
     tf: tuple[str, ...]
 
 
-def box_places(
-    facts: Facts,
-    frames: Iterable[str | None],
-    *,
-    ego_frame: str,
-    tf_static: Iterable[str],
-    tf: Iterable[str],
-) -> BoxPlaces:
+def box_places(facts: Facts, frames: Iterable[str | None], params: ReadingParams) -> BoxPlaces:
     """Return everything needed to transform boxes to the global frame.
 
     Transforms are read only if boxes are, or may be, in a frame that neither poses nor calibration
@@ -58,23 +70,22 @@ def box_places(
     Args:
         facts: facts about the recording.
         frames: frames of the boxes; None for one that is only known from the boxes themselves.
-        ego_frame: frame of the vehicle.
-        tf_static: topics with static transforms, whether or not the recording has them.
-        tf: topics with transforms, whether or not the recording has them.
+        params: frame of the vehicle, and topics with transforms.
     """
     poses = facts.artifact("ego_poses").read_json("ego_poses.json")
     mounts = {sensor.frame: sensor.ego_SE3_sensor for sensor in facts.calibration.channels.values()}
-    known = {poses["global_frame"], DATASET_FRAME, ego_frame, *mounts}
+    known = {poses["global_frame"], DATASET_FRAME, params.ego_frame, *mounts}
     needed = any(frame not in known for frame in frames)
+    static, moving = (params.tf_static, params.tf) if needed else ((), ())
     origin = poses["origin"]
     is_local = origin is not None and origin["kind"] == "local"
     return BoxPlaces(
         poses["global_frame"],
         (origin["x"], origin["y"], origin["z"]) if is_local else (0.0, 0.0, 0.0),
-        ego_frame,
+        params.ego_frame,
         mounts,
-        tuple(topic for topic in tf_static if needed and facts.inventory.has(topic)),
-        tuple(topic for topic in tf if needed and facts.inventory.has(topic)),
+        tuple(filter(facts.inventory.has, static)),
+        tuple(filter(facts.inventory.has, moving)),
     )
 
 
@@ -83,8 +94,8 @@ def frames_of_topic(topic: str, frame: str | None, inventory: Inventory) -> tupl
     if frame is not None:
         return (frame,)
     recorded = inventory.topic(topic).frame_ids
-    # Items of a message may have frames of their own.
-    return recorded if recorded and len(recorded) < _MOST_FRAMES else (None,)
+    # Items of a message may have frames of their own, and the inventory keeps the first few of a topic only.
+    return recorded if recorded and len(recorded) < MOST_FRAMES else (None,)
 
 
 def box_frames(places: BoxPlaces, clock: Clock, recording: Recording, trajectory: Trajectory) -> BoxFrames:

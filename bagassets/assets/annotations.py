@@ -3,23 +3,27 @@
 Files: `annotations.parquet` and `annotations.json`, which counts messages, files and boxes, and those that were lost.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 
 from bagassets.annotations.collect import UNKNOWN_FRAME, BoxCollector, Place, SourceRules
 from bagassets.annotations.frames import BoxFrames
 from bagassets.annotations.table import BoxTable
 from bagassets.assets.annotation_files import Labels, add_labels, labels_of
-from bagassets.assets.annotation_frames import BoxPlaces, box_frames, box_places, frames_of_topic
+from bagassets.assets.annotation_frames import (
+    BoxPlaces,
+    ReadingParams,
+    box_frames,
+    box_places,
+    frames_of_topic,
+)
 from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use, inlined, omitted
 from bagassets.assets.calibration import CALIBRATION
-from bagassets.assets.channel import Counts
+from bagassets.assets.channel import Counts, settings_of
 from bagassets.assets.ego_poses import EGO_POSES
 from bagassets.assets.inventory import INVENTORY
 from bagassets.decode.boxes import BoxDecoder
 from bagassets.decode.loading import keyed_decoder
-from bagassets.decode.model import BoxReading
 from bagassets.decode.registry import advice, decoder_key, own_types
 from bagassets.errors import DecodeError, LossLimitError, RecipeError
 from bagassets.geometry.trajectory import Trajectory
@@ -30,7 +34,6 @@ from bagassets.quality.finding import Finding
 from bagassets.recipe.model import Recipe, Rig
 from bagassets.recipe.model_annotations import AnnotationFiles, AnnotationTopic
 from bagassets.recipe.model_base import Clock
-from bagassets.recordings.model import Message, RawMessage
 from bagassets.recordings.recording import Recording
 from bagassets.store.artifact import ArtifactWriter
 
@@ -45,27 +48,6 @@ _SHAPES = {
     "derived_object_msgs",
     "visualization_msgs",
 }
-
-
-@dataclass(frozen=True)
-class ReadingParams:
-    """Further parameters of `annotations`, if the recipe names any boxes.
-
-    Attributes:
-        clock: which time of a message counts.
-        lost_messages: share of messages and boxes that may be lost to decoding.
-        ego_frame: frame of the vehicle.
-        tf_static: topics with static transforms.
-        tf: topics with transforms.
-        channels: topics of the channels, which limit the times of labels; empty without label files.
-    """
-
-    clock: Clock
-    lost_messages: float
-    ego_frame: str
-    tf_static: tuple[str, ...]
-    tf: tuple[str, ...]
-    channels: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -166,15 +148,13 @@ def use(params: AnnotationParams, facts: Facts) -> dict[str, Use[AnnotationUse]]
         return {"": Use(AnnotationUse((), None))}
     topics = {source.topic: source for source in params.topics if inventory.has(source.topic)}
     absent = [source.topic for source in params.topics if source.topic not in topics]
-    labels, without = labels_of(params.files, reading.channels, reading.clock, facts)
+    labels, without = labels_of(params.files, reading, facts)
     if not topics and not labels:
         return {"": Use(AnnotationUse((*absent, *without), None))}
     frames = [entry.frame for entry in labels.values()]
     for name, source in topics.items():
         frames += frames_of_topic(name, source.frame, inventory)
-    places = box_places(
-        facts, frames, ego_frame=reading.ego_frame, tf_static=reading.tf_static, tf=reading.tf
-    )
+    places = box_places(facts, frames, reading)
     sources = {}
     for name, source in topics.items():
         msgtype = inventory.topic(name).msgtype
@@ -215,27 +195,42 @@ def make_annotations(
         return _write(nothing.finish(), {}, use.absent, out)
     sources, files, clock = boxes.sources, boxes.files, boxes.clock
     decoders = {topic: _decoder(topic, source, recording) for topic, source in sources.items()}
-    rules = {topic: _rules(source.rules) for topic, source in sources.items()}
-    for path, labels in files.items():
-        entry = labels.entry
-        rules[path] = replace(_rules(entry), outside=entry.outside, span_ns=labels.span_ns)
+    rules = {topic: _rules(source.rules, outside="keep", span_ns=None) for topic, source in sources.items()}
+    rules |= {path: _rules(labels.entry, span_ns=labels.span_ns) for path, labels in files.items()}
     collector = BoxCollector(box_frames(boxes.places, clock, recording, trajectory), rules)
     messages = {topic: Counts() for topic in sources}
     ignored = dict.fromkeys(sources, 0)
     for message in recording.messages(sorted(sources)) if sources else ():
-        counts = messages[message.topic]
+        counts, decoder = messages[message.topic], decoders[message.topic]
         counts.read += 1
         try:
             decoded = recording.decode(message)
-            items = list(decoders[message.topic].items(decoded))
+            items = list(decoder.items(decoded))
         except DecodeError as err:
             counts.lose(str(err))
             continue
         counts.written += 1
-        decode = partial(decoders[message.topic].decode, decoded)
-        ignored[message.topic] += _add_boxes(collector, decode, message, items, clock, counts.read)
+        label = f"message logged at {message.log_time_ns}"
+        place = Place(label, f"{message.topic}, {label}")
+        for item in items:
+            try:
+                box = decoder.decode(decoded, item)
+            except DecodeError as err:
+                collector.lose_undecoded(message.topic, str(err), place)
+                continue
+            if box is None:
+                ignored[message.topic] += 1
+                continue
+            stamp_ns = message.log_time_ns if clock == "log" else box.stamp_ns
+            collector.add(replace(box, stamp_ns=stamp_ns, source=message.topic), place, counts.read)
     for topic, counts in messages.items():
-        _check_limits(topic, counts, collector, boxes.lost_messages)
+        lost = sum(counts.lost.values())
+        if lost > boxes.lost_messages * counts.read:
+            raise LossLimitError(
+                f"{topic}: {lost} of {counts.read} messages with boxes cannot be decoded, most often because "
+                f"{counts.main_reason}; limits.lost_messages accepts a share of {boxes.lost_messages:g}."
+            )
+        _check_frames(topic, collector, boxes.lost_messages)
     labelled = add_labels(files, recording, clock, collector)
     for source in files:
         _check_frames(source, collector, boxes.lost_messages)
@@ -279,53 +274,9 @@ def _decoder(topic: str, source: BoxTopic, recording: Recording) -> BoxDecoder:
     return decoder
 
 
-def _rules(source: AnnotationTopic | AnnotationFiles) -> SourceRules:
-    return SourceRules(
-        frame=source.frame,
-        categories=source.categories,
-        attributes=source.attributes,
-        attribute_names=source.attribute_names,
-        refuse=source.bad_boxes == "refuse",
-        unmapped=source.unmapped,
-        outside="keep",
-    )
-
-
-def _add_boxes(
-    collector: BoxCollector,
-    decode: Callable[[Message], BoxReading | None],
-    message: RawMessage,
-    items: Iterable[Message],
-    clock: Clock,
-    number: int,
-) -> int:
-    """Add the boxes of a topic's message to the collector; return the number of items that are no boxes."""
-    ignored = 0
-    label = f"message logged at {message.log_time_ns}"
-    place = Place(label, f"{message.topic}, {label}")
-    for item in items:
-        try:
-            box = decode(item)
-        except DecodeError as err:
-            collector.lose_undecoded(message.topic, str(err), place)
-            continue
-        if box is None:
-            ignored += 1
-            continue
-        stamp_ns = message.log_time_ns if clock == "log" else box.stamp_ns
-        collector.add(replace(box, stamp_ns=stamp_ns, source=message.topic), place, number)
-    return ignored
-
-
-def _check_limits(topic: str, messages: Counts, collector: BoxCollector, limit: float) -> None:
-    lost = sum(messages.lost.values())
-    if lost > limit * messages.read:
-        reason = max(messages.lost, key=lambda name: messages.lost[name])
-        raise LossLimitError(
-            f"{topic}: {lost} of {messages.read} messages with boxes cannot be decoded, most often because {reason}; "
-            f"limits.lost_messages accepts a share of {limit:g}."
-        )
-    _check_frames(topic, collector, limit)
+def _rules(source: AnnotationTopic | AnnotationFiles, **more: object) -> SourceRules:
+    given = dict(source) | {"refuse": source.bad_boxes == "refuse"}
+    return settings_of(SourceRules, given | more)
 
 
 def _check_frames(source: str, collector: BoxCollector, limit: float) -> None:

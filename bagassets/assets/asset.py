@@ -41,6 +41,8 @@ __all__ = [
     "Asset",
     "Facts",
     "Inputs",
+    "StoredFacts",
+    "StoredInputs",
     "Summary",
     "Use",
     "as_json",
@@ -172,7 +174,24 @@ def uses_of(channels: Mapping[str, C], use_of: Callable[[str, C], Use[U]]) -> di
     return uses
 
 
-class Facts(Protocol):
+class StoredFacts(Protocol):
+    """Facts about a recording that the store alone can provide."""
+
+    @property
+    def inventory(self) -> Inventory:
+        """Its topics and time span."""
+        ...
+
+    def artifact(self, asset: str) -> Artifact:
+        """Return the artifact of an upstream asset.
+
+        Raises:
+            StoreError: it has not been made yet.
+        """
+        ...
+
+
+class Facts(StoredFacts, Protocol):
     """Facts about a recording that are known before an action runs: from upstream assets and files beside it.
 
     Reading them does not open the recording. An asset may only ask for what it declares to read.
@@ -194,21 +213,8 @@ class Facts(Protocol):
         ...
 
     @property
-    def inventory(self) -> Inventory:
-        """Its topics and time span."""
-        ...
-
-    @property
     def calibration(self) -> Calibration:
         """Content of `calibration.json`."""
-        ...
-
-    def artifact(self, asset: str) -> Artifact:
-        """Return the artifact of an upstream asset.
-
-        Raises:
-            StoreError: it has not been made yet.
-        """
         ...
 
     def channels(self, asset: str) -> Mapping[str, Artifact]:
@@ -232,13 +238,21 @@ class Facts(Protocol):
         ...
 
 
-class Inputs(Facts, Protocol):
-    """The inputs of a running action."""
+class StoredInputs(StoredFacts, Protocol):
+    """Inputs of a running action that the store alone can provide."""
 
     @property
     def trajectory(self) -> Trajectory:
         """`global_SE3_ego`, the content of `ego_poses`."""
         ...
+
+    def messages(self, topics: tuple[str, ...]) -> AbstractContextManager[Recording]:
+        """Open `topics` of the recording, from wherever they are cheapest to read; no others can be read."""
+        ...
+
+
+class Inputs(Facts, StoredInputs, Protocol):
+    """The inputs of a running action."""
 
     @property
     def size(self) -> int:
@@ -247,10 +261,6 @@ class Inputs(Facts, Protocol):
 
     def whole(self) -> AbstractContextManager[Recording]:
         """Open the whole recording."""
-        ...
-
-    def messages(self, topics: tuple[str, ...]) -> AbstractContextManager[Recording]:
-        """Open `topics` of the recording, from wherever they are cheapest to read; no others can be read."""
         ...
 
 
@@ -317,11 +327,9 @@ class Asset(Generic[P, U]):
 
     def needs(self, params: P, inventory: Inventory | None) -> frozenset[str]:
         """Return the names of the assets that must be made before it, under these parameters, for a recording."""
-        return (
-            frozenset(asset.name for asset in self.reads)
-            if self.waits_for is None
-            else self.waits_for(params, inventory)
-        )
+        if self.waits_for is not None:
+            return self.waits_for(params, inventory)
+        return frozenset(asset.name for asset in self.reads)
 
     def run(self, use: Use[U], inputs: Inputs, out: ArtifactWriter) -> Summary:
         """Write the artifact of an asset without channels."""

@@ -1,7 +1,7 @@
 """The asset `calibration`: the extrinsics of each sensor and the intrinsics of each camera.
 
 Extrinsics come from the recipe or a file that it names, else from `/tf_static`, the URDF or the fixed joints of
-`/tf`, in this order of trust (see `bagassets.assets.rig_frames`). If sources contradict each
+`/tf`, in this order of trust (see `bagassets.assets.transform_logs`). If sources contradict each
 other, that is noted and the most trusted one is used. File: `calibration.json`.
 """
 
@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use, as_json, by_digest
-from bagassets.assets.calibration_files import FileContent, pose_in, read_files, short_names
+from bagassets.assets.calibration_files import FileContent, pose_in, read_file, short_names
 from bagassets.assets.intrinsics import camera_intrinsics, rounded
 from bagassets.assets.inventory import INVENTORY
-from bagassets.assets.rig_frames import RigFrames
 from bagassets.assets.sensors import RecordedSensor, Sensor
+from bagassets.assets.transform_logs import RigFrames, read_urdf
 from bagassets.errors import CalibrationError
 from bagassets.geometry.calibration import CalibratedSensor, Calibration
 from bagassets.geometry.se3 import SE3
@@ -87,18 +87,18 @@ def use(params: CalibrationParams, facts: Facts) -> dict[str, Use[CalibrationUse
     """
     inventory = facts.inventory
     present = {name: sensor for name, sensor in params.channels.items() if inventory.has(sensor.topic)}
-    files, names = _files(present.values(), facts)
+    names = short_names(sorted({path for sensor in present.values() for path in sensor.files}))
+    files = {name: read_file(path, facts) for path, name in names.items()}
     inputs = {f"calibration:{name}": digest_bytes(file.data) for name, file in files.items()}
     channels = {
         name: _recorded(name, sensor.with_files(names), inventory) for name, sensor in present.items()
     }
     infos = {topic for sensor in channels.values() for topic in sensor.infos if inventory.has(topic)}
+    static, moving, file = params.tf_static, params.tf, params.urdf
     if _placed_by_hand(present.values(), params.ego_frame):
-        known = CalibrationUse(params.ego_frame, channels, (), (), None, files)
-        return {"": Use(known, tuple(sorted(infos)), inputs)}
-    static = tuple(topic for topic in params.tf_static if inventory.has(topic))
-    moving = tuple(topic for topic in params.tf if inventory.has(topic))
-    urdf = None if params.urdf is None else _urdf(params.urdf, facts)
+        static, moving, file = (), (), None
+    static, moving = tuple(filter(inventory.has, static)), tuple(filter(inventory.has, moving))
+    urdf = None if file is None else read_urdf(file, facts)
     inputs |= {} if urdf is None else {"urdf": digest_bytes(urdf)}
     known = CalibrationUse(params.ego_frame, channels, static, moving, urdf, files)
     return {"": Use(known, tuple(sorted({*infos, *static, *moving})), inputs)}
@@ -107,12 +107,6 @@ def use(params: CalibrationParams, facts: Facts) -> dict[str, Use[CalibrationUse
 def _placed_by_hand(sensors: Iterable[Sensor], ego_frame: str) -> bool:
     """Return whether the recipe and its files have the extrinsics of all sensors, so that no transform counts."""
     return not any(sensor.needs_transforms(ego_frame) for sensor in sensors)
-
-
-def _files(sensors: Iterable[Sensor], facts: Facts) -> tuple[dict[str, FileContent], dict[Path, str]]:
-    """Return name -> content of the calibration files of sensors, and path -> name."""
-    names = short_names(sorted({path for sensor in sensors for path in sensor.files}))
-    return read_files(names, facts), names
 
 
 def _recorded(name: str, sensor: Sensor, inventory: Inventory) -> RecordedSensor:
@@ -130,13 +124,6 @@ def _recorded(name: str, sensor: Sensor, inventory: Inventory) -> RecordedSensor
             "one sensor; name the one to use in `frame`, or give `extrinsics` in the recipe."
         )
     return RecordedSensor.of(sensor, inventory)
-
-
-def _urdf(path: Path, facts: Facts) -> bytes:
-    try:
-        return facts.file(path)
-    except OSError as err:
-        raise CalibrationError(f"{path}: the URDF cannot be read ({err.strerror}).") from err
 
 
 def make_calibration(use: CalibrationUse, recording: Recording, out: ArtifactWriter) -> Summary:
@@ -238,17 +225,10 @@ def _fixed(
     try:
         return frames.fixed(ego_frame, frame)
     except CalibrationError as err:
-        raise CalibrationError(f"{what}: {err}. {_damage(frames)}{advice}") from err
-
-
-def _damage(frames: RigFrames) -> str:
-    """Return a sentence about transforms that could not be decoded and may be the missing ones; else empty."""
-    topics = [f"{topic} ({reason})" for topic, reason in sorted(frames.troubles.items())]
-    return (
-        f"Transforms could not be decoded in {', '.join(topics)}, so frames may be missing. "
-        if topics
-        else ""
-    )
+        damaged = ", ".join(f"{topic} ({reason})" for topic, reason in sorted(frames.troubles.items()))
+        if damaged:
+            advice = f"Transforms could not be decoded in {damaged}, so frames may be missing. {advice}"
+        raise CalibrationError(f"{what}: {err}. {advice}") from err
 
 
 def _make(use: Use[CalibrationUse], inputs: Inputs, out: ArtifactWriter) -> Summary:

@@ -16,7 +16,7 @@ from bagassets.geometry.calibration_files.model import FilePose
 from bagassets.geometry.calibration_files.read import MOST_BYTES, read_calibration_file
 from bagassets.recipe.model_calibration import ExtrinsicsFile, IntrinsicsFile
 
-__all__ = ["FileContent", "intrinsics_in", "pose_in", "read_files", "short_names"]
+__all__ = ["FileContent", "intrinsics_in", "pose_in", "read_file", "short_names"]
 
 
 @dataclass(frozen=True)
@@ -38,31 +38,25 @@ def short_names(paths: Collection[Path]) -> dict[Path, str]:
     for path in paths:
         others = [other.parts for other in paths if other != path]
         parts = path.parts
-        length = next(
-            n
-            for n in range(1, len(parts) + 1)
-            if n == len(parts) or not any(other[-n:] == parts[-n:] for other in others)
-        )
+        length = 1
+        while length < len(parts) and any(other[-length:] == parts[-length:] for other in others):
+            length += 1
         names[path] = PurePosixPath(*parts[-length:]).as_posix()
     return names
 
 
-def read_files(names: Mapping[Path, str], facts: Facts) -> dict[str, FileContent]:
-    """Return name -> content of calibration files, given path -> name.
+def read_file(path: Path, facts: Facts) -> FileContent:
+    """Return the content of a calibration file.
 
     Raises:
-        CalibrationError: one cannot be read, or is too large for a calibration file.
+        CalibrationError: it cannot be read, or is too large for a calibration file.
     """
-    return {name: FileContent(path, _content(path, facts)) for path, name in names.items()}
-
-
-def _content(path: Path, facts: Facts) -> bytes:
     try:
         if path.stat().st_size > MOST_BYTES:
             raise CalibrationError(
                 f"{path}: {path.stat().st_size} bytes are too many for a calibration file; name another file."
             )
-        return facts.file(path)
+        return FileContent(path, facts.file(path))
     except OSError as err:
         raise CalibrationError(
             f"{path}: the calibration file cannot be read ({err.strerror}); correct `file` in the recipe, or put it there."

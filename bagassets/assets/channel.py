@@ -1,16 +1,25 @@
-"""The interface of steps that turn one channel of a recording into files.
+"""The interface of steps that turn one channel of a recording into files, and what they share.
 
 Several extractors share one pass over the recording: it passes each message to the
 extractors of its topic, in order of log time.
 """
 
-from dataclasses import dataclass, field
-from typing import Protocol
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
+from bagassets.decode.registry import AnyFamily, Decoder, advice, expected_types, find_decoder
+from bagassets.errors import DecodeError
 from bagassets.json_types import JsonObject
+from bagassets.plugins import Family
 from bagassets.recordings.model import RawMessage
 
-__all__ = ["ChannelExtractor", "Counts"]
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+__all__ = ["ChannelExtractor", "Counts", "require_decoder", "settings_of"]
+
+S = TypeVar("S", bound="DataclassInstance")
 
 
 @dataclass
@@ -25,6 +34,11 @@ class Counts:
     def lose(self, reason: str, number: int = 1) -> None:
         """Count lost messages by their reason."""
         self.lost[reason] = self.lost.get(reason, 0) + number
+
+    @property
+    def main_reason(self) -> str:
+        """The reason for which most were lost, the first of several; at least one was."""
+        return max(self.lost, key=lambda reason: self.lost[reason])
 
     @property
     def balanced(self) -> bool:
@@ -52,3 +66,31 @@ class ChannelExtractor(Protocol):
             LossLimitError: more messages were lost than the recipe allows, or counts do not add up.
         """
         ...
+
+
+def require_decoder(name: str, topic: str, msgtype: str, family: Family, *others: AnyFamily) -> Decoder:
+    """Return the decoder of a channel's messages by their type, before any of them is read.
+
+    Args:
+        name: canonical channel.
+        topic: topic of its messages.
+        msgtype: type of its messages, `pkg/msg/Type`.
+        family: family of decoders for the channel.
+        others: further families that may decode it.
+
+    Raises:
+        DecodeError: none of the families has a decoder for messages of this type.
+        PluginError: several decoder plug-ins claim the type.
+    """
+    for one in (family, *others):
+        decoder = find_decoder(one, msgtype)
+        if decoder is not None:
+            return decoder
+    raise DecodeError(
+        f"{name} ({topic}): carries {msgtype}, expected {expected_types(family)}; {advice(family, msgtype)}"
+    )
+
+
+def settings_of(kind: type[S], given: Mapping[str, Any]) -> S:
+    """Return settings from fields of the recipe, which have the same names."""
+    return kind(**{own.name: given[own.name] for own in fields(kind)})

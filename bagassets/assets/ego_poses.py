@@ -14,8 +14,9 @@ from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.pose_outliers import Mask, Stamps, overlaps, strays
 from bagassets.assets.pose_samples import Joint, MovingRig, PoseSamples
 from bagassets.assets.pose_sources import read_samples
+from bagassets.assets.transform_logs import read_urdf
 from bagassets.decode.registry import decoder_key, types_of
-from bagassets.errors import CalibrationError, LossLimitError, PoseError
+from bagassets.errors import LossLimitError, PoseError
 from bagassets.geometry.se3 import SE3, Floats
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.geometry.urdf import urdf_edges
@@ -36,15 +37,7 @@ from bagassets.recordings.inventory import Inventory
 from bagassets.recordings.recording import Recording
 from bagassets.store.artifact import Artifact, ArtifactWriter
 
-__all__ = [
-    "EGO_POSES",
-    "POSE_SCHEMA",
-    "MovingRigParams",
-    "load_trajectory",
-    "make_ego_poses",
-    "params",
-    "use",
-]
+__all__ = ["EGO_POSES", "POSE_SCHEMA", "load_trajectory", "make_ego_poses", "params", "use"]
 
 # Coordinates beyond this lose centimetres in the float32 arithmetic of training code.
 FAR_M = 100_000.0
@@ -103,9 +96,12 @@ def use(params: FixedPose | MovingRigParams, facts: Facts) -> dict[str, Use[Fixe
     if isinstance(params, FixedPose):
         return {"": Use(params)}
     source, inventory = params.source, facts.inventory
-    joints = () if params.urdf is None else _fixed_joints(params.urdf, facts)
-    static = tuple(topic for topic in params.tf_static if inventory.has(topic))
-    moving = tuple(topic for topic in params.tf if inventory.has(topic))
+    joints: tuple[Joint, ...] = ()
+    if params.urdf is not None:
+        edges = urdf_edges(read_urdf(params.urdf, facts), str(params.urdf))
+        joints = tuple(Joint(e.parent, e.child, e.first.translation, e.first.rotation) for e in edges)
+    static = tuple(filter(inventory.has, params.tf_static))
+    moving = tuple(filter(inventory.has, params.tf))
     # What a recording must have for its poses.
     if isinstance(source, TfSource):
         topics = [] if moving else [params.tf[0] if params.tf else "/tf"]
@@ -118,28 +114,8 @@ def use(params: FixedPose | MovingRigParams, facts: Facts) -> dict[str, Use[Fixe
     decoder = None
     if isinstance(source, OdometrySource | PoseTopicSource):
         decoder = decoder_key("pose", inventory.topic(source.topic).msgtype)
-    rig = MovingRig(
-        clock=params.clock,
-        ego_frame=params.ego_frame,
-        lost_messages=params.lost_messages,
-        urdf=joints,
-        tf_static=static,
-        tf=moving,
-        source=source,
-        decoder=decoder,
-    )
+    rig = MovingRig(**vars(params) | {"urdf": joints, "tf_static": static, "tf": moving, "decoder": decoder})
     return {"": Use(rig, tuple(sorted({*static, *moving, *topics})))}
-
-
-def _fixed_joints(urdf: Path, facts: Facts) -> tuple[Joint, ...]:
-    try:
-        data = facts.file(urdf)
-    except OSError as err:
-        raise CalibrationError(f"{urdf}: the URDF cannot be read ({err.strerror}).") from err
-    return tuple(
-        Joint(edge.parent, edge.child, edge.first.translation, edge.first.rotation)
-        for edge in urdf_edges(data, str(urdf))
-    )
 
 
 def _require(topic: str, inventory: Inventory) -> None:
@@ -184,7 +160,11 @@ def make_ego_poses(use: FixedPose | MovingRig, recording: Recording, out: Artifa
     kept = ~strays(stamps_ns, rows[:, :3])
     samples.lose_strays(kept)
     stamps_ns, rows = stamps_ns[kept], rows[kept]
-    _check_losses(use, samples)
+    if samples.failed > use.lost_messages * counts.read:
+        raise LossLimitError(
+            f"ego poses from {use.source_name}: {samples.failed} of {counts.read} "
+            f"{counted_in_poses(use.source.source)}s cannot be used, most often because {counts.main_reason}; limits.lost_messages in the recipe accepts a share of {use.lost_messages:g}."
+        )
     counts.merged += repeated
     counts.written = len(stamps_ns)
     if not counts.balanced:
@@ -228,16 +208,6 @@ def _write(
         | ({"holes_ns": samples.holes_ns} if samples.holes_ns else {}),
     )
     return summary
-
-
-def _check_losses(use: MovingRig, samples: PoseSamples) -> None:
-    counts = samples.counts
-    if samples.failed > use.lost_messages * counts.read:
-        reason = max(counts.lost, key=lambda name: counts.lost[name])
-        raise LossLimitError(
-            f"ego poses from {use.source_name}: {samples.failed} of {counts.read} "
-            f"{counted_in_poses(use.source.source)}s cannot be used, most often because {reason}; limits.lost_messages in the recipe accepts a share of {use.lost_messages:g}."
-        )
 
 
 def load_trajectory(artifact: Artifact) -> Trajectory:

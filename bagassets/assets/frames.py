@@ -14,7 +14,7 @@ import pyarrow as pa
 
 from bagassets.assets.asset import Asset, Facts, Use, uses_of
 from bagassets.assets.calibration import CALIBRATION
-from bagassets.assets.channel import Counts
+from bagassets.assets.channel import Counts, require_decoder, settings_of
 from bagassets.assets.grey_survey import GreySurvey
 from bagassets.assets.image_output import (
     CameraSettings,
@@ -23,13 +23,11 @@ from bagassets.assets.image_output import (
     ImageOutput,
     intrinsic_matrix,
     raw_pixels,
-    require_calibration,
 )
 from bagassets.assets.inventory import INVENTORY
-from bagassets.assets.topic_types import require_decoder
 from bagassets.decode.loading import keyed_decoder
 from bagassets.decode.model import ImageReading
-from bagassets.errors import BagAssetsError, DecodeError, LossLimitError
+from bagassets.errors import BagAssetsError, CalibrationError, DecodeError, LossLimitError
 from bagassets.json_types import JsonObject
 from bagassets.quality.channel_rules import channels_complete
 from bagassets.quality.check import RecordingCheck
@@ -64,22 +62,12 @@ class FramesParams:
     @classmethod
     def of(cls, recipe: Recipe, rig: Rig) -> "FramesParams":
         """Return the parameters of a rig."""
-        limits = recipe.limits
-        channels = {
-            name: CameraSettings(
-                topic=channel.topic,
-                clock=recipe.clock_of(rig, channel),
-                output=channel.output,
-                quality=None if channel.output == "png" else channel.quality,
-                undistort=channel.undistort,
-                target=channel.target,
-                to_8bit=channel.to_8bit,
-                lost_messages=limits.lost_messages,
-                image_pixels=limits.image_pixels,
-            )
-            for name, channel in sorted(rig.channels.items())
-            if isinstance(channel, CameraChannel)
-        }
+        channels = {}
+        for name, channel in sorted(rig.channels.items()):
+            if isinstance(channel, CameraChannel):
+                quality = None if channel.output == "png" else channel.quality
+                own = {**dict(channel), "clock": recipe.clock_of(rig, channel), "quality": quality}
+                channels[name] = settings_of(CameraSettings, {**dict(recipe.limits), **own})
         return cls(channels)
 
 
@@ -113,7 +101,16 @@ def _use_of_camera(facts: Facts, name: str, settings: CameraSettings) -> Use[Cam
         camera=lens,
         camera_from="" if camera is None else camera.source,
     )
-    require_calibration(use)
+    if lens is not None and lens.width * lens.height > settings.image_pixels:
+        raise CalibrationError(
+            f"{use}: its intrinsics are for an image of {lens.width} x {lens.height} pixels; correct them, or "
+            "raise limits.image_pixels in the recipe."
+        )
+    if settings.undistort and lens is None:
+        raise CalibrationError(
+            f"{use}: there are no intrinsics to undistort with; name `camera_info`, give `intrinsics`, or set "
+            "`undistort: false` in the recipe."
+        )
     return Use(use, (settings.topic,))
 
 
@@ -216,7 +213,17 @@ class FrameExtractor:
                 self._convert(message)
         while self._in_flight:
             self._collect()
-        self._check()
+        where = f"{self._use.channel}: topic {self._use.settings.topic}"
+        if self._failed > self._use.settings.lost_messages * self._counts.read:
+            raise LossLimitError(
+                f"{where} lost {self._failed} of {self._counts.read} messages; the first: {self._first_error}. "
+                "If that is acceptable, raise limits.lost_messages in the recipe; else remove the channel or fix "
+                "the recording."
+            )
+        if not self._counts.balanced:
+            raise LossLimitError(
+                f"{where}: counts do not add up, {self._counts.as_json()}; this is a bug of the step, please report it."
+            )
         rows = sorted(self._rows, key=lambda row: row["stamp_ns"])
         self._out.write_table("index.parquet", pa.Table.from_pylist(rows, schema=INDEX_SCHEMA))
         facts = {"counts": self._counts.as_json()}
@@ -260,7 +267,8 @@ class FrameExtractor:
             self._fail(err)
             return
         except BagAssetsError:
-            self._stop()
+            while self._in_flight:
+                self._in_flight.popleft()[2].cancel()
             raise
         self._extension = image.extension
         self._rows.append(
@@ -276,27 +284,10 @@ class FrameExtractor:
         )
         self._counts.written += 1
 
-    def _stop(self) -> None:
-        while self._in_flight:
-            self._in_flight.popleft()[2].cancel()
-
     def _fail(self, err: DecodeError, reason: str | None = None) -> None:
         self._failed += 1
         self._first_error = self._first_error or str(err)
         self._counts.lose(reason or str(err))
-
-    def _check(self) -> None:
-        where = f"{self._use.channel}: topic {self._use.settings.topic}"
-        if self._failed > self._use.settings.lost_messages * self._counts.read:
-            raise LossLimitError(
-                f"{where} lost {self._failed} of {self._counts.read} messages; the first: {self._first_error}. "
-                "If that is acceptable, raise limits.lost_messages in the recipe; else remove the channel or fix "
-                "the recording."
-            )
-        if not self._counts.balanced:
-            raise LossLimitError(
-                f"{where}: counts do not add up, {self._counts.as_json()}; this is a bug of the step, please report it."
-            )
 
 
 def _outlasts_the_call(data: bytes | memoryview) -> bool:

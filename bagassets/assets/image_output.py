@@ -16,7 +16,7 @@ from bagassets.assets.asset import for_messages, inlined, omitted
 from bagassets.decode.compressed_image import checked_size, decode_pixels
 from bagassets.decode.image import Pixels, bayer_to_bgra, check_pixels, to_bgr_or_grey
 from bagassets.decode.model import ImageReading
-from bagassets.errors import CalibrationError, DecodeError, RecipeError
+from bagassets.errors import DecodeError, RecipeError
 from bagassets.geometry.calibration import CameraLens
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.undistortion import Undistortion
@@ -24,15 +24,7 @@ from bagassets.recipe.model import GreyRange, Limits
 from bagassets.recipe.model_base import Clock
 from bagassets.recipe.model_calibration import PinholeIntrinsics
 
-__all__ = [
-    "CameraSettings",
-    "CameraUse",
-    "EncodedImage",
-    "ImageOutput",
-    "intrinsic_matrix",
-    "raw_pixels",
-    "require_calibration",
-]
+__all__ = ["CameraSettings", "CameraUse", "EncodedImage", "ImageOutput", "intrinsic_matrix", "raw_pixels"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -259,22 +251,3 @@ class ImageOutput:
 def intrinsic_matrix(camera: CameraModel | None) -> list[list[float]]:
     """Return `camera_intrinsic` as nuScenes has it; empty for a camera without calibration."""
     return [] if camera is None else [[float(v) for v in row] for row in camera.matrix]
-
-
-def require_calibration(use: CameraUse) -> None:
-    """Check that a channel with undistortion has intrinsics, and that they are for an image within the limits.
-
-    Raises:
-        CalibrationError: it has none, or they are for a larger image than `limits` allow.
-    """
-    camera = use.camera
-    if camera is not None and camera.width * camera.height > use.settings.image_pixels:
-        raise CalibrationError(
-            f"{use}: its intrinsics are for an image of {camera.width} x {camera.height} pixels; correct them, or "
-            "raise limits.image_pixels in the recipe."
-        )
-    if use.settings.undistort and camera is None:
-        raise CalibrationError(
-            f"{use}: there are no intrinsics to undistort with; name `camera_info`, give `intrinsics`, or set "
-            "`undistort: false` in the recipe."
-        )

@@ -4,8 +4,10 @@ Files: `inventory.json`, and `messages.parquet` with the small messages that lat
 """
 
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from itertools import compress
 from math import inf
 from pathlib import Path
 
@@ -13,12 +15,13 @@ import numpy as np
 
 from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use, inlined
 from bagassets.assets.kept_messages import KeptMessages
-from bagassets.assets.place import place_of
+from bagassets.assets.pose_outliers import trusted_fixes
 from bagassets.assets.topic_log import TopicLog
 from bagassets.decode.loading import own_decoder
 from bagassets.decode.navsat import FixReading
 from bagassets.decode.registry import bulk_types, own_types
 from bagassets.errors import DecodeError, RecordingError
+from bagassets.geometry.sun import daylight
 from bagassets.json_types import JsonObject
 from bagassets.quality.check import RecordingCheck
 from bagassets.quality.finding import clock
@@ -111,8 +114,16 @@ def make_inventory(recording: Recording, out: ArtifactWriter, *, size: int) -> J
             del unprobed[name]
         kept.add(number, message)
         if info is not None and msgtype in fix_types:
-            _take_fix(info, message, fixes)
-    _refuse_shortfall(recording, logs)
+            with suppress(DecodeError):  # the receiver had no fix
+                fix = own_decoder("fix", info.msgtype)(info.decode(data))
+                fixes[name].append((message.log_time_ns, fix))
+    # Nothing is lost silently.
+    for name, info in sorted(recording.topics.items()):
+        if logs[name].count + recording.repeated[name] < info.count:
+            raise RecordingError(
+                f"{recording.path}: topic {name}: {logs[name].count} of {info.count} messages were found, which the "
+                f"recording's own index announces; {advice_for(recording.path)}."
+            )
     write_pack(out, kept.in_order())
     problems = {
         name: probes[name].problem if name in probes else info.problem
@@ -130,24 +141,6 @@ def make_inventory(recording: Recording, out: ArtifactWriter, *, size: int) -> J
         "duration_s": value["duration_s"],
         "unreadable_topics": ", ".join(sorted(name for name in problems if problems[name])) or "none",
     }
-
-
-def _refuse_shortfall(recording: Recording, logs: dict[str, TopicLog]) -> None:
-    """Raise if there are fewer messages than the recording's own index announces: nothing is lost silently."""
-    for name, info in sorted(recording.topics.items()):
-        if logs[name].count + recording.repeated[name] < info.count:
-            raise RecordingError(
-                f"{recording.path}: topic {name}: {logs[name].count} of {info.count} messages were found, which the "
-                f"recording's own index announces; {advice_for(recording.path)}."
-            )
-
-
-def _take_fix(topic: Topic, message: RawMessage, fixes: dict[str, list[tuple[int, FixReading]]]) -> None:
-    try:
-        fix = own_decoder("fix", topic.msgtype)(topic.decode(message.data))
-    except DecodeError:
-        return  # the receiver had no fix
-    fixes[message.topic].append((message.log_time_ns, fix))
 
 
 def _inventory_json(
@@ -175,7 +168,7 @@ def _inventory_json(
     ends = [topic["last_ns"] for topic in topics if topic["last_ns"] is not None]
     start, end = (min(starts), max(ends)) if starts else (None, None)
     span_ns = 0 if start is None or end is None else end - start
-    place, strays = place_of(fixes)
+    place, strays = _place_of(fixes)
     jumps = [] if span_ns <= _DAY_NS else _jumps(logs)
     return {
         "format": recording.format,
@@ -186,6 +179,36 @@ def _inventory_json(
         **place,
         "notes": [*_notes(recording, topics), *strays, *jumps],
     }
+
+
+def _place_of(fixes: Mapping[str, Sequence[tuple[int, FixReading]]]) -> tuple[JsonObject, list[str]]:
+    """Return where the recording was made, and whether by day: `gnss` and `daylight` in the form of `inventory.json`, and notes about strays.
+
+    Args:
+        fixes: topic -> log time in nanoseconds and content of each fix; header stamps may not be set.
+    """
+    good, notes = [], []
+    for topic, read in sorted(fixes.items()):
+        places = np.array([(fix.lat_deg, fix.lon_deg, fix.alt_m) for _, fix in read])
+        trusted = trusted_fixes(np.array([at for at, _ in read], np.int64), *places.T)
+        good += list(compress(read, trusted))
+        strays = len(read) - int(np.count_nonzero(trusted))
+        if strays:
+            notes.append(
+                f"{topic}: {strays} of {len(read)} fixes {'is' if strays == 1 else 'are'} out of reach from the others, "
+                "which tell place and daylight."
+            )
+    if not good:
+        return {"gnss": None, "daylight": None}, notes
+    good.sort(key=lambda item: item[0])
+    first, last = good[0][1], good[-1][1]
+    gnss = {"first": _fix_json(first), "last": _fix_json(last)}
+    return {"gnss": gnss, "daylight": daylight(first.lat_deg, first.lon_deg, first.stamp_ns)}, notes
+
+
+def _fix_json(fix: FixReading) -> JsonObject:
+    alt = None if fix.alt_m != fix.alt_m else fix.alt_m
+    return {"lat": fix.lat_deg, "lon": fix.lon_deg, "alt": alt, "stamp_ns": fix.stamp_ns}
 
 
 def _jumps(logs: Mapping[str, TopicLog]) -> Iterator[str]:

@@ -37,15 +37,7 @@ from bagassets.errors import DecodeError, RecipeError
 from bagassets.recipe.model import PointTimes
 from bagassets.recordings.model import Message, RawMessage
 
-__all__ = [
-    "NO_STAMP",
-    "CloudSweeps",
-    "CloudUse",
-    "LidarSettings",
-    "LidarUse",
-    "LidarWriter",
-    "revolution_span_ns",
-]
+__all__ = ["NO_STAMP", "CloudSweeps", "CloudUse", "LidarSettings", "LidarUse", "LidarWriter"]
 
 Span = tuple[int, int]
 

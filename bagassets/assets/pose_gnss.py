@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from bagassets.assets.channel import Counts
 from bagassets.assets.pose_outliers import trusted_fixes
 from bagassets.assets.pose_samples import MovingRig, PoseSamples, mounted, stamp_of, wgs84_origin
-from bagassets.assets.rig_frames import RigFrames
+from bagassets.assets.transform_logs import RigFrames
 from bagassets.decode.imu import ImuReading
 from bagassets.decode.loading import own_decoder
 from bagassets.decode.navsat import FixReading
@@ -44,10 +44,8 @@ def poses_from_navsat(
         try:
             decoded = recording.decode(message)
         except DecodeError as err:
-            if is_fix:
-                samples.fail(str(err))
-            else:
-                counts.lose(str(err))
+            lose = samples.fail if is_fix else counts.lose
+            lose(str(err))
             continue
         try:
             if is_fix:

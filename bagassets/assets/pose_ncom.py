@@ -7,7 +7,7 @@ import numpy as np
 
 from bagassets.assets.pose_outliers import trusted_fixes
 from bagassets.assets.pose_samples import MovingRig, PoseSamples, mounted, stamp_of, wgs84_origin
-from bagassets.assets.rig_frames import RigFrames
+from bagassets.assets.transform_logs import RigFrames
 from bagassets.decode.fields import stamp_ns
 from bagassets.decode.ncom import PACKET_SIZE, NcomReading, decode_ncom
 from bagassets.decode.packets import payload, sender
@@ -16,7 +16,6 @@ from bagassets.geometry.euler import quaternions_from_rpy
 from bagassets.geometry.wgs84 import LocalFrame
 from bagassets.recipe.model_base import Clock
 from bagassets.recipe.model_poses import NcomSource
-from bagassets.recordings.model import RawMessage
 from bagassets.recordings.recording import Recording
 
 __all__ = ["poses_from_ncom"]
@@ -91,7 +90,8 @@ def _packets(source: NcomSource, clock: Clock, recording: Recording, samples: Po
     for message in recording.messages([source.topic]):
         try:
             decoded = recording.decode(message)
-            if not _wanted(source.sender, sender(decoded)):
+            address, port = sender(decoded)
+            if source.sender not in {None, address, f"{address}:{port}"}:
                 samples.counts.read += 1
                 samples.counts.merged += 1
                 continue
@@ -102,27 +102,15 @@ def _packets(source: NcomSource, clock: Clock, recording: Recording, samples: Po
             continue
         header = getattr(decoded, "header", None)
         time_ns = stamp_of(clock, message, None if header is None else stamp_ns(header.stamp))
-        packets += _readings(message, time_ns, data, samples)
+        for start in range(0, max(len(data), 1), PACKET_SIZE):  # one payload may hold several
+            samples.counts.read += 1
+            try:
+                reading = decode_ncom(data[start : start + PACKET_SIZE])
+            except DecodeError as err:
+                samples.fail(str(err))
+                continue
+            packets.append(_Packet(time_ns, message.log_time_ns, reading))
     return packets
-
-
-def _readings(message: RawMessage, time_ns: int, data: bytes, samples: PoseSamples) -> list[_Packet]:
-    """Return the packets in one payload, which may hold several."""
-    found = []
-    for start in range(0, max(len(data), 1), PACKET_SIZE):
-        samples.counts.read += 1
-        try:
-            reading = decode_ncom(data[start : start + PACKET_SIZE])
-        except DecodeError as err:
-            samples.fail(str(err))
-            continue
-        found.append(_Packet(time_ns, message.log_time_ns, reading))
-    return found
-
-
-def _wanted(wanted: str | None, came_from: tuple[str, int]) -> bool:
-    address, port = came_from
-    return wanted is None or wanted in (address, f"{address}:{port}")
 
 
 def _gps_stamps_ns(packets: Sequence[_Packet], leap_seconds: int) -> list[int | None]:

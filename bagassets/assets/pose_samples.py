@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from bagassets.assets.asset import inlined, omitted
 from bagassets.assets.channel import Counts
-from bagassets.assets.rig_frames import RigFrames
+from bagassets.assets.transform_logs import RigFrames
 from bagassets.errors import CalibrationError
 from bagassets.geometry.se3 import SE3, Floats
 from bagassets.geometry.tf_tree import Edge

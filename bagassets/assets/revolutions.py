@@ -46,20 +46,6 @@ _LEARNT_NS = 1_000_000_000
 _Logged = tuple[Packets, NDArray[np.int64]]  # with the log times of their messages
 
 
-@dataclass(frozen=True, slots=True)
-class Spin:
-    """The rotation of a lidar.
-
-    Attributes:
-        turn_ns: duration of a turn.
-        blind: first and last azimuth of the arc that it does not report, hundredths of a degree; None if it
-            reports the whole turn. The last may be beyond a turn.
-    """
-
-    turn_ns: float = _SLOWEST_TURN_NS
-    blind: tuple[int, int] | None = None
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Revolution:
     """Packets between two cuts.
@@ -146,8 +132,8 @@ class RevolutionCutter:
         self._angle = cut_angle_deg
         self._cut = 0
         self._blind = (0, 0)
-        self._spin: Spin | None = None
-        self._waiting: list[_Logged] = []  # until the spin is known
+        self._turn_ns: float | None = None  # duration of a turn, once the spin is known
+        self._waiting: list[_Logged] = []  # until then
         self._current: list[_Logged] = []  # since the last cut
         self._last: Packets | None = None
 
@@ -158,8 +144,8 @@ class RevolutionCutter:
             packets: the packets.
             log_times_ns: (N,) log times of their messages.
         """
-        if self._spin is not None:
-            return self._take(packets, log_times_ns, self._spin)
+        if self._turn_ns is not None:
+            return self._take(packets, log_times_ns, self._turn_ns)
         self._waiting.append((packets, log_times_ns))
         packets, log_times_ns = _joined(self._waiting)
         turned = np.cumsum(_advance(packets[:-1], packets[1:]))
@@ -172,30 +158,30 @@ class RevolutionCutter:
     def flush(self) -> list[Revolution]:
         """Return the remaining revolutions, the last one as far as it was recorded."""
         revolutions = []
-        if self._spin is None:
+        if self._turn_ns is None:
             packets, log_times_ns = _joined(self._waiting)
             revolutions = self._learn(packets, log_times_ns, len(packets))
         return [*revolutions, self._end(None)] if self._current else revolutions
 
     def _learn(self, packets: Packets, log_times_ns: NDArray[np.int64], number: int) -> list[Revolution]:
         """Learn the spin from the first packets; return the revolutions that have ended by the last one."""
-        self._spin = spin = _spin(packets[:number])
+        self._turn_ns, blind = _spin(packets[:number])
         if self._angle is not None:
             self._cut = round(self._angle * 100) % _TURN
-        elif spin.blind is not None:
-            self._cut = sum(spin.blind) // 2 % _TURN
-        if spin.blind is not None:
-            begin = (spin.blind[0] - self._cut) % _TURN
-            self._blind = (begin, begin + spin.blind[1] - spin.blind[0])
+        elif blind is not None:
+            self._cut = sum(blind) // 2 % _TURN
+        if blind is not None:
+            begin = (blind[0] - self._cut) % _TURN
+            self._blind = (begin, begin + blind[1] - blind[0])
         self._waiting = []
-        return self._take(packets, log_times_ns, spin)
+        return self._take(packets, log_times_ns, self._turn_ns)
 
-    def _take(self, packets: Packets, log_times_ns: NDArray[np.int64], spin: Spin) -> list[Revolution]:
+    def _take(self, packets: Packets, log_times_ns: NDArray[np.int64], turn_ns: float) -> list[Revolution]:
         if not len(packets):
             return []
         before = Packets.joined([packets[:1] if self._last is None else self._last, packets[:-1]])
         advance = _advance(before, packets)
-        paused = _pause(before, packets, advance, spin.turn_ns)
+        paused = _pause(before, packets, advance, turn_ns)
         returned = (before.azimuths - self._cut) % _TURN + advance >= _TURN
         if self._last is None:
             paused[0] = returned[0] = False
@@ -264,8 +250,12 @@ def _pause(before: Packets, after: Packets, advance: NDArray[np.int64], turn_ns:
     return (host_ns - needed_ns > LONGEST_PAUSE_NS) & ~soon
 
 
-def _spin(packets: Packets) -> Spin:
-    """Return the spin of the lidar that sent these consecutive packets."""
+def _spin(packets: Packets) -> tuple[float, tuple[int, int] | None]:
+    """Return how long a turn of the lidar takes that sent these consecutive packets, and the arc that it does not report.
+
+    The latter is first and last azimuth, hundredths of a degree, the last maybe beyond a turn; None if it reports the
+    whole turn.
+    """
     before, after = packets[:-1], packets[1:]
     advance, elapsed_ns = _advance(before, after), _elapsed_ns(before, after)
     jumped = advance > _MOST_MISSING
@@ -282,7 +272,7 @@ def _spin(packets: Packets) -> Spin:
         )
         if abs(lasted_ns - width / _TURN * turn_ns) <= LONGEST_PAUSE_NS
     ]
-    return Spin(turn_ns, _blind_arc(arcs, int(advance.sum()) / _TURN))
+    return turn_ns, _blind_arc(arcs, int(advance.sum()) / _TURN)
 
 
 def _blind_arc(arcs: Sequence[tuple[int, int]], turns: float) -> tuple[int, int] | None:

@@ -49,11 +49,10 @@ class Lens:
     @classmethod
     def of(cls, channel: CameraChannel) -> "Lens":
         """Return the lens of a channel in the recipe."""
-        if isinstance(channel.intrinsics, IntrinsicsFile):
-            return cls(channel.intrinsics, channel.undistort, None, is_rectified(channel))
-        if channel.intrinsics is not None:
-            return cls(channel.intrinsics, channel.undistort, None)
-        return cls(None, channel.undistort, CameraInfo(camera_info_topic(channel), is_rectified(channel)))
+        given, rectified = channel.intrinsics, is_rectified(channel)
+        if given is None:
+            return cls(None, channel.undistort, CameraInfo(camera_info_topic(channel), rectified))
+        return cls(given, channel.undistort, None, rectified and isinstance(given, IntrinsicsFile))
 
 
 @dataclass(frozen=True)

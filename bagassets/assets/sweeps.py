@@ -4,13 +4,13 @@ Files of one sensor: `<stamp_ns>.pcd.bin` or `<stamp_ns>.pcd`, `index.parquet`, 
 """
 
 from collections.abc import Mapping
-from concurrent.futures import Executor
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import partial
-from typing import Any, Literal, TypeVar
+from typing import Literal
 
 from bagassets.assets.asset import Asset, Facts, Inputs, Use, omitted, uses_of
 from bagassets.assets.calibration import CALIBRATION
+from bagassets.assets.channel import require_decoder, settings_of
 from bagassets.assets.ego_poses import EGO_POSES
 from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.lidar_sweeps import (
@@ -24,7 +24,6 @@ from bagassets.assets.lidar_sweeps import (
 from bagassets.assets.packet_sweeps import PacketSweeps, PacketUse
 from bagassets.assets.radar_sweeps import RadarSettings, RadarSweeps, RadarUse
 from bagassets.assets.sweep_files import SweepFiles
-from bagassets.assets.topic_types import require_decoder
 from bagassets.decode.fields import check_points, stamp_ns
 from bagassets.decode.point_times import Moment
 from bagassets.decode.pointcloud2 import POINTCLOUD2
@@ -42,7 +41,6 @@ from bagassets.store.artifact import ArtifactWriter
 __all__ = ["SWEEPS", "SweepExtractor"]
 
 SweepUse = CloudUse | PacketUse | RadarUse
-S = TypeVar("S", LidarSettings, "LidarChannelSettings", RadarSettings)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,16 +83,11 @@ class SweepsParams:
         for name, channel in sorted(rig.channels.items()):
             given = {**dict(recipe.limits), **dict(channel), "clock": recipe.clock_of(rig, channel)}
             if isinstance(channel, LidarChannel):
-                given["common"] = _settings(LidarSettings, given)
-                lidars[name] = _settings(LidarChannelSettings, given)
+                given["common"] = settings_of(LidarSettings, given)
+                lidars[name] = settings_of(LidarChannelSettings, given)
             elif isinstance(channel, RadarChannel):
-                radars[name] = _settings(RadarSettings, given)
+                radars[name] = settings_of(RadarSettings, given)
         return cls(lidars, radars)
-
-
-def _settings(kind: type[S], given: Mapping[str, Any]) -> S:
-    """Return settings from fields of the recipe, which have the same names."""
-    return kind(**{own.name: given[own.name] for own in fields(kind)})
 
 
 def use(params: SweepsParams, facts: Facts) -> dict[str, Use[SweepUse] | Exception]:
@@ -244,13 +237,26 @@ class SweepExtractor:
         self._sweeps.finish()
         if isinstance(self._sweeps, PacketSweeps):
             self._frame_id = self._sweeps.frame_id
-        self._check()
         use, files = self._use, self._files
-        facts = {
-            "counts": files.counts.as_json(),
-            "messages": self._messages,
-            "points": files.points.as_json(),
-        }
+        counts, points = files.counts, files.points
+        where = f"{use.channel}: topic {use.settings.topic}"
+        shares = (
+            (self._failed_messages, self._messages, "messages"),
+            (self._failed_parts, counts.read, "packets"),
+        )
+        for failed, read, unit in shares:
+            if failed > use.settings.lost_messages * read:
+                raise LossLimitError(
+                    f"{where} lost {failed} of {read} {unit}; the first: {self._first_error}. "
+                    "If that is acceptable, raise limits.lost_messages in the recipe; else remove the channel "
+                    "or repair the recording."
+                )
+        if not (counts.balanced and points.balanced):
+            raise LossLimitError(
+                f"{where}: counts do not add up, {counts.as_json()}, points {points.as_json()}; "
+                "this is a bug of the step, please report it."
+            )
+        facts = {"counts": counts.as_json(), "messages": self._messages, "points": points.as_json()}
         files.finish(
             {
                 "channel": use.channel,
@@ -282,33 +288,6 @@ class SweepExtractor:
         self._first_error = self._first_error or reason
         self._files.lose(reason, number)
 
-    def _check(self) -> None:
-        counts, points = self._files.counts, self._files.points
-        settings = self._use.settings
-        where = f"{self._use.channel}: topic {settings.topic}"
-        shares = (
-            (self._failed_messages, self._messages, "messages"),
-            (self._failed_parts, counts.read, "packets"),
-        )
-        for failed, read, unit in shares:
-            if failed > settings.lost_messages * read:
-                raise LossLimitError(
-                    f"{where} lost {failed} of {read} {unit}; the first: {self._first_error}. "
-                    "If that is acceptable, raise limits.lost_messages in the recipe; else remove the channel "
-                    "or repair the recording."
-                )
-        if not (counts.balanced and points.balanced):
-            raise LossLimitError(
-                f"{where}: counts do not add up, {counts.as_json()}, points {points.as_json()}; "
-                "this is a bug of the step, please report it."
-            )
-
-
-def _extract(
-    use: Use[SweepUse], inputs: Inputs, recording: Recording, out: ArtifactWriter, _: Executor | None
-) -> SweepExtractor:
-    return SweepExtractor(use.params, recording, out, inputs)
-
 
 def _waits_for(params: SweepsParams, inventory: Inventory | None) -> frozenset[str]:
     always = frozenset({INVENTORY.name, CALIBRATION.name})
@@ -338,7 +317,7 @@ compensated for ego motion if they are relative.""",
     families=("cloud", "radar"),
     params=SweepsParams.of,
     use=use,
-    extract=_extract,
+    extract=lambda use, inputs, recording, out, _: SweepExtractor(use.params, recording, out, inputs),
     checks=(
         RecordingCheck(
             "sweeps_complete",

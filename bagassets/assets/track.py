@@ -6,28 +6,24 @@ longitude) and `local` (stamp_ns, x, y in the global frame of the ego poses, met
 """
 
 from collections.abc import Sequence
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
-from bagassets.assets.asset import Asset, Summary, Use
+from bagassets.assets.asset import Asset, StoredFacts, StoredInputs, Summary, Use
 from bagassets.assets.ego_poses import EGO_POSES
 from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.pose_outliers import trusted_fixes
 from bagassets.decode.loading import own_decoder
 from bagassets.decode.registry import own_types
 from bagassets.errors import DecodeError
-from bagassets.geometry.trajectory import Trajectory
 from bagassets.geometry.wgs84 import LocalFrame
 from bagassets.recipe.model import Recipe, Rig
 from bagassets.recipe.model_base import Clock
-from bagassets.recordings.inventory import Inventory
 from bagassets.recordings.recording import Recording
-from bagassets.store.artifact import Artifact, ArtifactWriter
+from bagassets.store.artifact import ArtifactWriter
 
-__all__ = ["FILE", "TRACK", "TrackFacts", "TrackInputs", "TrackParams", "make", "use"]
+__all__ = ["FILE", "TRACK", "TrackParams", "make", "use"]
 
 FILE = "track.json"
 PERIOD_NS = 1_000_000_000
@@ -58,49 +54,22 @@ class TrackUse:
     clock: Clock
 
 
-class TrackFacts(Protocol):
-    """Facts about a recording that a track depends on: a part of `Facts` that the store alone can provide."""
-
-    @property
-    def inventory(self) -> Inventory:
-        """Topics and time span of the recording."""
-        ...
-
-    def artifact(self, asset: str) -> Artifact:
-        """Return the artifact of an upstream asset."""
-        ...
-
-
-class TrackInputs(TrackFacts, Protocol):
-    """The inputs of a track: a part of `Inputs` that the store alone can provide."""
-
-    @property
-    def trajectory(self) -> Trajectory:
-        """`global_SE3_ego`, the content of `ego_poses`."""
-        ...
-
-    def messages(self, topics: tuple[str, ...]) -> AbstractContextManager[Recording]:
-        """Open `topics` of the recording, which the inventory has packed."""
-        ...
-
-
-def use(params: TrackParams, facts: TrackFacts) -> dict[str, Use[TrackUse]]:
+def use(params: TrackParams, facts: StoredFacts) -> dict[str, Use[TrackUse]]:
     """Return what a track depends on: the NavSatFix topic with the most messages, and the poses.
 
-    If the origin of the poses on Earth is known, no topic is read.
+    If the origin of the poses on Earth is known, no topic is read; else one that the inventory has packed.
     """
     poses = facts.artifact("ego_poses")
     origin = poses.read_json("ego_poses.json")["origin"]
-    fixes = (
-        facts.inventory.of_type(*own_types("fix")) if origin is None or origin.get("kind") != "wgs84" else ()
-    )
+    is_on_earth = origin is not None and origin.get("kind") == "wgs84"
+    fixes = () if is_on_earth else facts.inventory.of_type(*own_types("fix"))
     usable = [topic for topic in fixes if topic.count and topic.problem is None and topic.packed]
     best = sorted(usable, key=lambda topic: (-topic.count, topic.name))[:1]
     topics = tuple(topic.name for topic in best)
     return {"": Use(TrackUse(topics, params.clock), topics, {"ego_poses": poses.digest})}
 
 
-def make(use: Use[TrackUse], inputs: TrackInputs, out: ArtifactWriter) -> Summary:
+def make(use: Use[TrackUse], inputs: StoredInputs, out: ArtifactWriter) -> Summary:
     """Write the track; return the summary."""
     trajectory = inputs.trajectory
     origin = inputs.artifact("ego_poses").read_json("ego_poses.json")["origin"]

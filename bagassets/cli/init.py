@@ -87,7 +87,12 @@ def init(project: Path, bags: Path | None, look_at: int, force: bool) -> None:
         _refuse_to_replace(project, proposal.files)
     written = write_project(project, proposal.text, more=proposal.files)
     print_found(proposal, unreadable)
-    problems = [] if proposal.questions else _problems(recipe_file)
+    problems: list[str] = []
+    if not proposal.questions:  # a recipe that asks nothing may be wrong otherwise
+        try:
+            load_recipe(recipe_file)
+        except RecipeError as err:
+            problems = str(err).splitlines()
     print_next_steps(project, written, proposal, problems)
     if proposal.questions or problems:
         click.get_current_context().exit(ExitStatus.UNDECIDED)
@@ -175,14 +180,3 @@ def _spread(items: Sequence[T], number: int) -> Sequence[T]:
     if len(items) <= number:
         return items
     return [items[i * (len(items) - 1) // max(1, number - 1)] for i in range(number)]
-
-
-def _problems(recipe_file: Path) -> list[str]:
-    """Return what is wrong with a recipe that asks nothing."""
-    from bagassets.recipe import load_recipe
-
-    try:
-        load_recipe(recipe_file)
-    except RecipeError as err:
-        return str(err).splitlines()
-    return []

@@ -11,7 +11,7 @@ from bagassets.escaping import visible
 from bagassets.propose.commented_yaml import Question
 from bagassets.propose.proposal import Proposal
 from bagassets.propose.sensors import shown_type
-from bagassets.propose.topic_uses import TopicUse
+from bagassets.propose.summary import USES, TopicUse
 from bagassets.quantities import count_text
 
 __all__ = ["print_found", "print_next_steps", "print_questions"]
@@ -40,7 +40,8 @@ def print_found(proposal: Proposal, unreadable: Mapping[str, str]) -> None:
         sorted(proposal.bare, key=lambda one: one.reason), key=lambda one: one.reason
     ):
         recordings = list(together)
-        echo(f"Left out: {_named([one.path for one in recordings])}: {reason}")
+        more = f" and {len(recordings) - 3} more" if len(recordings) > 3 else ""
+        echo(f"Left out: {', '.join(one.path for one in recordings[:3])}{more}: {reason}")
         _print_topics(_merged(use for one in recordings for use in one.topic_uses))
     for path, reason in list(unreadable.items())[:_LISTED]:
         echo(f"Left out: {path}: {reason}")
@@ -134,13 +135,7 @@ def _merged(uses: Iterable[TopicUse]) -> list[TopicUse]:
     by_name: dict[tuple[str, str], TopicUse] = {}
     for use in uses:
         by_name.setdefault((use.topic.name, use.topic.msgtype), use)
-    order = ("used", "not decodable", "left out", "not needed")
-    return sorted(by_name.values(), key=lambda use: order.index(use.status))
-
-
-def _named(paths: Sequence[str]) -> str:
-    more = f" and {len(paths) - 3} more" if len(paths) > 3 else ""
-    return ", ".join(paths[:3]) + more
+    return sorted(by_name.values(), key=lambda use: USES.index(use.status))
 
 
 def _columns() -> int:

@@ -109,8 +109,11 @@ def _by_topic(topic: str, one: FoundCalibration) -> Iterator[ProposedCalibration
     """Yield the calibration in a file that names the topic of its camera."""
     if any(one.content.topic(name) for name in one.content.cameras):
         camera = one.content.of_topic(topic)
-        if camera is not None and _is_usable(one.content, camera):
-            reference = _reference(one.content, camera)
+        if camera is not None:
+            one.content.lens(camera, None)  # fails if it cannot be used
+            reference = ""
+            with suppress(CalibrationError):
+                reference = one.content.pose(camera).reference
             yield ProposedCalibration(one.written, f"its {camera} has this topic", reference)
 
 
@@ -124,7 +127,8 @@ def _by_name(topic: str, one: FoundCalibration) -> Iterator[ProposedCalibration]
         (one.path.stem, "of its name"),
         (one.path.parent.name, "of the name of its folder"),
     ):
-        if _words(name) == own and _is_usable(one.content, names[0]):
+        if _words(name) == own:
+            one.content.lens(names[0], None)
             yield ProposedCalibration(one.written, what)
             return
 
@@ -132,18 +136,3 @@ def _by_name(topic: str, one: FoundCalibration) -> Iterator[ProposedCalibration]
 def _words(name: str) -> list[str]:
     """Return the words of a name, without those that only say that it is a camera's."""
     return [word for word in tokens(name) if word not in {"cam", "camera"}] or tokens(name)
-
-
-def _is_usable(content: CalibrationFile, camera: str) -> bool:
-    try:
-        content.lens(camera, None)
-    except CalibrationError:
-        return False
-    return True
-
-
-def _reference(content: CalibrationFile, camera: str) -> str:
-    try:
-        return content.pose(camera).reference
-    except CalibrationError:
-        return ""

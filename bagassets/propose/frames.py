@@ -116,14 +116,13 @@ def is_optical(summary: RecordingSummary, frame: str) -> bool | None:
     """Tell whether a frame has its z axis ahead and its y axis down; None if neither its name nor gravity tells."""
     if "optical" in tokens(frame):
         return True
-    imus = [
-        topic
-        for topic in summary.topics.values()
-        if topic.msgtype in types_of("imu") and topic.acceleration is not None and topic.frames
-    ]
-    for imu in imus:
-        frame_SE3_imu = _transform(summary, frame, imu.frames[0])
-        if frame_SE3_imu is None or imu.acceleration is None:
+    tree = TfTree([TfEdge.fixed(*edge, "tf", value) for edge, value in summary.transforms.items()])
+    for imu in summary.topics.values():
+        if imu.msgtype not in types_of("imu") or imu.acceleration is None or not imu.frames:
+            continue
+        try:
+            frame_SE3_imu = SE3() if imu.frames[0] == frame else tree.fixed(frame, imu.frames[0])[0]
+        except CalibrationError:
             continue
         # What stands still on the Earth is accelerated upwards, as an Imu sees it.
         up = frame_SE3_imu.rotation_matrix @ imu.acceleration
@@ -166,9 +165,9 @@ def contradiction(summary: RecordingSummary, dst: str, src: str) -> str:
     """
     static, other = (
         [
-            TfEdge.fixed(parent, child, source, value)
-            for (parent, child), value in summary.transforms.items()
-            if ((parent, child) in summary.static) == is_static
+            TfEdge.fixed(*edge, source, value)
+            for edge, value in summary.transforms.items()
+            if (edge in summary.static) == is_static
         ]
         for source, is_static in (("tf_static", True), ("tf", False))
     )
@@ -183,18 +182,6 @@ def contradiction(summary: RecordingSummary, dst: str, src: str) -> str:
 def _last_part(frame: str) -> str:
     """Return a frame without the name of the robot before it, as in robot1/base_link."""
     return frame.rpartition("/")[2]
-
-
-def _transform(summary: RecordingSummary, dst: str, src: str) -> SE3 | None:
-    if dst == src:
-        return SE3()
-    edges = [
-        TfEdge.fixed(parent, child, "tf", value) for (parent, child), value in summary.transforms.items()
-    ]
-    try:
-        return TfTree(edges).fixed(dst, src)[0]
-    except CalibrationError:
-        return None
 
 
 def _line_up(edges: Collection[Edge], frame: str) -> list[str]:

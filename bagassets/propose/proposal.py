@@ -8,13 +8,12 @@ from pathlib import Path
 from bagassets.escaping import yaml_scalar
 from bagassets.propose.calibration_files import FoundCalibration
 from bagassets.propose.commented_yaml import Question, Sheet
-from bagassets.propose.grouping import Group, group_recordings, match_globs
+from bagassets.propose.grouping import group_recordings, match_globs
 from bagassets.propose.poses import PoseProposal, pose_candidates
 from bagassets.propose.rig_text import urdf_name, write_rig
-from bagassets.propose.rigs import RigProposal, propose_rig
+from bagassets.propose.rigs import RigProposal, propose_rig, uses_of
 from bagassets.propose.sensors import find_sensors, lacks_definition, shown_type
-from bagassets.propose.summary import RecordingSummary
-from bagassets.propose.topic_uses import TopicUse, uses_of
+from bagassets.propose.summary import RecordingSummary, TopicUse
 from bagassets.quantities import count_text
 from bagassets.recipe.model import Scenes
 
@@ -94,7 +93,11 @@ def propose_recipe(
     unreadable = unreadable or {}
     groups, without_sensor = group_recordings(summaries)
     bare = [_bare(path, summaries[path]) for path in without_sensor]
-    rigs = _rigs(groups, urdfs=urdfs)
+    rigs: list[RigProposal] = []
+    for group in groups:
+        others = [path for other in groups if other is not group for path in other.recordings]
+        match, taken = match_globs(group.recordings, others), {rig.name for rig in rigs}
+        rigs.append(propose_rig(group, match, taken, urdfs=urdfs))
     sheet = Sheet()
     looked_into = len(summaries) + len(unreadable)
     count = count_text(looked_into, "recording")
@@ -128,7 +131,6 @@ def propose_recipe(
         write_rig(sheet, rig, calibrations, clock=rig.clock.clock != usual)
     if not rigs:
         _no_rig(sheet, bare, unreadable)
-        _example_rig(sheet)
     _scenes(sheet, rigs)
     sheet.field(
         0, "splits:", "of whole recordings; nuscenes-devkit knows these as custom_train and custom_val"
@@ -150,15 +152,6 @@ def _series(sheet: Sheet, series: Mapping[str, bool | Sequence[str]], asked: Map
         sheet.ask(1, "bags.series", question)
     if asked:
         sheet.off(1, f"series: {{{', '.join(f'{yaml_scalar(whole)}: true' for whole in asked)}}}")
-
-
-def _rigs(groups: Sequence[Group], *, urdfs: bool) -> list[RigProposal]:
-    rigs: list[RigProposal] = []
-    for group in groups:
-        others = [path for other in groups if other is not group for path in other.recordings]
-        match, taken = match_globs(group.recordings, others), {rig.name for rig in rigs}
-        rigs.append(propose_rig(group, match, taken, urdfs=urdfs))
-    return rigs
 
 
 def _bare(path: str, summary: RecordingSummary) -> Bare:
@@ -229,17 +222,6 @@ def _no_rig(sheet: Sheet, bare: Sequence[Bare], unreadable: Mapping[str, str]) -
     else:
         text = f"no recording has a camera, lidar or radar, so there is nothing to convert; {elsewhere}"
     sheet.ask(1, "rigs", text, below=True)
-
-
-def _first(reasons: Mapping[str, str]) -> str:
-    """Return the first topic of several and its reason."""
-    topic, why = min(reasons.items())
-    return f"{topic}: {why}" + (
-        f" (and {count_text(len(reasons) - 1, 'more topic')})" if len(reasons) > 1 else ""
-    )
-
-
-def _example_rig(sheet: Sheet) -> None:
     sheet.note(1, "A rig looks like this:")
     for line in (
         "- name: rig",
@@ -250,6 +232,14 @@ def _example_rig(sheet: Sheet) -> None:
     ):
         sheet.off(1, line)
     sheet.blank()
+
+
+def _first(reasons: Mapping[str, str]) -> str:
+    """Return the first topic of several and its reason."""
+    topic, why = min(reasons.items())
+    return f"{topic}: {why}" + (
+        f" (and {count_text(len(reasons) - 1, 'more topic')})" if len(reasons) > 1 else ""
+    )
 
 
 def _scenes(sheet: Sheet, rigs: Sequence[RigProposal]) -> None:

@@ -10,7 +10,7 @@ from bagassets.propose.naming import PREFIX
 from bagassets.propose.poses import lonely_poses
 from bagassets.propose.rigs import RigProposal
 from bagassets.propose.sensors import Sensor
-from bagassets.propose.topic_uses import transform_topics
+from bagassets.propose.summary import transform_topics
 from bagassets.recipe.model import Rig
 from bagassets.recordings.globs import literal_glob
 
@@ -64,7 +64,7 @@ def write_rig(
             "`extrinsics` if they are not at one place.",
         )
     for left in rig.left_out:
-        sheet.note(2, f"left out: {left.topic.name} ({left.reason})")
+        sheet.note(2, f"left out: {left.topic.name} ({left.text})")
     for robot in list(rig.summary.robots)[1:]:
         sheet.note(2, f"left out: all below {robot} (another robot)")
     sheet.blank()

@@ -1,22 +1,21 @@
 """One rig of a proposed recipe: its channels, frames, clock, poses and boxes."""
 
 import re
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from bagassets.decode.registry import types_of
 from bagassets.errors import CalibrationError
-from bagassets.propose.description import described
+from bagassets.geometry.urdf import urdf_edges
 from bagassets.propose.frames import EgoFrame, connected, propose_ego_frame
 from bagassets.propose.grouping import Group
 from bagassets.propose.naming import channel_name, free_name, tokens, word_set
 from bagassets.propose.poses import PoseProposal, odometry_of, propose_pose
-from bagassets.propose.sensors import LeftOut, Sensor, find_sensors
-from bagassets.propose.summary import RecordingSummary
-from bagassets.propose.topic_uses import TopicUse, uses_of
+from bagassets.propose.sensors import Sensor, find_sensors
+from bagassets.propose.summary import USES, RecordingSummary, TopicUse, transform_topics
 
-__all__ = ["ClockProposal", "RigProposal", "boxes_in", "propose_rig"]
+__all__ = ["ClockProposal", "RigProposal", "boxes_in", "propose_rig", "uses_of"]
 
 _LARGE_OFFSET_S = 1.0
 _MARKERS = "visualization_msgs/"  # for whatever somebody wants to see in three dimensions, seldom for boxes
@@ -59,7 +58,7 @@ class RigProposal:
     channels: dict[str, Sensor]
     reasons: dict[str, str]
     annotations: list[str]
-    left_out: list[LeftOut]
+    left_out: list[TopicUse]
     summary: RecordingSummary
     urdf: TopicUse | None = None
 
@@ -93,9 +92,9 @@ def propose_rig(
     description = next((topic for topic in summary.topics.values() if urdfs and topic.urdf), None)
     if description is not None:
         try:
-            more = described(summary, description.urdf)
+            more = _described(summary, description.urdf)
         except CalibrationError as err:
-            left_out = [*left_out, LeftOut(description, str(err))]
+            left_out.append(TopicUse(description, "left out", str(err)))
         else:
             other = propose_ego_frame(more, sensors, odometry_of(more))
             placed = _placed(summary, ego, sensors)
@@ -118,6 +117,26 @@ def propose_rig(
         left_out=left_out,
         summary=summary,
         urdf=urdf,
+    )
+
+
+def _described(summary: RecordingSummary, urdf: str) -> RecordingSummary:
+    """Return recordings with the fixed joints of a URDF, as robot_state_publisher latches it, where it puts what TF does not.
+
+    Builds lay them between `/tf_static` and `/tf`, too.
+
+    Raises:
+        CalibrationError: the URDF cannot be used.
+    """
+    known = {child for _, child in summary.static}
+    joints = {
+        (edge.parent, edge.child): edge.first for edge in urdf_edges(urdf.encode()) if edge.child not in known
+    }
+    return replace(
+        summary,
+        transforms={**summary.transforms, **joints},
+        moving=summary.moving - joints.keys(),
+        static=summary.static | joints.keys(),
     )
 
 
@@ -171,3 +190,45 @@ def _rig_name(match: list[str], taken: Collection[str], robot: str) -> str:
         stem = re.sub(r"\.(bag|mcap|db3)$", "", stem)
         name = re.sub(r"[^A-Za-z0-9_.-]+", "-", stem).strip("-._") or "rig"
     return free_name(name, taken, "-")
+
+
+def uses_of(
+    summary: RecordingSummary,
+    channels: Mapping[str, Sensor],
+    pose: PoseProposal,
+    annotations: list[str],
+    left_out: list[TopicUse],
+    urdf: TopicUse | None = None,
+) -> list[TopicUse]:
+    """Return what becomes of each topic: used as what, not decodable and why, or not needed; those that are used first.
+
+    Args:
+        summary: the recordings.
+        channels: channel -> sensor.
+        pose: where poses come from.
+        annotations: topics with boxes, the one that is used first.
+        left_out: topics that could be a sensor's.
+        urdf: what becomes of a robot description.
+    """
+    used: dict[str, list[str]] = {}
+    for name, sensor in channels.items():
+        used.setdefault(sensor.topic.name, []).append(name)
+        if sensor.camera_info is not None:
+            used.setdefault(sensor.camera_info.name, []).append(f"calibration of {name}")
+    for field, what in (("topic", "poses"), ("imu", "orientation")):
+        if field in pose.fields:
+            used.setdefault(pose.fields[field], []).append(what)
+    for name in annotations[:1]:
+        used.setdefault(name, []).append("boxes")
+    for name in transform_topics(summary):
+        used.setdefault(name, []).append("transforms")
+    uses = [TopicUse(summary.topics[name], "used", ", ".join(what)) for name, what in used.items()]
+    uses += left_out if urdf is None else [*left_out, urdf]
+    known = {use.topic.name for use in uses}
+    boxes = "boxes, too; the recipe has it as a comment"
+    uses += [
+        TopicUse(topic, "left out", boxes) if name in annotations else TopicUse(topic, "not needed")
+        for name, topic in summary.topics.items()
+        if name not in known
+    ]
+    return sorted(uses, key=lambda use: USES.index(use.status))

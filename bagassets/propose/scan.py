@@ -30,8 +30,7 @@ from bagassets.propose.naming import is_radar_list
 from bagassets.propose.poses import propose_pose
 from bagassets.propose.radar_velocities import velocities_of
 from bagassets.propose.sensors import find_sensors, modality_of
-from bagassets.propose.summary import Edge, RecordingSummary, TopicSummary, merge_topics
-from bagassets.propose.topic_uses import transform_topics
+from bagassets.propose.summary import Edge, RecordingSummary, TopicSummary, merge_topics, transform_topics
 from bagassets.recipe.model import Limits, Scenes
 from bagassets.recordings.model import Message, RawMessage
 from bagassets.recordings.recording import Recording
@@ -66,29 +65,29 @@ def scan_recording(recording: Recording) -> RecordingSummary:
     Raises:
         RecordingError: the recording turns out to be damaged.
     """
-    scan = _Scan(recording)
-    readable = {name for name, topic in scan.topics.items() if topic.problem is None}
-    bulk = {name for name in readable if recording.topics[name].msgtype in scan.bulk}
-    for together in (bulk, readable - bulk):
-        scan.read(together, _SECONDS)
+    scans = {name: _TopicScan(topic) for name, topic in recording.topics.items() if topic.count > 0}
+    readable = {name for name, scan in scans.items() if scan.problem is None}
+    bulk = {name for name in readable if recording.topics[name].msgtype in bulk_types("yes")}
+    _read(recording, scans, bulk, _BULK_MESSAGES, _SECONDS)
+    _read(recording, scans, readable - bulk, _MESSAGES, _SECONDS)
     # Latched transforms may come late.
-    scan.read({name for name in readable if scan.topics[name].count == 0}, None)
+    _read(recording, scans, {name for name in readable if scans[name].count == 0}, _LATE_MESSAGES, None)
     topics = {
-        name: scan.topics[name].result() if name in scan.topics else _summary_of(topic)
+        name: scans[name].result() if name in scans else _summary_of(topic)
         for name, topic in recording.topics.items()
     }
     robots = robots_of({name: (one.msgtype, one.frames) for name, one in topics.items() if one.count > 0})
     topics = {name: topics[name] for name in _of_first(robots, topics)}
     values: dict[Edge, list[SE3]] = {}
-    for name in filter(scan.topics.__contains__, topics):
-        for edge, own in scan.topics[name].transforms.items():
+    for name in filter(scans.__contains__, topics):
+        for edge, own in scans[name].transforms.items():
             values.setdefault(edge, []).extend(own)
     transforms = {edge: own[0] for edge, own in values.items()}
     moving = frozenset(edge for edge, own in values.items() if _moves(own))
-    static_topics = [name for name in topics if "static" in name and name in scan.topics]
-    static = frozenset(edge for name in static_topics for edge in scan.topics[name].transforms)
+    static_topics = [name for name in topics if "static" in name and name in scans]
+    static = frozenset(edge for name in static_topics for edge in scans[name].transforms)
     sensors = {topic.name for topic in topics.values() if topic.count > 0 and modality_of(topic) is not None}
-    short_s = {name: scan.topics[name].length_s for name in sorted(sensors) if scan.topics[name].is_short}
+    short_s = {name: scans[name].length_s for name in sorted(sensors) if scans[name].is_short}
     summary = RecordingSummary(topics, transforms, moving, short_s, robots, static)
     radars = [sensor.topic.name for sensor in find_sensors(summary)[0] if sensor.modality == "radar"]
     pose = propose_pose(summary, "base_link").fields
@@ -116,42 +115,33 @@ def point_time_notes(summary: RecordingSummary) -> list[str]:
     ]
 
 
-class _Scan:
-    """The messages of a recording that have been read so far.
-
-    Attributes:
-        topics: those that have messages.
-        bulk: types of which few messages are read.
-    """
-
-    def __init__(self, recording: Recording) -> None:
-        self._recording = recording
-        self.bulk = bulk_types("yes")
-        self.topics = {name: _TopicScan(topic) for name, topic in recording.topics.items() if topic.count > 0}
-
-    def read(self, topics: Collection[str], seconds: float | None) -> None:
-        """Read until every topic gave enough messages, or `seconds` of log time have passed."""
-        waiting = set(topics)
-        until_ns: float | None = None
-        for message in self._recording.messages(sorted(waiting)) if waiting else ():
-            topic = self.topics[message.topic]
-            topic.see(message.log_time_ns)
-            if isinstance(message.data, ForeignBytes):
-                topic.misfit = topic.misfit or message.data.reason
-                continue
-            if until_ns is None and seconds is not None:
-                until_ns = message.log_time_ns + seconds * 1e9
-            if until_ns is not None and message.log_time_ns > until_ns:
-                return
-            if message.topic in waiting:
-                most = _BULK_MESSAGES if message.msgtype in self.bulk else _MESSAGES
-                most = most if seconds is not None else _LATE_MESSAGES
-                if not topic.is_enough(most):
-                    topic.take(message, self._recording)
-                if topic.is_enough(most) and (seconds is None or topic.is_short is not None):
-                    waiting.discard(message.topic)
-            if not waiting or (seconds is None and all(self.topics[name].count for name in waiting)):
-                return
+def _read(
+    recording: Recording,
+    scans: "Mapping[str, _TopicScan]",
+    topics: Collection[str],
+    most: int,
+    seconds: float | None,
+) -> None:
+    """Read until every topic gave enough messages, usually `most`, or `seconds` of log time have passed."""
+    waiting = set(topics)
+    until_ns: float | None = None
+    for message in recording.messages(sorted(waiting)) if waiting else ():
+        scan = scans[message.topic]
+        scan.see(message.log_time_ns)
+        if isinstance(message.data, ForeignBytes):
+            scan.misfit = scan.misfit or message.data.reason
+            continue
+        if until_ns is None and seconds is not None:
+            until_ns = message.log_time_ns + seconds * 1e9
+        if until_ns is not None and message.log_time_ns > until_ns:
+            return
+        if message.topic in waiting:
+            if not scan.is_enough(most):
+                scan.take(message, recording)
+            if scan.is_enough(most) and (seconds is None or scan.is_short is not None):
+                waiting.discard(message.topic)
+        if not waiting or (seconds is None and all(scans[name].count for name in waiting)):
+            return
 
 
 class _TopicScan:
@@ -172,6 +162,7 @@ class _TopicScan:
         self.length_s = 0.0
         self._summary = _summary_of(topic)
         self.transforms: dict[Edge, list[SE3]] = {}
+        self._takers = {**_FACTS, "cloud": self._take_cloud, "transforms": self._take_transforms}
         self._decoders: dict[AnyFamily, Decode] = {}
         # Reads on if nothing can be used: the type itself says what its messages are.
         self._is_patient = False
@@ -219,12 +210,7 @@ class _TopicScan:
         for family, decode in self._decoders.items():
             facts: Facts = {}
             try:
-                if family == "transforms":
-                    self._take_transforms(facts, decode, value)
-                elif family == "cloud":
-                    self._take_cloud(facts, decode, value, message.msgtype)
-                else:
-                    _FACTS[family](facts, decode, value, message.msgtype)
+                self._takers[family](facts, decode, value, message.msgtype)
             except DecodeError as err:
                 reasons.append(str(err))
             self._add(facts)
@@ -252,7 +238,7 @@ class _TopicScan:
         for family in families:
             try:
                 decoder = find_decoder(family, msgtype)
-                if decoder is not None and family in {*_FACTS, "cloud", "transforms"}:
+                if decoder is not None and family in self._takers:
                     self._decoders[family] = load_decoder(decoder)
                     self._is_patient |= not decoder.by_fields
             except PluginError as err:
@@ -286,7 +272,7 @@ class _TopicScan:
         if len(reading.points) > 1:  # times that do not differ are none
             facts["timed"] = reading.times_ns is not None
 
-    def _take_transforms(self, facts: Facts, decode: Decode, value: Message) -> None:
+    def _take_transforms(self, facts: Facts, decode: Decode, value: Message, _msgtype: str) -> None:
         facts["frames"] = []
         for stamped in decode(value):
             try:

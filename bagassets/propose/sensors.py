@@ -1,6 +1,5 @@
 """Which topics of a recording are sensors worth extracting, one topic per sensor."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 from bagassets.decode.registry import AnyFamily, families_of, own_types
@@ -13,9 +12,9 @@ from bagassets.propose.naming import (
     sensor_of,
     tokens,
 )
-from bagassets.propose.summary import RecordingSummary, TopicSummary
+from bagassets.propose.summary import RecordingSummary, TopicSummary, TopicUse
 
-__all__ = ["LeftOut", "Sensor", "find_sensors", "lacks_definition", "modality_of", "shown_type"]
+__all__ = ["Sensor", "find_sensors", "lacks_definition", "modality_of", "shown_type"]
 
 _BY_FAMILY: dict[AnyFamily, Modality] = {"image": "camera", "cloud": "lidar", "radar": "radar"}
 # Carries packets of Velodyne lidars only; other types may carry any packets.
@@ -42,21 +41,6 @@ class Sensor:
     camera_info: TopicSummary | None = None
 
 
-@dataclass(frozen=True)
-class LeftOut:
-    """A topic that could be a sensor's, and is not proposed.
-
-    Attributes:
-        topic: the topic.
-        reason: why.
-        is_undecodable: no message of it could be decoded.
-    """
-
-    topic: TopicSummary
-    reason: str
-    is_undecodable: bool = False
-
-
 def modality_of(topic: TopicSummary) -> Modality | None:
     """Return the kind of sensor that a topic belongs to by type and name; None if to none."""
     modalities = {_BY_FAMILY[family] for family in families_of(topic.msgtype) if family in _BY_FAMILY}
@@ -69,23 +53,21 @@ def modality_of(topic: TopicSummary) -> Modality | None:
     return "radar" if is_radar_list(topic.msgtype) else None
 
 
-def find_sensors(summary: RecordingSummary) -> tuple[list[Sensor], list[LeftOut]]:
+def find_sensors(summary: RecordingSummary) -> tuple[list[Sensor], list[TopicUse]]:
     """Return the sensors of a recording, in order of kind and topic, and what is left out, in order of topic."""
-    left_out: list[LeftOut] = []
+    left_out: list[TopicUse] = []
     families: list[list[TopicSummary]] = []
     for topic in summary.topics.values():
-        reason, is_undecodable = _unusable(topic)
-        if reason:
-            left_out.append(LeftOut(topic, reason, is_undecodable))
+        if (unusable := _unusable(topic)) is not None:
+            left_out.append(unusable)
         elif modality_of(topic) is not None:
-            family = next((known for known in families if _same_sensor(known[0], topic)), None)
-            if family is None:
-                families.append([topic])
-            else:
-                family.append(topic)
+            family = next((known for known in families if _same_sensor(known[0], topic)), [])
+            if not family:
+                families.append(family)
+            family.append(topic)
     sensors = [_sensor(family, summary) for family in families]
     left_out += [
-        LeftOut(summary.topics[other], f"the same sensor as {sensor.topic.name}")
+        TopicUse(summary.topics[other], "left out", f"the same sensor as {sensor.topic.name}")
         for sensor in sensors
         for other in sensor.others
     ]
@@ -103,33 +85,35 @@ def shown_type(msgtype: str) -> str:
     return msgtype.replace("/msg/", "/")
 
 
-def _unusable(topic: TopicSummary) -> tuple[str, bool]:
-    """Return why no sensor is proposed for a topic, though its type would do, and whether decoding is the reason.
+def _unusable(topic: TopicSummary) -> TopicUse | None:
+    """Return why no sensor is proposed for a topic, though its type would do.
 
-    "" if one is proposed, or if its type is not that of a sensor.
+    None if one is proposed, or if its type is not that of a sensor.
     """
     modality = modality_of(topic)
     if modality is None:
         if topic.count > 0 and not families_of(topic.msgtype) and is_sensor_type(topic.msgtype):
-            lacking = (
+            return TopicUse(
+                topic,
+                "not decodable",
                 f"no decoder for {shown_type(topic.msgtype)}; record what its driver publishes (Image, PointCloud2), or "
-                "install a decoder (`bagassets docs page decoders`)"
+                "install a decoder (`bagassets docs page decoders`)",
             )
-            return lacking, True
-        return "", False
+        return None
     if topic.count == 0:
-        return "no messages", False
+        return TopicUse(topic, "left out", "no messages")
     if topic.problem is not None:
-        return topic.problem, True
+        return TopicUse(topic, "not decodable", topic.problem)
     if not _DEPTH_WORDS.isdisjoint(tokens(topic.name)):
-        return "depth, not a picture" if modality == "camera" else "the cloud of a depth camera", False
+        depth = "depth, not a picture" if modality == "camera" else "the cloud of a depth camera"
+        return TopicUse(topic, "left out", depth)
     if topic.velodyne is False:
-        return "none of its packets is from a Velodyne", True
+        return TopicUse(topic, "not decodable", "none of its packets is from a Velodyne")
     if topic.refusal is not None:
-        return topic.refusal, True
+        return TopicUse(topic, "not decodable", topic.refusal)
     if is_derived(topic.name):
-        return "looks computed, not recorded by a sensor", False
-    return "", False
+        return TopicUse(topic, "left out", "looks computed, not recorded by a sensor")
+    return None
 
 
 def _same_sensor(one: TopicSummary, other: TopicSummary) -> bool:
@@ -155,18 +139,14 @@ def _sensor(family: list[TopicSummary], summary: RecordingSummary) -> Sensor:
 def _processing(topic: TopicSummary) -> int:
     """Return how far a topic is from what the sensor measured; less is rawer."""
     words = set(tokens(topic.name))
-    steps = 0
-    if not topic.velodyne and modality_of(topic) == "lidar":
-        steps += 1
-    if topic.msgtype == "sensor_msgs/msg/CompressedImage":
-        steps += 1
-    if words & {"rect", "rectified", "undistorted"}:
-        steps += 4
-    if words & {"mono", "grey", "gray"}:
-        steps += 2  # the colour of the same camera says more
-    if words & {"track", "tracks", "object", "objects"}:
-        steps += 2
-    return steps
+    steps = (
+        (1, not topic.velodyne and modality_of(topic) == "lidar"),
+        (1, topic.msgtype == "sensor_msgs/msg/CompressedImage"),
+        (4, words & {"rect", "rectified", "undistorted"}),
+        (2, words & {"mono", "grey", "gray"}),  # the colour of the same camera says more
+        (2, words & {"track", "tracks", "object", "objects"}),
+    )
+    return sum(number for number, applies in steps if applies)
 
 
 def _is_flat(topic: TopicSummary) -> bool:
@@ -178,9 +158,8 @@ def _lidar_rank(sensor: Sensor) -> int:
     words = {*tokens(sensor.topic.name), *tokens(" ".join(sensor.topic.frames))}
     if sensor.modality != "lidar":
         return 0
-    return (2 if _is_flat(sensor.topic) else 0) + (
-        0 if words & {"top", "roof", "center", "main", "concatenated"} else 1
-    )
+    is_main = words & {"top", "roof", "center", "main", "concatenated"}
+    return (2 if _is_flat(sensor.topic) else 0) + (0 if is_main else 1)
 
 
 def _camera_info(image: TopicSummary, summary: RecordingSummary) -> TopicSummary | None:
@@ -189,16 +168,10 @@ def _camera_info(image: TopicSummary, summary: RecordingSummary) -> TopicSummary
         for topic in summary.topics.values()
         if topic.msgtype in own_types("camera_info") and topic.count > 0
     }
-    for name in _beside(image.name):
-        if name in infos:
-            return infos[name]
+    parts, length = image.name.split("/"), len(sensor_of(image.name).split("/"))
+    for stop in range(len(parts), length - 1, -1):  # the nearest first
+        beside = "/".join([*parts[:stop], "camera_info"])
+        if beside in infos:
+            return infos[beside]
     matching = [info for info in infos.values() if not set(info.frames).isdisjoint(image.frames)]
     return matching[0] if len(matching) == 1 else None
-
-
-def _beside(topic: str) -> Iterator[str]:
-    """Yield where the CameraInfo of an image topic may be, nearest first."""
-    parts = topic.split("/")
-    base = sensor_of(topic).split("/")
-    for length in range(len(parts), len(base) - 1, -1):
-        yield "/".join([*parts[:length], "camera_info"])

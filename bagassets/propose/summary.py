@@ -2,11 +2,22 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from typing import Literal, get_args
 
 from bagassets.decode.point_times import PointClock
+from bagassets.decode.registry import types_of
 from bagassets.geometry.se3 import SE3
 
-__all__ = ["Edge", "RecordingSummary", "TopicSummary", "merge_recordings", "merge_topics"]
+__all__ = [
+    "USES",
+    "Edge",
+    "RecordingSummary",
+    "TopicSummary",
+    "TopicUse",
+    "merge_recordings",
+    "merge_topics",
+    "transform_topics",
+]
 
 Edge = tuple[str, str]
 """Parent and child frame, without leading slash."""
@@ -68,6 +79,26 @@ class TopicSummary:
     urdf: str = ""
 
 
+Status = Literal["used", "not decodable", "left out", "not needed"]
+USES: tuple[Status, ...] = get_args(Status)
+"""What becomes of topics, in the order in which they are listed."""
+
+
+@dataclass(frozen=True)
+class TopicUse:
+    """What becomes of a topic.
+
+    Attributes:
+        topic: the topic.
+        status: whether it is used, and if not, in which way.
+        text: as what it is used, or why it is not; "" for topics that are not needed.
+    """
+
+    topic: TopicSummary
+    status: Status
+    text: str = ""
+
+
 @dataclass(frozen=True)
 class RecordingSummary:
     """One recording, or several merged ones.
@@ -93,6 +124,12 @@ class RecordingSummary:
     def edges(self) -> frozenset[Edge]:
         """Edges of the TF tree."""
         return frozenset(self.transforms)
+
+
+def transform_topics(summary: RecordingSummary) -> list[str]:
+    """Return the topics with transforms."""
+    types = set(types_of("transforms"))
+    return [topic.name for topic in summary.topics.values() if topic.msgtype in types and topic.count > 0]
 
 
 def merge_recordings(summaries: Iterable[RecordingSummary]) -> RecordingSummary:

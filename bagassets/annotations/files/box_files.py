@@ -120,11 +120,9 @@ def read_parquet_boxes(data: bytes) -> Iterator[Label]:
         raise UnreadableLabelsError(0, f"lacks the column {missing[0]}; required are {', '.join(required)}")
     if not pa.types.is_integer(table.schema.field("stamp_ns").type):
         raise UnreadableLabelsError(0, "has a column stamp_ns that is not of whole numbers")
-    row = 0
-    for batch in table.to_batches(max_chunksize=1 << 16):
-        for entry in batch.to_pylist():
-            row += 1
-            yield _row_label(row, entry)
+    rows = (entry for batch in table.to_batches(max_chunksize=1 << 16) for entry in batch.to_pylist())
+    for row, entry in enumerate(rows, start=1):
+        yield _row_label(row, entry)
 
 
 def _row_label(row: int, entry: JsonMapping) -> Label:

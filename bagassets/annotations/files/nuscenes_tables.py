@@ -69,8 +69,8 @@ class TableSet:
         token = str(log["token"])
         if token not in self._places:
             is_wanted = self._logfile is None or log.get("logfile") in self._logfiles
-            global_SE3_log = SE3() if self._place_log is None or not is_wanted else self._place_log(log)
-            self._places[token] = global_SE3_log if is_wanted else None
+            place_log = self._place_log or (lambda _: SE3())
+            self._places[token] = place_log(log) if is_wanted else None
         return self._places[token]
 
     @cached_property
