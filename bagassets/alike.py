@@ -90,7 +90,9 @@ def _summed_up(words: Sequence[str], name: str) -> str:
     numbers = [found for word in words if (found := _NUMBER.fullmatch(word)) is not None]
     if len(numbers) < len(words):
         return _without(name, first, "…")
-    values = sorted((number[2] for number in numbers), key=lambda text: (_value(text), text))
+    values = sorted(
+        (number[2] for number in numbers), key=lambda text: (0.0 if "T" in text else float(text), text)
+    )
     return f"{numbers[0][1]}{values[0]} to {values[-1]}{numbers[0][3]}"
 
 
@@ -98,10 +100,6 @@ def _without(name: str, word: str, stand_in: str) -> str:
     """Return a word with the name of its recording replaced, where it ends a path or names what follows: it may be `a`."""
     whole = re.escape(name)
     return re.sub(rf"(?<=/){whole}(?![\w-]|\.\w)|^{whole}(?=:)", stand_in, word)
-
-
-def _value(number: str) -> float:
-    return 0.0 if "T" in number else float(number)
 
 
 def without_path(key: str, text: str) -> str:

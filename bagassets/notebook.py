@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from bagassets.build.build_report import BuildOptions, BuildReport, Event, OwnOutcome, Remark, SummaryRow
-from bagassets.cli.progress import BuildProgress, LinesProgress, LiveProgress, SilentProgress
+from bagassets.cli.progress import LinesProgress, LiveProgress, SilentProgress
 from bagassets.cli.remote import InterruptedBuildError, build_on_server, end_servers, server_for
 from bagassets.cli.summary import counts_line
 from bagassets.errors import BagAssetsError, DatasetError, RecipeError
@@ -50,6 +50,7 @@ class Report:
         own_problem: why none of your own assets are known; "" if they are.
         seconds: wall time.
         summary: all of it in a line.
+        succeeded: nothing failed.
     """
 
     recordings: Mapping[str, SummaryRow]
@@ -64,6 +65,7 @@ class Report:
     own_problem: str = ""
     seconds: float = 0.0
     summary: str = ""
+    succeeded: bool = True
 
     @property
     def built(self) -> tuple[str, ...]:
@@ -89,12 +91,6 @@ class Report:
     def lost(self) -> Mapping[str, Mapping[str, Mapping[str, int]]]:
         """Recording -> channel or topic -> reason -> number of messages or boxes that were lost."""
         return {key: row.lost for key, row in self.recordings.items() if row.lost}
-
-    @property
-    def succeeded(self) -> bool:
-        """True if nothing failed."""
-        own_failed = self.own_problem or any("failed" in one.results for one in self.own.values())
-        return not (self.failed or self.dataset_problem or own_failed)
 
     def __repr__(self) -> str:
         return f"<Report: {self.summary}; dataset {self.dataset} ({self.dataset_state})>"
@@ -166,6 +162,7 @@ def build(
         own_problem=report.own_problem,
         seconds=report.seconds,
         summary=counts_line(report),
+        succeeded=report.succeeded,
     )
 
 
@@ -182,7 +179,7 @@ def _build(file: Path, options: BuildOptions, progress: bool | Callable[[Event],
             raise KeyboardInterrupt from err
 
 
-def _display(progress: bool | Callable[[Event], None]) -> BuildProgress:
+def _display(progress: bool | Callable[[Event], None]) -> SilentProgress:
     if progress is not True:
         return SilentProgress()
     # Notebooks show standard error as if something were wrong.

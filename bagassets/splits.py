@@ -88,26 +88,19 @@ def deal(keys: Iterable[str], splits: Splits, ties: Ties | None = None) -> dict[
         if pins:
             dealt |= {key: pins.get(key, next(iter(pins.values()))) for key in group}
         else:
-            ranked.append((_position(group[0], splits.seed), group))
+            digest = blake3(canonical_json([splits.seed, group[0]])).digest(length=8)
+            ranked.append((int.from_bytes(digest, "big"), group))
     ranked.sort()
     names = sorted(name for name, share in splits.shares.items() if share > 0)
     pinned = Counter(dealt.values())
     cuts = _cuts(
         [position for position, _ in ranked],
-        [_exact(splits.shares[name]) for name in names],
+        [Fraction(repr(splits.shares[name])) for name in names],
         [pinned[name] for name in names],
     )
     for name, first, last in zip(names, cuts[:-1], cuts[1:], strict=True):
         dealt |= {key: name for _, group in ranked[first:last] for key in group}
     return dict(sorted(dealt.items()))
-
-
-def _position(key: str, seed: int) -> int:
-    return int.from_bytes(blake3(canonical_json([seed, key])).digest(length=8), "big")
-
-
-def _exact(share: float) -> Fraction:
-    return Fraction(repr(share))
 
 
 def _cuts(positions: Sequence[int], shares: Sequence[Fraction], pinned: Sequence[int]) -> list[int]:

@@ -15,7 +15,7 @@ from bagassets.errors import DatasetError
 from bagassets.formats import linking
 from bagassets.formats.assembly import remove_files
 from bagassets.formats.guard import GUARD, guarded, refuse_unexpected
-from bagassets.formats.json_files import copy_rows, rows_text, write_joined
+from bagassets.formats.json_files import row_blocks, rows_text, write_joined
 from bagassets.formats.linking import Linker
 from bagassets.formats.nuscenes.format import NUSCENES
 from bagassets.formats.nuscenes.table_file import read_table, table_bytes
@@ -181,7 +181,7 @@ class TestTables:
         rows = [SAMPLE | {"token": f"t{i}"} for i in range(number)]
         (tmp_path / "sample.json").write_bytes(table_bytes("sample", rows))
         assert read_table(tmp_path, "sample") == rows
-        assert [json.loads(row) for row in copy_rows(tmp_path / "sample.json")] == rows
+        assert [json.loads(row) for block in row_blocks(tmp_path / "sample.json") for row in block] == rows
         assert rows_text(tmp_path / "sample.json").count(b"\n") == max(0, number - 1)
 
     def test_joined_tables_count_their_rows(self, tmp_path):

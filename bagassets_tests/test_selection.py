@@ -7,7 +7,7 @@ import pytest
 from bagassets.assets import trajectory_map
 from bagassets.assets.selection import choose_rig, present_channels, skip_reason
 from bagassets.formats.catalogue import OUR_ASSETS
-from bagassets.formats.nuscenes import scene_steps
+from bagassets.formats.nuscenes import selection
 from bagassets.recipe.model import Recipe
 from bagassets_tests.pose_data import CLOUD, IMAGE, T0, Msg, Recorded, S, header
 
@@ -104,8 +104,8 @@ def test_steps_keep_their_names_for_ever():
         *(hidden.step for asset in OUR_ASSETS for hidden in asset.along),
         trajectory_map.STEP,
         trajectory_map.SHELL_STEP,
-        scene_steps.FACTS_STEP,
-        scene_steps.SUBSET_STEP,
+        selection.FACTS_STEP,
+        selection.SUBSET_STEP,
     ]
     assert [step.name for step in steps] == [
         "inventory", "calibration", "ego_poses", "annotations", "frames", "sweeps", "nuscenes_tables",

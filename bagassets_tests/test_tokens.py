@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bagassets.formats.json_files import copy_rows, rows_text, write_joined
+from bagassets.formats.json_files import row_blocks, rows_text, write_joined
 from bagassets.formats.nuscenes.filenames import filename, recording_of
 from bagassets.formats.nuscenes.schema import RECORDING_TABLES, SHARED_TABLES, TABLES
 from bagassets.formats.nuscenes.shared_rows import blank_png
@@ -78,7 +78,12 @@ class TestTableFiles:
         ordered = [row for number in range(3) for row in rows[number::3]]
         texts = (rows_text(folder / f"{number}.json") for number in range(3))
         count, _ = write_joined(folder / "category.json", texts)
-        copied = [json.loads(line) for number in range(3) for line in copy_rows(folder / f"{number}.json")]
+        copied = [
+            json.loads(line)
+            for number in range(3)
+            for block in row_blocks(folder / f"{number}.json")
+            for line in block
+        ]
         assert copied == ordered
         assert count == len(rows)
         assert (folder / "category.json").read_bytes() == table_bytes("category", ordered)

@@ -1,6 +1,5 @@
 """`bagassets build`: bring the dataset up to date."""
 
-import json
 import os
 import sys
 from collections.abc import Callable
@@ -14,7 +13,7 @@ from bagassets.cli.early import JOBS_PER_PROCESSOR, MOST_ROWS, HandedOver
 from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.options import recipe_option
 from bagassets.cli.progress import planning_shown, progress_for
-from bagassets.cli.terminal import echo, echo_lines
+from bagassets.cli.terminal import echo, echo_json, echo_lines
 from bagassets.json_types import JsonObject
 from bagassets.quantities import count_text
 from bagassets.trace import span
@@ -113,7 +112,7 @@ def _build(recipe: Path, options: "BuildOptions", trace: Path | None, *, as_json
     value = build_with_progress(recipe, options, trace, None if as_json else MOST_ROWS, handed_over)
     report = BuildReport.from_json(value)
     if as_json:
-        echo_lines(json.dumps(value, indent=1))
+        echo_json(value)
     else:
         print_summary(report, [SummaryRow(**row) for row in value["summary"]], recipe)
     if report.interrupted:
@@ -177,7 +176,7 @@ def _dry_run(recipe: Path, options: "BuildOptions", *, check: bool, as_json: boo
         again = pending.made_again(workspace, options.jobs)
         empty = why_empty(workspace.recipe, recipe, workspace.store, pending.datasets)
     if as_json:
-        echo_lines(dry_run_json(pending, own_work, moved, remarks))
+        echo_json(dry_run_json(pending, own_work, moved, remarks))
     else:
         for line in dry_run_lines(pending, own_work) if not check else ():
             echo_lines(line)

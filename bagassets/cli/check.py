@@ -1,6 +1,5 @@
 """`bagassets check`: run the asset checks with the current thresholds of the recipe."""
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,7 +9,7 @@ import click
 from bagassets.alike import told_once
 from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.options import recipe_option
-from bagassets.cli.terminal import echo, echo_lines
+from bagassets.cli.terminal import echo, echo_json, echo_lines
 from bagassets.escaping import visible
 from bagassets.quantities import count_text
 
@@ -65,7 +64,7 @@ def check(recipe: Path, bags: tuple[str, ...], as_json: bool) -> int:
     if not bags:
         verdicts += check_datasets(loaded)
     if as_json:
-        echo_lines(json.dumps([verdict.as_json() for verdict in verdicts], indent=1))
+        echo_json([verdict.as_json() for verdict in verdicts])
     else:
         _print(verdicts)
     for told in told_once(((), key, reason) for key, reason in pending.failed.items()):

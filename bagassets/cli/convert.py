@@ -1,17 +1,14 @@
 """`bagassets convert`: the dataset of one recording, without a project."""
 
 import os
-import shlex
 import signal
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from bagassets.cli.exit_status import ExitStatus
-from bagassets.cli.terminal import echo, echo_lines
+from bagassets.cli.terminal import echo, echo_lines, quoted
 from bagassets.errors import DatasetError, RecipeError, RecordingError
 from bagassets.quantities import count_text
 
@@ -81,18 +78,18 @@ def convert(bags_: tuple[Path, ...], out: Path, recipe_file: Path | None, format
             problems = str(err).splitlines()
     if proposal.questions or problems:
         _write_beside(beside, text)
-        _ask(proposal, problems, beside, f"bagassets convert {' '.join(map(_quoted, (*bags_, out)))}")
+        _ask(proposal, problems, beside, f"bagassets convert {' '.join(map(quoted, (*bags_, out)))}")
         return ExitStatus.UNDECIDED
     status = _build(recipe, bags, kind, out, text)
     if status == ExitStatus.FAILED:
         _write_beside(beside, text)
         echo(
-            f"The guessed recipe is in {beside}; if it is to blame, correct it and add --recipe {_quoted(beside)}.",
+            f"The guessed recipe is in {beside}; if it is to blame, correct it and add --recipe {quoted(beside)}.",
             err=True,
         )
     if status == 0 and proposal.guesses:
         plural = "guess is" if proposal.guesses == 1 else "guesses are"
-        echo(f"{proposal.guesses} {plural} marked in {_quoted(out / 'recipe.yaml')}.")
+        echo(f"{proposal.guesses} {plural} marked in {quoted(out / 'recipe.yaml')}.")
     return status
 
 
@@ -201,7 +198,7 @@ def _ask(proposal: "Proposal", problems: list[str], beside: Path, command: str) 
         echo(f"  {problem}")
     if proposal.rigs:
         echo("When that is done:")
-        echo(f"  {command} --recipe {_quoted(beside)}")
+        echo(f"  {command} --recipe {quoted(beside)}")
 
 
 def _write_beside(path: Path, text: str) -> None:
@@ -217,7 +214,7 @@ def _write_beside(path: Path, text: str) -> None:
             file.write(text)
     except FileExistsError:
         raise RecipeError(
-            f"{path} exists already; convert with --recipe {_quoted(path)} if you edited it, or remove it."
+            f"{path} exists already; convert with --recipe {quoted(path)} if you edited it, or remove it."
         ) from None
     except OSError as err:
         raise RecipeError(f"{path}: the recipe cannot be written ({err.strerror or err}).") from err
@@ -232,12 +229,14 @@ def _build(recipe: "Recipe", bags: "Bags", kind: "AnyFormat", out: Path, text: s
     from bagassets.cli.build import build_with_progress
     from bagassets.cli.remote import InterruptedBuildError
     from bagassets.cli.summary import print_remarks, summary_console
-    from bagassets.cli.throw_away import throw_away_project
+    from bagassets.cli.throw_away import signals_handled, throw_away_project
     from bagassets.formats.dataset_lock import read_lock
 
     options = BuildOptions(jobs=1, select=(kind.asset,))
+    # SIGTERM and SIGHUP end the command as Ctrl-C does, so that nothing is left behind.
+    interrupted = signals_handled(signal.default_int_handler, signal.SIGTERM, signal.SIGHUP)
     try:
-        with _interrupted_by_signals(), throw_away_project(recipe, bags, kind, out) as project:
+        with interrupted, throw_away_project(recipe, bags, kind, out) as project:
             result = build_with_progress(project.recipe_file, options, None, None)
             report = BuildReport.from_json(result)
             rows = [SummaryRow(**row) for row in result["summary"]]
@@ -261,7 +260,7 @@ def _build(recipe: "Recipe", bags: "Bags", kind: "AnyFormat", out: Path, text: s
         raise click.Abort from err
     counts |= {name: getattr(rows[0], name) for name in ("images", "sweeps", "boxes") if name not in counts}
     given = ", ".join(count_text(number, name.removesuffix("s")) for name, number in counts.items() if number)
-    echo(f"{_quoted(out)}: {given}")
+    echo(f"{quoted(out)}: {given}")
     return 0
 
 
@@ -275,23 +274,3 @@ def _problem(report: "BuildReport", rows: "list[SummaryRow]") -> str | None:
     if report.dataset == "failed":  # of one that is empty, it names a recipe that will be gone
         return report.dataset_problem
     return None if rows else "the recording is gone."
-
-
-@contextmanager
-def _interrupted_by_signals() -> Iterator[None]:
-    """Have SIGTERM and SIGHUP end the command as Ctrl-C does, so that nothing is left behind."""
-    before = {
-        number: signal.signal(number, signal.default_int_handler)
-        for number in (signal.SIGTERM, signal.SIGHUP)
-    }
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-def _quoted(path: Path) -> str:
-    here = Path.cwd()
-    path = path.absolute()
-    return shlex.quote(str(path.relative_to(here) if path.is_relative_to(here) else path))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from bagassets.cli.exit_status import ExitStatus
+from bagassets.cli.options import index_option
 from bagassets.cli.terminal import echo, echo_json, echo_lines
 from bagassets.errors import BagAssetsError, RecordingError
 from bagassets.json_types import JsonObject
@@ -32,13 +33,7 @@ Examples:
 Exit status: 0 success; 1 a recording cannot be read; 3 --verify found disagreements."""
 )
 @click.argument("bags", metavar="[BAG]...", nargs=-1, type=click.Path(path_type=Path))
-@click.option(
-    "--recipe",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Recipe whose recordings are hashed if no BAG is given, and whose index takes the digests of files without "
-    "extended attributes; default: recipe.yaml in the current folder, if there is one.",
-)
+@index_option("hashed if no BAG is given")
 @click.option("--rehash", is_flag=True, help="Hash all content again, even where a digest is on record.")
 @click.option(
     "--verify",
@@ -55,8 +50,6 @@ def digest(bags: tuple[Path, ...], recipe: Path | None, rehash: bool, verify: bo
     from bagassets.recipe import load_recipe
     from bagassets.recordings.digest_record import DigestIndex
 
-    if recipe is None and Path("recipe.yaml").is_file():
-        recipe = Path("recipe.yaml")
     loaded = None if recipe is None else load_recipe(recipe)
     if loaded is None and not bags:
         raise click.UsageError("name a BAG, or a recipe with --recipe.")

@@ -1,12 +1,12 @@
 """The output of `bagassets build --dry-run` and `--check`: what would run, what may run, and why."""
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from bagassets.alike import names_text, told_once
 from bagassets.build.build_report import Remark
 from bagassets.escaping import visible
+from bagassets.json_types import JsonObject
 from bagassets.quantities import count_text
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ def dry_run_json(
     own: "OwnWork",
     moved: Mapping[str, tuple[str, str]],
     remarks: Sequence[Remark],
-) -> str:
+) -> JsonObject:
     """Return what a build would do, as JSON.
 
     Args:
@@ -100,7 +100,7 @@ def dry_run_json(
         moved: recording that would move to another split -> the old split and the new one.
         remarks: losses and dropped keyframes of recordings that are built.
     """
-    value = {
+    return {
         "settled": pending.is_settled and own.is_settled,
         "recordings": {
             key: {
@@ -117,4 +117,3 @@ def dry_run_json(
         "dataset_reasons": {name: one.reason for name, one in pending.dataset_states.items() if one.reason},
         "own": own.as_json(),
     }
-    return json.dumps(value, indent=1)

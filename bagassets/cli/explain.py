@@ -115,8 +115,7 @@ def _explain_dataset(
 ) -> None:
     """Print why a dataset is in its state, and what it has of all recordings, or of those named by `keys`."""
     from bagassets.build.explain import SHOWN
-    from bagassets.formats.dataset_build import dataset_code_versions
-    from bagassets.formats.dataset_contents import dataset_contents
+    from bagassets.formats.dataset_build import dataset_code_versions, dataset_contents
 
     state, version = pending.dataset_states[asset], dataset_code_versions(recipe)[asset]
     contents = dataset_contents(recipe, pending.planned.inputs, asset)
@@ -147,8 +146,7 @@ def _explain_dataset(
     )
     for key, (was, now) in rows.items():
         if (keys and (was or now)) or was != now:
-            for line in _row(key, was, now):
-                echo(line)
+            echo(_row(key, was, now))
     for told in told_once(((), key, why) for key, why in left_out.items()):
         echo(f"left out: {told.title} ({told.text})")
 
@@ -162,8 +160,7 @@ def _print_own(asset: str, key: str, states: "Mapping[str, OwnState]", *, as_jso
         return
     echo_lines(_head(asset, key, one.state, visible(one.reason)))
     for name, now in one.reads.items():
-        for line in _row(f"reads {name}", (one.recorded or {}).get(name) or None, now or None):
-            echo_lines(line)
+        echo_lines(_row(f"reads {name}", (one.recorded or {}).get(name) or None, now or None))
 
 
 def _head(asset: str, key: str, state: str, reason: str) -> str:
@@ -177,8 +174,8 @@ def _record_lines(
 ) -> Iterator[str]:
     """Yield what is recorded of an asset, beside what would be recorded now, as far as that is known."""
     before = last and last.data_version
-    yield from _row("data version", before, data_version, unknown="not known yet")
-    yield from _row("code version", last and last.code_version, code_version)
+    yield _row("data version", before, data_version, unknown="not known yet")
+    yield _row("code version", last and last.code_version, code_version)
     if last is not None:
         yield f"  recorded by run {last.run_id}" if last.run_id else "  recorded without a run"
 
@@ -206,22 +203,21 @@ def _action_lines(pair: "ActionPair") -> Iterator[str]:
     remark = "" if pair.now is not None else ", as it was last; the current one is not known yet"
     remark = remark if pair.last is not None else ", the first one"
     yield f"action {now.get('step')}{of}{remark}"
-    yield from _row("digest", last.get("digest"), now.get("digest"))
-    yield from _row("version", last.get("version"), now.get("version"))
+    yield _row("digest", last.get("digest"), now.get("digest"))
+    yield _row("version", last.get("version"), now.get("version"))
     for group, name_of in (("libraries", "library"), ("params", "param"), ("inputs", "input")):
         before, after = dict(flatten(last.get(group, {}))), dict(flatten(now.get(group, {})))
         for name in sorted(before.keys() | after.keys()):
-            yield from _row(f"{name_of} {name}", before.get(name), after.get(name))
+            yield _row(f"{name_of} {name}", before.get(name), after.get(name))
 
 
-def _row(name: str, last: object, now: object, unknown: str = "none") -> Iterator[str]:
-    """Yield one line; if the values differ, it shows both and is marked; `unknown` stands for one that is None."""
+def _row(name: str, last: object, now: object, unknown: str = "none") -> str:
+    """Return one line; if the values differ, it shows both and is marked; `unknown` stands for one that is None."""
     if last == now:
-        yield f"    {name}: {_value(now, unknown)}"
-    elif last is None:
-        yield f"  * {name}: {_value(now)} (new)"
-    else:
-        yield f"  * {name}: {_value(last)} -> {_value(now, unknown)}"
+        return f"    {name}: {_value(now, unknown)}"
+    if last is None:
+        return f"  * {name}: {_value(now)} (new)"
+    return f"  * {name}: {_value(last)} -> {_value(now, unknown)}"
 
 
 def _value(value: object, unknown: str = "none") -> str:

@@ -2,17 +2,12 @@
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from bagassets.cli.options import recipe_option
 from bagassets.cli.terminal import echo, echo_json
-from bagassets.json_types import JsonObject
 from bagassets.quantities import count_text, readable_bytes
-
-if TYPE_CHECKING:
-    from bagassets.store.collect import Garbage
 
 __all__ = ["gc"]
 
@@ -95,7 +90,8 @@ def gc(
     from bagassets.store.store import Store
 
     recipe = recipe.absolute()
-    store = Store(load_recipe(recipe).store_path)
+    loaded = load_recipe(recipe)
+    store = Store(loaded.store_path)
     now_s = time.time()
     used_since_s = now_s - keep_days * _DAY_S
     running_since_s = in_use_since_s(store.root)
@@ -109,17 +105,24 @@ def gc(
     listed = garbage if dry_run else collected.removed
     runs: list[str] = []
     if keep_runs_days is not None:
-        found = load_recipe(recipe)
-        with open_instance(str(dagster_home(recipe, found))) as instance:
-            names = Naming(found.name, noted_prefix(instance, recipe))
-            runs = superseded_runs(instance, found, names, now_s - keep_runs_days * _DAY_S)
+        with open_instance(str(dagster_home(recipe, loaded))) as instance:
+            names = Naming(loaded.name, noted_prefix(instance, recipe))
+            runs = superseded_runs(instance, loaded, names, now_s - keep_runs_days * _DAY_S)
             if not dry_run:
                 delete_runs(instance, runs)
     if as_json:
         echo_json(
             {
                 "dry_run": dry_run,
-                "artifacts": [_as_json(entry, now_s) for entry in listed],
+                "artifacts": [
+                    {
+                        "artifact": entry.artifact,
+                        "step": entry.step or None,
+                        "size": entry.size,
+                        "unused_days": round((now_s - entry.used_s) / _DAY_S, 2),
+                    }
+                    for entry in listed
+                ],
                 "bytes": sum(entry.size for entry in listed),
                 "runs": runs,
                 "spared": collected.spared,
@@ -149,12 +152,3 @@ def gc(
             "builds removed.",
             err=True,
         )
-
-
-def _as_json(entry: "Garbage", now_s: float) -> JsonObject:
-    return {
-        "artifact": entry.artifact,
-        "step": entry.step or None,
-        "size": entry.size,
-        "unused_days": round((now_s - entry.used_s) / _DAY_S, 2),
-    }

@@ -58,17 +58,17 @@ _REFUSALS = {EACCES, EDQUOT, EEXIST, EISDIR, ENAMETOOLONG, ENOENT, ENOSPC, ENOTD
 
 
 class LazyGroup(click.Group):
-    """A group that imports a command when it is called; commands without a module are not listed."""
+    """A group that imports a command when it is called."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002  (signature of click)
         """Return the names of the commands in the order of `COMMANDS`."""
-        return [name for name in COMMANDS if _exists(_module_of(name))]
+        return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Import and return one command."""
         if cmd_name not in self.list_commands(ctx):
             return None
-        module = importlib.import_module(f"bagassets.cli.{_module_of(cmd_name)}")
+        module = importlib.import_module(f"bagassets.cli.{_MODULES.get(cmd_name, cmd_name)}")
         command: click.Command = getattr(module, cmd_name)
         return command
 
@@ -83,20 +83,11 @@ class LazyGroup(click.Group):
         """Find the command; suggest one if there is none of that name."""
         from difflib import get_close_matches
 
-        if args and not args[0].startswith("-") and args[0] not in (known := self.list_commands(ctx)):
-            near = get_close_matches(args[0], known, n=1)
-            hint = f"Did you mean {near[0]}?" if near else f"The commands are {', '.join(known)}."
+        if args and not args[0].startswith("-") and args[0] not in COMMANDS:
+            near = get_close_matches(args[0], COMMANDS, n=1)
+            hint = f"Did you mean {near[0]}?" if near else f"The commands are {', '.join(COMMANDS)}."
             ctx.fail(f"No such command '{args[0]}'. {hint}")
         return super().resolve_command(ctx, args)
-
-
-def _module_of(command: str) -> str:
-    return _MODULES.get(command, command)
-
-
-def _exists(module: str) -> bool:
-    """Return whether the module of a command exists, without importing it."""
-    return os.path.exists(os.path.join(os.path.dirname(__file__), f"{module}.py"))  # noqa: PTH110, PTH118, PTH120  (pathlib costs 5 ms here)
 
 
 @click.group(

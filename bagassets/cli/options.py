@@ -1,10 +1,12 @@
 """Options that several commands share."""
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import click
 
-__all__ = ["recipe_option"]
+__all__ = ["index_option", "recipe_option"]
 
 recipe_option = click.option(
     "--recipe",
@@ -14,3 +16,19 @@ recipe_option = click.option(
     metavar="FILE",
     help="Recipe of the project.",
 )
+
+
+def index_option(what: str) -> Callable[[Any], Any]:
+    """Return the option for a recipe whose index takes digests; without it, the one in the current folder counts.
+
+    Args:
+        what: happens to its recordings, and when.
+    """
+    return click.option(
+        "--recipe",
+        type=click.Path(path_type=Path),
+        metavar="FILE",
+        default=lambda: path if (path := Path("recipe.yaml")).is_file() else None,
+        help=f"Recipe whose recordings are {what}, and whose index takes the digests of files without extended "
+        "attributes; default: recipe.yaml in the current folder, if there is one.",
+    )

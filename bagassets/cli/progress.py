@@ -4,8 +4,8 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from types import TracebackType
-from typing import TYPE_CHECKING, Protocol, Self
+from functools import cache
+from typing import TYPE_CHECKING, Self
 
 from bagassets.build.build_report import Event
 from bagassets.cli.terminal import echo, print_lines
@@ -13,37 +13,15 @@ from bagassets.quantities import count_text
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
-    from rich.live import Live
 
-__all__ = [
-    "BuildProgress",
-    "LinesProgress",
-    "LiveProgress",
-    "SilentProgress",
-    "planning_shown",
-    "progress_for",
-]
+__all__ = ["LinesProgress", "LiveProgress", "SilentProgress", "planning_shown", "progress_for"]
 
 _BAR_WIDTH, _SMALL_BAR_WIDTH = 30, 10
 _MOST_SHOWN = 12
 
 
-class BuildProgress(Protocol):
-    """Shows the events of a build."""
-
-    def __call__(self, event: Event) -> None:
-        """Show an event."""
-        ...
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
-
-
 class SilentProgress:
-    """Shows nothing."""
+    """Shows nothing of the events of a build; the others show them."""
 
     def __call__(self, event: Event) -> None:
         """Ignore an event."""
@@ -102,6 +80,9 @@ class LiveProgress(SilentProgress):
     """
 
     def __init__(self) -> None:
+        from rich.console import Console
+        from rich.live import Live
+
         self._sizes: dict[str, int] = {}
         self._since: dict[str, float] = {}
         self._where: dict[str, Event] = {}
@@ -110,7 +91,8 @@ class LiveProgress(SilentProgress):
         self._preparing = "scanning recordings …"
         self._counted = "recordings"
         self._began = time.monotonic()
-        self._live: Live | None = None
+        console = Console(stderr=True, highlight=False)
+        self._live = Live(console=console, get_renderable=self.render, transient=True, refresh_per_second=4)
 
     def __call__(self, event: Event) -> None:
         """Note an event and redraw."""
@@ -119,13 +101,12 @@ class LiveProgress(SilentProgress):
         if event.kind == "planned":
             self._sizes = dict(event.sizes)
             self._began = now
-            if event.message and self._live is not None:
+            if event.message:
                 print_lines(self._live.console, event.message)
         elif event.kind == "own":
             self._sizes, self._done, self._failed = dict(event.sizes), set(), 0
             self._began, self._counted = now, "runs"
-            if self._live is not None:
-                print_lines(self._live.console, event.message)
+            print_lines(self._live.console, event.message)
         elif event.kind == "started":
             self._since[event.key] = now
         elif event.kind == "where":
@@ -135,23 +116,16 @@ class LiveProgress(SilentProgress):
             self._where.pop(event.key, None)
             self._done.add(event.key)
             self._failed += event.kind == "failed"
-            if event.kind == "failed" and self._live is not None:
+            if event.kind == "failed":
                 print_lines(self._live.console, f"failed {event.key or 'dataset'}")
-        if self._live is not None:
-            self._live.refresh()
+        self._live.refresh()
 
     def __enter__(self) -> Self:
-        from rich.console import Console
-        from rich.live import Live
-
-        console = Console(stderr=True, highlight=False)
-        self._live = Live(console=console, get_renderable=self.render, transient=True, refresh_per_second=4)
         self._live.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._live is not None:
-            self._live.stop()
+        self._live.stop()
 
     def render(self) -> "RenderableType":
         """Return the current display."""
@@ -202,16 +176,10 @@ def clock(seconds: float) -> str:
 def planning_shown() -> Iterator[Callable[[int, int], None]]:
     """Show how far planning is, from the first call on: most plans take no longer than a display would be of use."""
     with ExitStack() as stack:
-        displays: list[BuildProgress] = []
-
-        def show(done: int, total: int) -> None:
-            if not displays:
-                displays.append(stack.enter_context(progress_for()))
-            displays[0](Event.planning(done, total))
-
-        yield show
+        display = cache(lambda: stack.enter_context(progress_for()))
+        yield lambda done, total: display()(Event.planning(done, total))
 
 
-def progress_for() -> BuildProgress:
+def progress_for() -> SilentProgress:
     """Return the display for standard error: live on a terminal, lines in a log."""
     return LiveProgress() if sys.stderr.isatty() else LinesProgress()

@@ -1,6 +1,5 @@
 """`bagassets status`: the state of every asset of every recording, and why."""
 
-import json
 import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -12,7 +11,7 @@ import click
 from bagassets.alike import names_text, told_once
 from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.options import recipe_option
-from bagassets.cli.terminal import echo_lines, print_lines
+from bagassets.cli.terminal import echo_json, echo_lines, print_lines
 from bagassets.escaping import visible
 from bagassets.json_types import JsonMapping, JsonObject
 from bagassets.quantities import count_text
@@ -90,7 +89,7 @@ def status(recipe: Path, bags: tuple[str, ...], show_all: bool, as_json: bool) -
         raise click.UsageError(str(err)) from err
     problems = list(problems_of(workspace.recipe))
     if as_json:
-        echo_lines(json.dumps(status_json(pending, own, problems), indent=1))
+        echo_json(status_json(pending, own, problems))
     else:
         _print(pending, own, show_all=show_all or bool(bags))
         for problem in problems:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from bagassets.alike import Told, told_once
 from bagassets.build.build_report import BuildReport, Remark, SummaryRow, remark_lines
-from bagassets.cli.terminal import print_lines
+from bagassets.cli.terminal import print_lines, quoted
 from bagassets.escaping import visible
 from bagassets.formats.nuscenes.schema import devkit_split_name
 from bagassets.json_types import JsonMapping
@@ -121,15 +121,7 @@ def ui_command(recipe_file: Path) -> str:
     """Return the command that opens the web UI from the current folder."""
     if recipe_file.absolute() == Path.cwd() / "recipe.yaml":
         return "bagassets ui"
-    path = recipe_file.absolute()
-    here = Path.cwd()
-    return f"bagassets ui --recipe {_quoted(path.relative_to(here) if path.is_relative_to(here) else path)}"
-
-
-def _quoted(path: Path) -> str:
-    import shlex
-
-    return shlex.quote(str(path))
+    return f"bagassets ui --recipe {quoted(recipe_file)}"
 
 
 def print_remarks(remarks: Sequence[Remark], console: "Console") -> None:
@@ -166,13 +158,13 @@ def _print_own(report: BuildReport, console: "Console") -> None:
         )
         print_lines(console, f"{name}: {counted or 'no recordings'}")
         reasons = (((result, name), key, reason) for key, (result, reason) in one.reasons.items())
-        _print_once(console, reasons, _own_line)
+        _print_once(
+            console,
+            reasons,
+            lambda one: f"{one.kind[1]}{f' of {one.title}' if one.title else ''}: {visible(one.text)}",
+        )
     for name, why in report.own_left_out.items():
         print_lines(console, f"{name}: not made ({why})")
-
-
-def _own_line(told: Told) -> str:
-    return f"{told.kind[1]}{f' of {told.title}' if told.title else ''}: {visible(told.text)}"
 
 
 def splits_text(splits: Mapping[str, JsonMapping]) -> str:
@@ -200,11 +192,9 @@ def _table(rows: Sequence[SummaryRow]) -> "Table":
         table.add_column(name, justify="right", no_wrap=True)
     table.add_column("result", no_wrap=True)
     for row in rows:
-        numbers = [_number(getattr(row, name)) for name in SummaryRow.NUMBERS]
+        numbers = [
+            "" if (number := getattr(row, name)) is None else f"{number}" for name in SummaryRow.NUMBERS
+        ]
         result = Text(row.result, style=_COLOURS.get(row.result, ""))
         table.add_row(row.recording, row.format or "", span_text(row.span_s), *numbers, result)
     return table
-
-
-def _number(value: int | None) -> str:
-    return "" if value is None else f"{value}"

@@ -11,9 +11,11 @@ from bagassets.cli.exit_status import ExitStatus
 from bagassets.escaping import terminal, visible
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from rich.console import Console
 
-__all__ = ["echo", "echo_json", "echo_lines", "print_lines", "status_of_unwritten"]
+__all__ = ["echo", "echo_json", "echo_lines", "print_lines", "quoted", "status_of_unwritten"]
 
 _FULL = {errno.ENOSPC, errno.EDQUOT}
 
@@ -38,6 +40,14 @@ def echo_json(value: object) -> None:
 def print_lines(console: "Console", text: str) -> None:
     """Print lines as `echo_lines` does, on a console of rich."""
     console.print(terminal(text), markup=False, soft_wrap=True)
+
+
+def quoted(path: "Path") -> str:
+    """Return a path as it can be typed in the current folder."""
+    import shlex
+
+    path, here = path.absolute(), path.cwd()
+    return shlex.quote(str(path.relative_to(here) if path.is_relative_to(here) else path))
 
 
 def status_of_unwritten(err: OSError) -> int | None:

@@ -5,7 +5,7 @@ import os
 import shutil
 import signal
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +17,7 @@ from bagassets.formats.format import AnyFormat
 from bagassets.formats.guard import GUARD
 from bagassets.recipe.model import Bags, Recipe
 
-__all__ = ["ThrowAwayProject", "throw_away_project"]
+__all__ = ["ThrowAwayProject", "signals_handled", "throw_away_project"]
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ def throw_away_project(recipe: Recipe, bags: Bags, kind: AnyFormat, out: Path) -
         yield project
     finally:
         # A second Ctrl-C must not keep this from being removed.
-        with _ignored(signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        with signals_handled(signal.SIG_IGN, signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             end_servers(state)
             shutil.rmtree(state, ignore_errors=True)
             shutil.rmtree(beside, ignore_errors=True)
@@ -121,8 +121,11 @@ def _make_own(path: Path) -> None:
 
 
 @contextmanager
-def _ignored(*signals: signal.Signals) -> Iterator[None]:
-    before = {number: signal.signal(number, signal.SIG_IGN) for number in signals}
+def signals_handled(
+    how: "Callable[..., object] | signal.Handlers", *numbers: signal.Signals
+) -> Iterator[None]:
+    """Have signals handled by something else meanwhile."""
+    before = {number: signal.signal(number, how) for number in numbers}
     try:
         yield
     finally:

@@ -6,7 +6,6 @@ import sys
 import time
 from importlib.util import find_spec
 from pathlib import Path
-from types import FrameType
 
 import click
 
@@ -66,36 +65,27 @@ def ui(
         )
     from bagassets.defs.services import Services
 
-    signals = _Signals()
+    received: list[int] = []  # from now on no signal ends the process by itself
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda number, _frame: received.append(number))
     with Services(recipe, host, port, verbose=verbose, allow_hosts=allow_hosts) as services:
-        services.wait_until_ready(lambda: signals.count > 0)
-        if not signals.count:
+        services.wait_until_ready(lambda: bool(received))
+        if not received:
             services.warm_up()
             echo(f"{services.url}  (web UI of {recipe.resolve().parent.name}; Ctrl-C ends it)")
             if not no_browser and _has_display():
                 click.launch(services.url)
-        while services.is_running and not signals.count:
+        while services.is_running and not received:
             time.sleep(_POLL_S)
         has_failed = not services.is_running
         services.stop()
-        seen = signals.count
-        services.end_runs(_report_waiting, cancel=lambda: signals.count > max(seen, 1) or signals.is_urgent)
-    return 1 if has_failed else 0
-
-
-class _Signals:
-    """Counts the signals to end; from now on none of them ends the process by itself."""
-
-    def __init__(self) -> None:
-        self.count = 0
-        self.is_urgent = False
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-            signal.signal(number, self._note)
-
-    def _note(self, number: int, _frame: FrameType | None) -> None:
-        self.count += 1
+        seen = len(received)
         # After SIGTERM, or when the terminal was closed, nobody will send a second signal.
-        self.is_urgent = self.is_urgent or number != signal.SIGINT
+        services.end_runs(
+            _report_waiting,
+            cancel=lambda: len(received) > max(seen, 1) or not {signal.SIGINT}.issuperset(received),
+        )
+    return 1 if has_failed else 0
 
 
 def _report_waiting(runs: int) -> None:

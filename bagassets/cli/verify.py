@@ -2,12 +2,14 @@
 
 import random
 import sys
+from contextlib import suppress
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
+from bagassets.alike import names_text
 from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.options import recipe_option
 from bagassets.cli.terminal import echo, echo_json, echo_lines
@@ -198,11 +200,9 @@ def _names(recipe: "Recipe", store: "Store") -> dict[str, str]:
     from bagassets.formats.catalogue import recording_assets
 
     names = {}
-    try:
+    with suppress(BagAssetsError):  # the bag root is gone: then there are no names
         for known in known_actions(recording_assets(recipe), store):
             names[known.artifact] = names[known.action] = str(known)
-    except BagAssetsError:
-        pass  # the bag root is gone: then there are no names
     return names
 
 
@@ -264,8 +264,4 @@ def _outcome(known: "KnownAction", again: JsonObject) -> JsonObject:
 def _details(outcome: JsonObject) -> str:
     if outcome["error"]:
         return f": {outcome['error']}"
-    differing = outcome["differing"]
-    if not differing:
-        return ""
-    more = f" and {len(differing) - 3} more" if len(differing) > 3 else ""
-    return f": {', '.join(differing[:3])}{more}"
+    return f": {names_text(outcome['differing'])}" if outcome["differing"] else ""

@@ -95,17 +95,11 @@ def _place(recipe: "Recipe", dataset: str | None) -> tuple[Path, str]:
 
 def _fixes(recipe: Path, key: str) -> list[tuple[int, float, float]]:
     """Return GNSS fixes of the recording, if the store has them."""
-    from bagassets.build.track import track_of
     from bagassets.defs.instance_plan import plan_instance
     from bagassets.defs.pending_work import open_project
+    from bagassets.formats.report_data import track_on_record
 
     with open_project(recipe) as (instance, workspace):
         bag = plan_instance(instance, workspace).plan.bags.get(key)
-        if bag is None:
-            return []
-        inventory = bag.current_artifact(workspace.store, "inventory")
-        poses = bag.current_artifact(workspace.store, "ego_poses")
-        if inventory is None or poses is None:
-            return []
-        clock = workspace.recipe.clock_of(workspace.recipe.rig_named(bag.rig))
-        return list(track_of(workspace.store, inventory, poses, clock).points)
+        track = None if bag is None else track_on_record(workspace.recipe, workspace.store, bag)
+        return [] if track is None else list(track.points)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from bagassets.cli.exit_status import ExitStatus
+from bagassets.cli.options import index_option
 from bagassets.cli.terminal import echo_lines
 from bagassets.quantities import readable_bytes
 
@@ -27,13 +28,7 @@ Examples:
 Exit status: 0 when stopped by SIGTERM or Ctrl-C; 1 there is no such folder; 3 --once --verify found disagreements."""
 )
 @click.argument("root", required=False, type=click.Path(path_type=Path))
-@click.option(
-    "--recipe",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Recipe whose recordings are watched if no ROOT is given, and whose index takes the digests of files without "
-    "extended attributes; default: recipe.yaml in the current folder, if there is one.",
-)
+@index_option("watched if no ROOT is given")
 @click.option(
     "--settle",
     "settle_s",
@@ -77,8 +72,6 @@ def watch(
     from bagassets.recordings.digest_record import DigestIndex
     from bagassets.recordings.watch import Watcher, WatchEvent
 
-    if recipe is None and Path("recipe.yaml").is_file():
-        recipe = Path("recipe.yaml")
     loaded = None if recipe is None else load_recipe(recipe)
     if root is not None:
         bags = Bags(root=root.absolute())

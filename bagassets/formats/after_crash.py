@@ -13,7 +13,6 @@ import os
 import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 from bagassets.forkserver.process import ProcessId
@@ -37,19 +36,6 @@ _CLOCK_S = 10.0
 _OLD_CACHES = ("plan.sqlite", "nothing-to-do.snapshot", "last-build.json")
 
 
-@dataclass(frozen=True)
-class _Crash:
-    """What may have torn files.
-
-    Attributes:
-        killed: processes of the builds that were killed.
-        until_s: until when what may be torn was written (Unix seconds).
-    """
-
-    killed: Sequence[str] = ()
-    until_s: float = math.inf
-
-
 @contextmanager
 def noted_build(recipe: Recipe, recipe_file: Path) -> Iterator[list[str]]:
     """Repair what a crash tore, and note that a build is running until it ends; only a kill leaves the note.
@@ -59,13 +45,13 @@ def noted_build(recipe: Recipe, recipe_file: Path) -> Iterator[list[str]]:
     """
     _remove_old_caches(recipe.state)
     builds = BuildLog(recipe.state)
-    crashed = _crashed(builds)
+    killed, until_s = _crashed(builds)
     repaired = []
-    if crashed is not None:
+    if until_s is not None:
         Cache(recipe.state).remove_if_damaged()
-        repaired = repair_last_writes(recipe, crashed.until_s)
+        repaired = repair_last_writes(recipe, until_s)
     process = json.dumps(ProcessId.current().as_json())
-    builds.begin(process, recipe_file, over=() if crashed is None else crashed.killed)
+    builds.begin(process, recipe_file, over=killed)
     try:
         yield repaired
     finally:
@@ -102,19 +88,24 @@ def _newest(store: Store, until_s: float) -> tuple[list[Artifact], float]:
     return [Artifact(digest, store.artifact_folder(digest)) for digest in digests], since_s
 
 
-def _crashed(builds: BuildLog) -> _Crash | None:
-    """Return what happened since the last build began; None if it was not killed, and the machine has not rebooted."""
+def _crashed(builds: BuildLog) -> tuple[Sequence[str], float | None]:
+    """Return what happened since the last build began.
+
+    Returns:
+        Processes of the builds that were killed, and until when what may be torn was written (Unix seconds): None if no
+        build was killed, and the machine has not rebooted.
+    """
     try:
         killed = [
             text for text in builds.unfinished() if not ProcessId.from_json(json.loads(text)).is_alive()
         ]
         is_same_boot = builds.last_boot_id() == boot_id()
     except PlanNeeded:
-        return _Crash()  # the first build of this project, or the record is lost
+        return (), math.inf  # the first build of this project, or the record is lost
     if is_same_boot:
-        return _Crash(killed) if killed else None
+        return killed, math.inf if killed else None
     booted_s = booted_at_s()
-    return _Crash(killed, math.inf if booted_s is None else booted_s + _CLOCK_S)
+    return killed, math.inf if booted_s is None else booted_s + _CLOCK_S
 
 
 def _remove_old_caches(state: Path) -> None:

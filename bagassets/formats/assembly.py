@@ -6,7 +6,7 @@ dataset, old or new, and the next run removes the leftovers.
 """
 
 import shutil
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -29,7 +29,7 @@ from bagassets.splits import SplitShare, deal, moves, shares_of
 from bagassets.store.canonical import digest_bytes, digest_file, digest_json
 from bagassets.store.store import Store
 
-__all__ = ["DatasetSummary", "assemble", "remove_files"]
+__all__ = ["DatasetSummary", "assemble", "remove_files", "without_copies"]
 
 S = TypeVar("S", bound=DatasetSettings)
 
@@ -162,19 +162,23 @@ def _members(
     kind: Format[S], parts: Sequence[Part], splits: Splits, store: Store, dealt: Mapping[str, str] | None
 ) -> tuple[list[Member], dict[str, str]]:
     """Return the recordings in the dataset in the order of their keys, and duplicate -> recording in its place."""
-    chosen: dict[str, Part] = {}
-    duplicates: dict[str, str] = {}
-    for part in sorted(parts, key=lambda part: part.key):
-        first = chosen.setdefault(part.content, part)
-        if first is not part:
-            duplicates[part.key] = first.key
-    dealt = deal([part.key for part in chosen.values()], splits) if dealt is None else dealt
+    chosen, duplicates = without_copies(parts)
+    dealt = deal([part.key for part in chosen], splits) if dealt is None else dealt
     members = []
-    for number, part in enumerate(chosen.values()):
+    for number, part in enumerate(chosen):
         artifact = store.artifact(part.artifact)
         facts = artifact.read_json(FACTS)
         members.append(Member(part, artifact, dealt[part.key], number, kind.row(facts), facts))
     return members, duplicates
+
+
+def without_copies(parts: Iterable[Part]) -> tuple[list[Part], dict[str, str]]:
+    """Return the first part of each content in the order of their keys, and duplicate -> recording in its place."""
+    first: dict[str, Part] = {}
+    for part in (ordered := sorted(parts, key=lambda part: part.key)):
+        first.setdefault(part.content, part)
+    copies = {part.key: first[part.content].key for part in ordered if first[part.content] is not part}
+    return list(first.values()), copies
 
 
 def _needs(
@@ -255,34 +259,21 @@ def _put_files(
                 _put_unit(kind, units, linker, member, suspects, source, output)
         case LooseFiles() as loose:
             there = {} if known is None else {key: bag.artifact for key, bag in known.bags.items()}
-            suspicious = {loose.recording_of(name) for name in suspects or ()}
+            suspects = suspects or frozenset()
+            suspicious = {loose.recording_of(name) for name in suspects}
             for member in members:
                 is_there = there.get(member.part.key) == member.part.artifact
-                if not is_there or member.part.key in suspicious:
-                    _put_loose(kind, linker, member, suspects or frozenset(), source, is_there=is_there)
+                for link in kind.links(member) if not is_there or member.part.key in suspicious else ():
+                    if link.name in suspects:
+                        linker.replace(source(link), link.name)
+                    elif not is_there:
+                        linker.put(source(link), link.name)
         case None if new is not None:
             for member in members:
                 for link in kind.links(member):
                     linker.put(source(link), f"{new.name}/{link.name}")
         case None:
             pass
-
-
-def _put_loose(
-    kind: Format[S],
-    linker: Linker,
-    member: Member,
-    suspects: AbstractSet[str],
-    source: Callable[[Link], str],
-    *,
-    is_there: bool,
-) -> None:
-    """Link the files of a recording that is not there yet, and replace suspects in any case."""
-    for link in kind.links(member):
-        if link.name in suspects:
-            linker.replace(source(link), link.name)
-        elif not is_there:
-            linker.put(source(link), link.name)
 
 
 def _put_unit(

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
+from functools import partial
 
 from bagassets.assets.selection import choose_rig
 from bagassets.build.build_report import Remark
@@ -10,7 +11,6 @@ from bagassets.build.plan import BagPlan
 from bagassets.errors import PluginError, StoreError
 from bagassets.formats.catalogue import known_assets, recording_assets
 from bagassets.formats.dataset_build import Dataset, datasets_of
-from bagassets.formats.dataset_lock import read_lock
 from bagassets.formats.format import AnyFormat
 from bagassets.json_types import JsonObject
 from bagassets.quality.check import Evidence, severity_of
@@ -99,7 +99,7 @@ def check_bag(
     rig = None if recording is None else choose_rig(recipe, *recording.names)
     if rig is None or bag.skipped is not None:
         return
-    evidence = Evidence(recipe, rig, store, _Current(bag.key, store, bag.recorded).artifact)
+    evidence = Evidence(recipe, rig, store, partial(_artifact_on_record, store, bag))
     for asset in recording_assets(recipe):
         for check in asset.checks:
             severity = severity_of(recipe.checks, check.section)
@@ -157,8 +157,7 @@ def check_datasets(recipe: Recipe) -> Iterator[Verdict]:
     for dataset in datasets_of(recipe).values():
         if dataset.selection is None:
             names = dataset_checks(recipe, dataset.kind)
-            is_there = read_lock(dataset.settings.output / dataset.kind.folder(dataset.settings)) is not None
-            findings = check_dataset(dataset, frozenset(names)) if is_there and names else {}
+            findings = check_dataset(dataset, frozenset(names)) if dataset.lock is not None and names else {}
             for name, severity in names.items():
                 yield Verdict(None, dataset.asset, name, severity, findings.get(name))
 
@@ -179,15 +178,7 @@ def check_dataset(dataset: Dataset, names: AbstractSet[str]) -> Mapping[str, Fin
     return {} if kind.check is None else kind.check(dataset.settings, names)
 
 
-@dataclass(frozen=True)
-class _Current:
-    """The artifacts on record for one recording."""
-
-    key: str
-    store: Store
-    recorded: Mapping[str, str]
-
-    def artifact(self, asset: str) -> Artifact:
-        if asset not in self.recorded:
-            raise StoreError(f"{self.key}: {asset} is not materialized for this recording.")
-        return self.store.artifact(self.recorded[asset])
+def _artifact_on_record(store: Store, bag: BagPlan, asset: str) -> Artifact:
+    if asset not in bag.recorded:
+        raise StoreError(f"{bag.key}: {asset} is not materialized for this recording.")
+    return store.artifact(bag.recorded[asset])

@@ -9,7 +9,7 @@ from pathlib import Path
 from bagassets.assets import trajectory_map
 from bagassets.build.plan import BagPlan, Plan
 from bagassets.errors import BagAssetsError, DatasetError
-from bagassets.formats.assembly import DatasetSummary, assemble
+from bagassets.formats.assembly import DatasetSummary, assemble, without_copies
 from bagassets.formats.catalogue import MAIN, formats
 from bagassets.formats.dataset_lock import DatasetLock, read_lock
 from bagassets.formats.format import FACTS, AnyFormat, Part, Selection
@@ -27,9 +27,11 @@ from bagassets.trace import span
 
 __all__ = [
     "Dataset",
+    "DatasetContents",
     "DatasetInputs",
     "build_dataset",
     "dataset_code_versions",
+    "dataset_contents",
     "dataset_folders",
     "datasets_of",
     "deal_contents",
@@ -64,6 +66,15 @@ class Dataset:
         if self.selection is None:
             return self.kind.description
         return f"The scenes that the recipe selects for dataset {self.selection.name}: links and tables only, nothing is decoded again."
+
+    @property
+    def lock(self) -> DatasetLock | None:
+        """The lock of the dataset on disk; None before the first build.
+
+        Raises:
+            DatasetError: it cannot be read.
+        """
+        return read_lock(self.settings.output / self.kind.folder(self.settings))
 
     def code_version(self, splits: Splits) -> str:
         """Return `<version>-<digest of the recipe fields>`."""
@@ -186,7 +197,7 @@ def main_lock(recipe: Recipe) -> DatasetLock | None:
     Raises:
         DatasetError: it cannot be read.
     """
-    return read_lock(recipe.nuscenes.output / MAIN.folder(recipe.nuscenes))
+    return datasets_of(recipe)[MAIN.asset].lock
 
 
 def split_on_disk(recipe: Recipe) -> Mapping[str, str]:
@@ -220,6 +231,51 @@ def select_inputs(plan: Plan, live: frozenset[str]) -> DatasetInputs:
             elif key in live and kind.part in bag.recorded and "bag" in bag.recorded:
                 parts[kind.name].append(Part(key, bag.recorded["bag"], bag.recorded[kind.part]))
     return DatasetInputs({name: tuple(each) for name, each in parts.items()}, skipped, failed, plan.ties)
+
+
+@dataclass(frozen=True)
+class DatasetContents:
+    """The recordings of a dataset.
+
+    Attributes:
+        part: the asset of recordings that it is made from.
+        last: recording -> digest of what the dataset on disk has of it: its part, or, in a dataset of selected scenes, its
+            content. None if that is not on record.
+        now: the same for the dataset as it would be made now; one of selected scenes has some of these.
+        left_out: recording -> why it is not in the dataset.
+    """
+
+    part: str
+    last: Mapping[str, str] | None
+    now: Mapping[str, str]
+    left_out: Mapping[str, str]
+
+
+def dataset_contents(recipe: Recipe, inputs: DatasetInputs, asset: str) -> DatasetContents:
+    """Return what a dataset, or the map, has of which recordings; nothing is made.
+
+    Raises:
+        DatasetError: its lock cannot be read.
+    """
+    part, dataset = made_from(recipe)[asset], datasets_of(recipe).get(asset)
+    if dataset is None:  # the map, which has no lock
+        keys = {one.key: one.content for parts in inputs.parts.values() for one in parts}
+        return DatasetContents(part, None, keys, inputs.skipped)
+    lock, is_whole = dataset.lock, dataset.selection is None
+    parts, copies = without_copies(inputs.parts.get(dataset.kind.name, ()))
+    now = {one.key: one.artifact if is_whole else one.content for one in parts}
+    left_out = {**inputs.skipped, **inputs.failed.get(dataset.kind.name, {})}
+    left_out |= {
+        key: f"the same content as {first}, which is in it for both" for key, first in copies.items()
+    }
+    if lock is None:
+        return DatasetContents(part, {}, now, left_out)
+    if not is_whole:  # which scenes are selected is known once they are made
+        selected_out = {key: why for key, why in lock.value["skipped"].items() if key in now}
+        left_out |= selected_out
+        now = {key: digest for key, digest in now.items() if key not in selected_out}
+    last = {key: bag.artifact if is_whole else bag.content for key, bag in lock.bags.items()}
+    return DatasetContents(part, last, now, left_out)
 
 
 def _failure(bag: BagPlan, part: str) -> str | None:

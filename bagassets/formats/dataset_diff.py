@@ -4,11 +4,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal, TypeVar
 
+from bagassets.build.differences import flatten
 from bagassets.errors import DatasetError, StoreError
 from bagassets.formats.catalogue import installed_format
 from bagassets.formats.dataset_lock import DatasetLock, LockedBag
 from bagassets.formats.format import AnyFormat
-from bagassets.json_types import Json, JsonMapping, JsonObject
+from bagassets.json_types import Json, JsonObject
 from bagassets.store.store import Store
 
 __all__ = ["BagDiff", "DatasetDiff", "SceneDiff", "diff_datasets"]
@@ -159,17 +160,7 @@ def _scenes(
 
 def _settings(lock: DatasetLock) -> JsonObject:
     """Return recipe field -> value, nested ones with dots."""
-    return dict(_flat({name: lock.value[name] for name in (lock.kind, "splits") if name in lock.value}))
-
-
-def _flat(value: JsonMapping, prefix: str = "") -> list[tuple[str, object]]:
-    diffs: list[tuple[str, object]] = []
-    for name, inner in value.items():
-        if isinstance(inner, Mapping) and inner:
-            diffs += _flat(inner, f"{prefix}{name}.")
-        else:
-            diffs.append((prefix + name, inner))
-    return diffs
+    return dict(flatten({name: lock.value[name] for name in (lock.kind, "splits") if name in lock.value}))
 
 
 def _changes(before: Mapping[str, _V], after: Mapping[str, _V]) -> dict[str, tuple[_V | None, _V | None]]:

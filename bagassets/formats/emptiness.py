@@ -5,7 +5,7 @@ from pathlib import Path
 
 from bagassets.formats.catalogue import MAIN
 from bagassets.formats.dataset_build import datasets_of
-from bagassets.formats.dataset_lock import LockedBag, read_lock
+from bagassets.formats.dataset_lock import LockedBag
 from bagassets.formats.format import FACTS
 from bagassets.quality.scene_rules import enough_s, too_short_s
 from bagassets.quantities import count_text
@@ -34,7 +34,7 @@ def why_empty(recipe: Recipe, recipe_file: Path, store: Store, chosen: Collectio
     for asset, dataset in datasets_of(recipe).items():
         if asset not in chosen or dataset.selection is not None:
             continue
-        lock = read_lock(dataset.settings.output / dataset.kind.folder(dataset.settings))
+        lock = dataset.lock
         bags = () if lock is None else tuple(lock.bags.values())
         if bags and all(bag.counts and not any(bag.counts.values()) for bag in bags):
             if dataset.kind is MAIN:

@@ -187,10 +187,6 @@ class DatasetCheck:
     description: str
 
 
-def _nothing(_: Facts) -> Facts:
-    return {}
-
-
 @dataclass(frozen=True)
 class Format(Generic[S]):
     """A dataset format.
@@ -233,7 +229,7 @@ class Format(Generic[S]):
     counts: Callable[[Facts], Mapping[str, int]]
     duration_s: Callable[[Facts], float]
     folder: Callable[[S], str]
-    row: Callable[[Facts], Facts] = _nothing
+    row: Callable[[Facts], Facts] = lambda _facts: {}
     fills_split: Callable[[Facts], bool] | None = None
     named_by: Sequence[str] = ("output",)
     places: UnitFolders | LooseFiles | None = None

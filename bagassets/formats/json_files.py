@@ -3,7 +3,6 @@
 import json
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from itertools import chain
 from pathlib import Path
 
 from blake3 import blake3
@@ -12,7 +11,6 @@ from bagassets.store.canonical import digest_bytes
 
 __all__ = [
     "column_texts",
-    "copy_rows",
     "json_bytes",
     "row_blocks",
     "rows_bytes",
@@ -52,11 +50,6 @@ def row_blocks(path: Path) -> Iterator[list[bytes]]:
         while lines := file.readlines(_BLOCK_BYTES):
             # The brackets are at most two bytes, on lines of their own.
             yield [row for line in lines if len(row := line.strip(b" \t\r\n,")) > len(b"[]")]
-
-
-def copy_rows(path: Path) -> Iterator[bytes]:
-    """Yield the rows of a JSON list with one row per line, each as its JSON text."""
-    return chain.from_iterable(row_blocks(path))
 
 
 def column_texts(rows: Iterable[bytes], column: str) -> list[str]:

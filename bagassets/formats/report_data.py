@@ -31,7 +31,7 @@ from bagassets.store.artifact import Artifact
 from bagassets.store.canonical import digest_bytes
 from bagassets.store.store import Outcome, Store
 
-__all__ = ["build_map", "make_map_shell", "map_path", "report_data", "report_path"]
+__all__ = ["build_map", "make_map_shell", "map_path", "report_data", "report_path", "track_on_record"]
 
 _NO_SPLIT = "not in the dataset"
 _READ = ("inventory", "ego_poses", "frames", "sweeps", "annotations", "nuscenes_tables", "preview")
@@ -66,7 +66,8 @@ def report_data(
             if same != key:
                 facts = replace(facts, state="copy", reason=f"the same content as {same}")
         if discovery is not None:
-            facts = _checked(facts, check_bag(recipe, store, discovery, bag))
+            found, number = _outcome(check_bag(recipe, store, discovery, bag))
+            facts = replace(facts, problems=found, checks_passed=number)
         recordings.append(facts)
         on_recording(1)
     problems, passed = ((), 0) if discovery is None else _outcome(check_datasets(recipe))
@@ -96,7 +97,7 @@ def build_map(recipe: Recipe, store: Store, plan: Plan) -> Outcome:
     Raises:
         DatasetError: it cannot be written.
     """
-    routes = _map_routes(recipe, _tracks(recipe, store, plan), _dealt(recipe, store, plan))
+    routes = _map_routes(recipe, store, plan)
     shell = make_map_shell(store)
     outcome = run_action(
         store, trajectory_map.action(routes, shell), partial(trajectory_map.make, routes, shell)
@@ -129,53 +130,44 @@ def _dealt(recipe: Recipe, store: Store, plan: Plan) -> dict[str, str]:
     return deal_contents(contents, recipe.splits, recordings_without_scenes(store, parts), plan.ties)
 
 
-def _tracks(recipe: Recipe, store: Store, plan: Plan) -> dict[str, Track]:
-    """Return the tracks of all recordings with poses, in the order of their keys."""
-    found = {}
-    for key, bag in sorted(plan.bags.items()):
-        inventory, poses = (
-            bag.current_artifact(store, "inventory"),
-            bag.current_artifact(store, "ego_poses"),
-        )
-        if inventory is not None and poses is not None and bag.skipped is None:
-            found[key] = track_of(store, inventory, poses, recipe.clock_of(recipe.rig_named(bag.rig)))
-    return found
+def track_on_record(recipe: Recipe, store: Store, bag: BagPlan) -> Track | None:
+    """Return the track of a recording; None if its inventory or its poses are not in the store."""
+    inventory, poses = bag.current_artifact(store, "inventory"), bag.current_artifact(store, "ego_poses")
+    if inventory is None or poses is None:
+        return None
+    return track_of(store, inventory, poses, recipe.clock_of(recipe.rig_named(bag.rig)))
 
 
-def _map_routes(recipe: Recipe, found: Mapping[str, Track], dealt: Mapping[str, str]) -> list[MapRoute]:
-    """Return the recordings on the map, coloured by split."""
-    splits = sorted(recipe.splits.shares)
+def _map_routes(recipe: Recipe, store: Store, plan: Plan) -> list[MapRoute]:
+    """Return the recordings with poses in the order of their keys, coloured by split."""
+    splits, dealt = sorted(recipe.splits.shares), _dealt(recipe, store, plan)
     routes = []
-    for key, track in found.items():
+    for key, bag in sorted(plan.bags.items()):
+        track = track_on_record(recipe, store, bag) if bag.skipped is None else None
+        if track is None:
+            continue
         split = dealt.get(key, _NO_SPLIT)
         stamps_ns = [point[0] for point in track.local]
         seconds = (stamps_ns[-1] - stamps_ns[0]) / 1e9 if stamps_ns else 0.0
+        route = _route(track)
         note = f"{split}, {seconds:.0f} s"
-        routes.append(
-            MapRoute(key, split, colour_of_split(split, splits), note, _points(track), _local(track))
-        )
+        routes.append(MapRoute(key, split, colour_of_split(split, splits), note, route.points, route.local))
     return routes
 
 
-def _points(track: Track) -> list[tuple[float, float]]:
-    return [(lat, lon) for _, lat, lon in track.points]
-
-
-def _local(track: Track) -> list[tuple[float, float]]:
-    return [(x, y) for _, x, y in track.local]
+def _route(track: Track) -> Route:
+    return Route([(lat, lon) for _, lat, lon in track.points], [(x, y) for _, x, y in track.local])
 
 
 def _facts(recipe: Recipe, store: Store, bag: BagPlan, split: str) -> RecordingFacts:
     state, reason = _state(bag)
     made = {name: artifact for name in _READ if (artifact := bag.current_artifact(store, name)) is not None}
-    inventory, poses, pictures = (made.get(name) for name in ("inventory", "ego_poses", "preview"))
+    inventory, pictures = made.get("inventory"), made.get("preview")
     if inventory is None:
         return RecordingFacts(bag.key, state, reason, bag.format)
     seen: JsonObject = inventory.read_json("inventory.json")
     summaries = {name: _summary(artifact) for name, artifact in made.items() if name != "inventory"}
-    track = None
-    if poses is not None and state in {"ready", "stale"}:
-        track = track_of(store, inventory, poses, recipe.clock_of(recipe.rig_named(bag.rig)))
+    track = track_on_record(recipe, store, bag) if state in {"ready", "stale"} else None
     tables = summaries.get("nuscenes_tables", {})
     return RecordingFacts(
         key=bag.key,
@@ -194,17 +186,12 @@ def _facts(recipe: Recipe, store: Store, bag: BagPlan, split: str) -> RecordingF
         boxes=_boxes(made.get("annotations"), summaries),
         lost=_lost(summaries),
         gaps=_gaps(seen["topics"]),
-        route=Route() if track is None else Route(_points(track), _local(track)),
+        route=Route() if track is None else _route(track),
         pictures={} if pictures is None else _pictures(pictures),
         thumbnail=None if pictures is None else pictures.path(THUMBNAIL),
         full_pictures=None if pictures is None else pictures.files,
         notes=seen["notes"],
     )
-
-
-def _checked(facts: RecordingFacts, verdicts: Iterable[Verdict]) -> RecordingFacts:
-    problems, passed = _outcome(verdicts)
-    return replace(facts, problems=problems, checks_passed=passed)
 
 
 def _outcome(verdicts: Iterable[Verdict]) -> tuple[tuple[Problem, ...], int]:

@@ -1,6 +1,7 @@
 """A map without any network: routes on a plain grid, as SVG, with their names, and a legend of it."""
 
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import count, takewhile
 from math import cos, floor, log10, radians
 
 from bagassets.escaping import html
@@ -150,17 +151,14 @@ class _Frame:
         step = _round_up(max(self.width, self.height) / self.scale / _LINES)
         x0, y0 = self.pixel((self.left, self.bottom))
         spacing = step * self.scale
-        lines = []
-        x = x0 % spacing
-        while x < self.width:
-            lines.append(f'<path d="M{x:.1f} 0V{self.height}" class="g"/>')
-            x += spacing
-        y = y0 % spacing
-        while y < self.height:
-            lines.append(f'<path d="M0 {y:.1f}H{self.width}" class="g"/>')
-            y += spacing
+        across = takewhile(lambda x: x < self.width, count(x0 % spacing, spacing))
+        down = takewhile(lambda y: y < self.height, count(y0 % spacing, spacing))
         label = f"{step / 1000:g} km" if step >= 1000 else f"{step:g} m"
-        return [*lines, f'<text x="8" y="{self.height - 8}">grid: {label}</text>']
+        return [
+            *(f'<path d="M{x:.1f} 0V{self.height}" class="g"/>' for x in across),
+            *(f'<path d="M0 {y:.1f}H{self.width}" class="g"/>' for y in down),
+            f'<text x="8" y="{self.height - 8}">grid: {label}</text>',
+        ]
 
 
 def _round_up(value: float) -> float:

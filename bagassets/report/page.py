@@ -2,7 +2,7 @@
 
 from base64 import b64encode
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
@@ -144,10 +144,14 @@ def _split_table(shares: Sequence[SplitShare]) -> str:
         f"<td class=n>{share.share:.1%}</td><td class=n>{share.asked:.1%}</td><td class=n>{share.deviation:+z.1%}</td></tr>"
         for share in shares
     )
-    head = "<th>split</th>" + "".join(
-        f"<th class=n>{name}</th>" for name in ("recordings", "seconds", "share", "asked", "deviation")
-    )
-    return f"<h2>Split</h2><table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
+    numbers = ("recordings", "seconds", "share", "asked", "deviation")
+    return f"<h2>Split</h2>{_table(['split'], rows, numbers)}"
+
+
+def _table(texts: Sequence[str], rows: str, numbers: Sequence[str] = ()) -> str:
+    """Return a table whose first columns have texts, and the others numbers."""
+    head = "".join([f"<th>{name}</th>" for name in texts] + [f"<th class=n>{name}</th>" for name in numbers])
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
 
 
 def _idle_pins(keys: Sequence[str]) -> str:
@@ -162,27 +166,16 @@ def _map(data: ReportData) -> str:
     shown = [r for r in data.recordings if r.state in {"ready", "stale"}]
     on_earth = [r for r in shown if r.route.points]
     local = [r for r in shown if not r.route.points and r.route.local]
-    maps = [
-        (
-            "Map",
-            on_earth,
-            grid_map(
-                [(r.key, colour_of_split(r.split, splits), r.route.points) for r in on_earth], on_earth=True
-            ),
-        ),
-        (
-            "Recordings without a position on Earth, each in its own local frame",
-            local,
-            grid_map(
-                [(r.key, colour_of_split(r.split, splits), r.route.local) for r in local], on_earth=False
-            ),
-        ),
-    ]
-    return "".join(
-        f"<h2>{title}</h2>{svg}{legend((r.split, colour_of_split(r.split, splits), r.key) for r in of)}"
-        for title, of, svg in maps
-        if svg
-    )
+    parts = []
+    for title, recordings, is_on_earth in (
+        ("Map", on_earth, True),
+        ("Recordings without a position on Earth, each in its own local frame", local, False),
+    ):
+        ways = [(r, colour_of_split(r.split, splits)) for r in recordings]
+        routes = [(r.key, colour, r.route.points if is_on_earth else r.route.local) for r, colour in ways]
+        if svg := grid_map(routes, on_earth=is_on_earth):
+            parts += [f"<h2>{title}</h2>", svg, legend((r.split, colour, r.key) for r, colour in ways)]
+    return "".join(parts)
 
 
 def _left_out(data: ReportData) -> str:
@@ -202,8 +195,7 @@ def _left_out(data: ReportData) -> str:
         f'<tr><td>{_names(one)}</td><td class="{one.kind[0]}">{one.kind[0]}</td><td>{html(one.text)}</td></tr>'
         for one in rows
     )
-    head = "<th>recording</th><th>what</th><th>why</th>"
-    return f"<h2>Left out</h2><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    return f"<h2>Left out</h2>{_table(['recording', 'what', 'why'], body)}"
 
 
 def _checks(data: ReportData) -> str:
@@ -231,8 +223,7 @@ def _checks(data: ReportData) -> str:
         if found
         else f"<p>All {passed:,} passed.</p>"
     )
-    head = "<th>recording</th><th>check</th><th>severity</th><th>what</th>"
-    table = f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>" if found else ""
+    table = _table(["recording", "check", "severity", "what"], rows) if found else ""
     return f"<h2>Checks</h2>{summary}{table}"
 
 
@@ -258,54 +249,40 @@ def _categories(recordings: Sequence[RecordingFacts]) -> str:
         f"<td class=n>{having[category]:,}</td></tr>"
         for category, number in sorted(boxes.items(), key=lambda one: (-one[1], one[0]))
     )
-    head = "<th>category</th>" + "".join(
-        f"<th class=n>{name}</th>" for name in ("boxes", "share", "recordings")
-    )
-    return f"<h2>Boxes</h2><table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
+    return f"<h2>Boxes</h2>{_table(['category'], rows, ['boxes', 'share', 'recordings'])}"
 
 
 def _row(number: int, recording: RecordingFacts, pictures: Sequence[tuple[str, Path]]) -> str:
     gaps = sum(gap.number for gap in recording.gaps)
-    start = ""
+    start = thumbnail = ""
+    if pictures and recording.thumbnail is not None:
+        thumbnail = f'<img class="t" alt="" loading="lazy" src="{_data_uri(recording.thumbnail)}">'
     if recording.start_ns is not None:
         start = datetime.fromtimestamp(recording.start_ns / 1e9, UTC).strftime("%Y-%m-%d %H:%M:%S")
     daylight = f"<br><span class=dim>{recording.daylight}</span>" if recording.daylight else ""
     made_by = f"<span class=dim>{html(recording.format)} {html(recording.rig)}</span>"
     cells = [
-        f"<td>{_first_picture(recording, pictures)}</td>",
+        f"<td>{thumbnail}</td>",
         f"<td class=k>{html(recording.key)}<br>{made_by}{_details(number, recording, pictures)}</td>",
         f'<td class="{recording.state}">{recording.state}</td>',
         f"<td>{html(recording.split)}</td>",
         f"<td>{start}{daylight}</td>",
-        _number(None, "")
-        if recording.start_ns is None
-        else f"<td class=n data-v={recording.duration_s:.6g}>{span_text(recording.duration_s)}</td>",
-        _number(None if recording.size is None else recording.size / 1e6, ",.1f"),
-        _length(recording.length_m),
-        *(_number(recording.counts.get(name), ",d") for name in _COUNTS),
-        _number(gaps if recording.size is not None else None, "d"),
+        _number(None if recording.start_ns is None else recording.duration_s, span_text),
+        _number(None if recording.size is None else recording.size / 1e6, "{:,.1f}".format),
+        _number(recording.length_m, readable_length),
+        *(_number(recording.counts.get(name), "{:,d}".format) for name in _COUNTS),
+        _number(gaps if recording.size is not None else None, "{:d}".format),
     ]
     return f"<tr>{''.join(cells)}</tr>"
 
 
-def _number(value: float | None, form: str) -> str:
+def _number(value: float | None, text: Callable[[float], str]) -> str:
+    """Return a cell with a number, which the table is sorted by; `text` is how it is shown."""
     return (
         "<td class=n data-v=-1></td>"
         if value is None
-        else f"<td class=n data-v={value:.6g}>{value:{form}}</td>"
+        else f"<td class=n data-v={value:.6g}>{text(value)}</td>"
     )
-
-
-def _length(length_m: float | None) -> str:
-    if length_m is None:
-        return _number(None, "")
-    return f"<td class=n data-v={length_m:.6g}>{readable_length(length_m)}</td>"
-
-
-def _first_picture(recording: RecordingFacts, pictures: Sequence[tuple[str, Path]]) -> str:
-    if not pictures or recording.thumbnail is None:
-        return ""
-    return f'<img class="t" alt="" loading="lazy" src="{_data_uri(recording.thumbnail)}">'
 
 
 def _details(number: int, recording: RecordingFacts, pictures: Sequence[tuple[str, Path]]) -> str:

@@ -8,13 +8,14 @@ from collections.abc import Set as AbstractSet
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property, partial
+from itertools import chain
 from pathlib import Path
 from stat import S_ISREG
 
 import numpy as np
 
 from bagassets.formats.dataset_lock import read_lock
-from bagassets.formats.json_files import column_texts, copy_rows, row_blocks
+from bagassets.formats.json_files import column_texts, row_blocks
 from bagassets.formats.nuscenes.schema import RECORDING_TABLES, SHARED_TABLES, TABLES, Row
 from bagassets.formats.nuscenes.subset import rows_of_scenes
 from bagassets.formats.nuscenes.table_file import errors_explained, read_table
@@ -144,7 +145,7 @@ def repeated_tokens(folder: Path) -> Iterator[tuple[str, list[str]]]:
         suspects = set(ordered[1:][ordered[1:] == ordered[:-1]].tolist())
         seen: set[str] = set()
         repeated: dict[str, None] = {}
-        for text in copy_rows(path) if suspects else ():
+        for text in chain.from_iterable(row_blocks(path)) if suspects else ():
             if int(text[_START : _START + _DIGITS], 16) in suspects:
                 (token,) = _values([text], "token")
                 if token in seen:

@@ -15,7 +15,7 @@ from bagassets.formats.nuscenes.filenames import recording_of
 from bagassets.formats.nuscenes.join import join
 from bagassets.formats.nuscenes.selection import select
 from bagassets.formats.nuscenes.tables import FILES, NUSCENES_TABLES
-from bagassets.json_types import JsonMapping, JsonObject
+from bagassets.json_types import JsonObject
 from bagassets.recipe.model import NuScenes
 from bagassets.store.artifact import Artifact
 from bagassets.store.canonical import digest_json
@@ -26,10 +26,6 @@ __all__ = ["NUSCENES"]
 def _links(entry: Entry) -> Iterator[Link]:
     for file in entry.artifact.read_json(FILES):
         yield Link(file["filename"], file["artifact"], file["file"])
-
-
-def _counts(facts: JsonMapping) -> dict[str, int]:
-    return {what: facts["counts"][what] for what in ("scenes", "samples")}
 
 
 def _named_in(folder: Path) -> Iterator[str]:
@@ -83,7 +79,7 @@ dataset. `dataset.lock.json` names every recording and artifact, and the recordi
     assets=(NUSCENES_TABLES,),
     join=join,
     links=_links,
-    counts=_counts,
+    counts=lambda facts: {what: facts["counts"][what] for what in ("scenes", "samples")},
     row=lambda facts: {"rig": facts["rig"]},
     duration_s=lambda facts: float(facts["counts"]["duration_s"]),
     folder=lambda settings: settings.version,

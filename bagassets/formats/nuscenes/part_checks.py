@@ -44,11 +44,6 @@ def _facts(evidence: Evidence) -> JsonObject:
     return facts
 
 
-def _files(evidence: Evidence) -> list[dict[str, str]]:
-    files: list[dict[str, str]] = evidence.artifact(PART).read_json("files.json")
-    return files
-
-
 def _trajectory(evidence: Evidence) -> Trajectory:
     return load_trajectory(evidence.artifact("ego_poses"))
 
@@ -180,6 +175,8 @@ PART_CHECKS = (
         "files_match",
         "The files in the tables are whole in the store, and no others are listed.",
         "a file in the tables is not in the store or has another size; a listed file is in no table",
-        lambda e: files_match(e.once(_tables)["sample_data"], e.once(_files), e.store.artifact),
+        lambda e: files_match(
+            e.once(_tables)["sample_data"], e.artifact(PART).read_json("files.json"), e.store.artifact
+        ),
     ),
 )

@@ -1,24 +1,46 @@
-"""Named datasets: which scenes each takes."""
+"""Named datasets: which scenes each takes.
+
+The steps `scene_facts` and `scene_subset`, from which they are made, belong to no asset. Facts about scenes are stored
+because every named dataset selects by them; tables of some of a recording's scenes are stored because datasets link and
+lock artifacts.
+"""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from functools import partial
+from itertools import pairwise
+from math import sqrt
+
+import numpy as np
 
 from bagassets.assets.ego_poses import load_trajectory
 from bagassets.build.plan import Plan
 from bagassets.build.run_action import run_action
 from bagassets.build.track import track_of
 from bagassets.errors import StoreError
-from bagassets.formats.format import Part, Selection
-from bagassets.formats.nuscenes import scene_steps
+from bagassets.formats.format import FACTS, Part, Selection
 from bagassets.formats.nuscenes.scene_conditions import require_own_scenes, unmet_condition
-from bagassets.json_types import JsonObject
+from bagassets.formats.nuscenes.schema import RECORDING_TABLES
+from bagassets.formats.nuscenes.subset import subset_facts, subset_tables
+from bagassets.formats.nuscenes.table_file import table_bytes
+from bagassets.formats.nuscenes.tokens import category_token
+from bagassets.geometry.sun import daylight
+from bagassets.geometry.trajectory import Trajectory
+from bagassets.json_types import JsonMapping, JsonObject
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_datasets import NamedDataset
-from bagassets.store.artifact import Artifact
+from bagassets.store.action import Step
+from bagassets.store.artifact import Artifact, ArtifactWriter
 from bagassets.store.store import Store
 
-__all__ = ["select"]
+__all__ = ["FACTS_STEP", "SUBSET_STEP", "scene_facts", "select"]
+
+FACTS_STEP = Step("scene_facts", 2)
+SUBSET_STEP = Step("scene_subset", 1)
+
+_SCENES = "scenes.json"
+
+TrackPoint = tuple[int, float, float]
 
 
 def select(
@@ -46,18 +68,18 @@ def select(
         require_own_scenes(wanted, part.key, facts["scenes"], former)
         unmet = [unmet_condition(wanted, facts["rig"], part.key, scene, former) for scene in facts["scenes"]]
         kept = [scene for scene, why in zip(facts["scenes"], unmet, strict=True) if why is None]
-        left_out.update(why for why in unmet if why is not None)
+        reasons = Counter(why for why in unmet if why is not None)
+        left_out += reasons
         if not kept:
-            reasons = Counter(why for why in unmet if why is not None)
             skipped[part.key] = "no scene belongs to it: " + (
                 "; ".join(f"{count} {why}" for why, count in sorted(reasons.items())) or "it has none"
             )
         elif len(kept) == len(facts["scenes"]):
             chosen.append(part)
         else:
-            tokens = [scene["token"] for scene in kept]
-            make = partial(scene_steps.make_subset, tables, kept)
-            outcome = run_action(store, scene_steps.subset_action(tables, tokens), make)
+            tokens = sorted(scene["token"] for scene in kept)
+            action = SUBSET_STEP.action({"scenes": tokens}, {"nuscenes_tables": tables.digest})
+            outcome = run_action(store, action, partial(_make_subset, tables, kept))
             chosen.append(Part(part.key, part.content, outcome.artifact.digest))
     return Selection(chosen, skipped, dict(sorted(left_out.items())))
 
@@ -72,7 +94,96 @@ def _scene_facts(recipe: Recipe, store: Store, plan: Plan, part: Part, tables: A
             "run `bagassets build`."
         )
     track = track_of(store, inventory, poses, recipe.clock_of(recipe.rig_named(bag.rig)))
-    make = partial(scene_steps.make_facts, tables, load_trajectory(poses), track.points)
-    outcome = run_action(store, scene_steps.facts_action(tables, poses, track.digest), make)
-    facts: JsonObject = outcome.artifact.read_json(scene_steps.SCENES)
+    inputs = {"nuscenes_tables": tables.digest, "ego_poses": poses.digest, "track": track.digest}
+    make = partial(_make_facts, tables, load_trajectory(poses), track.points)
+    facts: JsonObject = run_action(store, FACTS_STEP.action({}, inputs), make).artifact.read_json(_SCENES)
+    return facts
+
+
+def _make_facts(
+    tables: Artifact, trajectory: Trajectory, track: Sequence[TrackPoint], out: ArtifactWriter
+) -> JsonObject:
+    """Write `scenes.json`; return the summary."""
+    names = ("scene", "sample", "instance", "sample_annotation")
+    facts = tables.read_json(FACTS)
+    scenes = scene_facts({name: tables.read_json(f"{name}.json") for name in names}, facts, trajectory, track)
+    out.write_json(_SCENES, {"rig": facts["rig"], "key": facts["key"], "scenes": scenes}, indent=None)
+    return {"scenes": len(scenes)}
+
+
+def scene_facts(
+    tables: Mapping[str, Sequence[JsonMapping]],
+    facts: JsonMapping,
+    trajectory: Trajectory,
+    track: Sequence[TrackPoint],
+) -> list[JsonObject]:
+    """Return a mapping for each scene, in order.
+
+    Args:
+        tables: scene, sample, instance and sample_annotation of one recording.
+        facts: its `facts.json`.
+        trajectory: `global_SE3_ego`.
+        track: stamp, latitude and longitude about once a second, in order; empty if unknown.
+    """
+    names = {category_token(name): name for name in facts["categories"]}
+    category_of = {row["token"]: names[row["category_token"]] for row in tables["instance"]}
+    stamps_us: dict[str, list[int]] = {}
+    scene_of = {}
+    for row in tables["sample"]:
+        stamps_us.setdefault(row["scene_token"], []).append(row["timestamp"])
+        scene_of[row["token"]] = row["scene_token"]
+    boxes: dict[str, Counter[str]] = {}
+    for row in tables["sample_annotation"]:
+        counter = boxes.setdefault(scene_of[row["sample_token"]], Counter())
+        counter[category_of[row["instance_token"]]] += 1
+    found = []
+    for scene in tables["scene"]:
+        stamps_ns = [1000 * stamp for stamp in sorted(stamps_us[scene["token"]])]
+        length_m, duration_s = _driven_m(trajectory, stamps_ns), (stamps_ns[-1] - stamps_ns[0]) / 1e9
+        points = _points(track, stamps_ns[0], stamps_ns[-1])
+        found.append(
+            {
+                "token": scene["token"],
+                "name": scene["name"],
+                "start_ns": stamps_ns[0],
+                "end_ns": stamps_ns[-1],
+                "samples": len(stamps_ns),
+                "length_m": round(length_m, 3),
+                "speed_mps": round(length_m / duration_s, 3) if duration_s > 0 else 0.0,
+                "boxes": dict(sorted(boxes.get(scene["token"], Counter()).items())),
+                "points": [[lat, lon] for _, lat, lon in points],
+                "daylight": daylight(points[0][1], points[0][2], stamps_ns[0]) if points else None,
+            }
+        )
+    return found
+
+
+def _driven_m(trajectory: Trajectory, stamps_ns: Sequence[int]) -> float:
+    """Return the metres driven, measured from keyframe to keyframe."""
+    positions, _, valid = trajectory.at(np.array(stamps_ns, dtype=np.int64))
+    steps = pairwise(position.tolist() for position in positions[valid])
+    return sum(sqrt(sum((b - a) ** 2 for a, b in zip(one, other, strict=True))) for one, other in steps)
+
+
+def _points(track: Sequence[TrackPoint], start_ns: int, end_ns: int) -> list[TrackPoint]:
+    """Return the points during a scene; without any, the point nearest in time."""
+    inside = [point for point in track if start_ns <= point[0] <= end_ns]
+    if inside or not track:
+        return inside
+    return [min(track, key=lambda point: abs(point[0] - start_ns))]
+
+
+def _make_subset(tables: Artifact, scenes: Collection[JsonMapping], out: ArtifactWriter) -> JsonObject:
+    """Write the tables of some scenes, given by their facts, laid out as in `nuscenes_tables`; return the summary."""
+    rows = {name: tables.read_json(f"{name}.json") for name in RECORDING_TABLES}
+    kept = subset_tables(rows, [scene["token"] for scene in scenes])
+    for name in RECORDING_TABLES:
+        out.write(f"{name}.json", table_bytes(name, kept[name]))
+    named = {row["filename"] for row in kept["sample_data"]}
+    out.write_json(
+        "files.json", [file for file in tables.read_json("files.json") if file["filename"] in named]
+    )
+    duration_s = sum((scene["end_ns"] - scene["start_ns"]) / 1e9 for scene in scenes)
+    facts = subset_facts(tables.read_json(FACTS), kept, duration_s, tables.digest)
+    out.write_json(FACTS, facts)
     return facts

@@ -11,28 +11,9 @@ from bagassets.formats.nuscenes.table_file import quaternion, rounded
 from bagassets.formats.nuscenes.tokens import RecordingTokens, sensor_token
 from bagassets.json_types import JsonMapping, JsonObject
 
-__all__ = ["Identity", "SensorRows", "microseconds", "sensor_rows"]
+__all__ = ["SensorRows", "microseconds", "sensor_rows"]
 
 NS_PER_US = 1000
-
-
-@dataclass(frozen=True)
-class Identity:
-    """Facts that identify a recording in the tables.
-
-    Attributes:
-        rig: name of the rig.
-        key: partition key.
-        vehicle: its name in the log table.
-        location: its name in the log table.
-        origin: place of the global frame's origin on Earth, or None.
-    """
-
-    rig: str
-    key: str
-    vehicle: str
-    location: str
-    origin: JsonMapping | None
 
 
 @dataclass
@@ -58,35 +39,35 @@ def microseconds(stamp_ns: int) -> int:
 
 
 def sensor_rows(
-    identity: Identity, channels: Mapping[str, ChannelReadings], scenes: Sequence[ScenePlan]
+    tokens: RecordingTokens,
+    channels: Mapping[str, ChannelReadings],
+    scenes: Sequence[ScenePlan],
+    log: JsonMapping,
 ) -> SensorRows:
-    """Return the rows of all scenes of a recording; no rows at all without a scene."""
+    """Return the rows of all scenes of a recording; no rows at all without a scene.
+
+    Args:
+        tokens: tokens of the recording.
+        channels: readings of all channels.
+        scenes: scenes of the recording.
+        log: its row of the log table, but for token and date.
+    """
     tables = ("log", "scene", "sample", "calibrated_sensor", "ego_pose", "sample_data")
     rows = SensorRows({name: [] for name in tables})
     if not scenes:
         return rows
-    tokens = RecordingTokens(identity.rig, identity.key)
-    rows.tables["log"].append(_log(identity, tokens, int(scenes[0].keyframes_ns[0])))
+    first_s = int(scenes[0].keyframes_ns[0]) // 1_000_000_000
+    date = datetime.fromtimestamp(first_s, UTC).date().isoformat()
+    rows.tables["log"].append({**log, "token": tokens.row("log"), "date_captured": date})
     for number, scene in enumerate(scenes):
-        _add_scene(rows, identity, tokens, number, scene)
+        _add_scene(rows, tokens, number, scene)
     for name, readings in sorted(channels.items()):
         rows.keyframes[name] = rows.sweeps[name] = 0
         for scene in scenes:
-            _add_readings(rows, identity, tokens, readings, scene)
+            _add_readings(rows, tokens, readings, scene)
         if rows.keyframes[name] or rows.sweeps[name]:
             rows.tables["calibrated_sensor"].append(_calibrated_sensor(tokens, readings))
     return rows
-
-
-def _log(identity: Identity, tokens: RecordingTokens, first_ns: int) -> JsonObject:
-    return {
-        "token": tokens.row("log"),
-        "logfile": identity.key,
-        "vehicle": identity.vehicle,
-        "date_captured": datetime.fromtimestamp(first_ns // 1_000_000_000, UTC).date().isoformat(),
-        "location": identity.location,
-        "origin": identity.origin,
-    }
 
 
 def _calibrated_sensor(tokens: RecordingTokens, readings: ChannelReadings) -> JsonObject:
@@ -99,9 +80,7 @@ def _calibrated_sensor(tokens: RecordingTokens, readings: ChannelReadings) -> Js
     }
 
 
-def _add_scene(
-    rows: SensorRows, identity: Identity, tokens: RecordingTokens, number: int, scene: ScenePlan
-) -> None:
+def _add_scene(rows: SensorRows, tokens: RecordingTokens, number: int, scene: ScenePlan) -> None:
     stamps = scene.keyframes_ns.tolist()
     samples = [tokens.row("sample", "", stamp) for stamp in stamps]
     scene_token = tokens.row("scene", "", stamps[0])
@@ -112,8 +91,8 @@ def _add_scene(
             "nbr_samples": len(samples),
             "first_sample_token": samples[0],
             "last_sample_token": samples[-1],
-            "name": f"{identity.key}_{number:03d}",
-            "description": f"{scene.span.duration_s:.1f} s, rig {identity.rig}",
+            "name": f"{tokens.key}_{number:03d}",
+            "description": f"{scene.span.duration_s:.1f} s, rig {tokens.rig}",
         }
     )
     for token, stamp, before, after in zip(samples, stamps, ["", *samples], [*samples[1:], ""], strict=False):
@@ -129,7 +108,7 @@ def _add_scene(
 
 
 def _add_readings(
-    rows: SensorRows, identity: Identity, tokens: RecordingTokens, readings: ChannelReadings, scene: ScenePlan
+    rows: SensorRows, tokens: RecordingTokens, readings: ChannelReadings, scene: ScenePlan
 ) -> None:
     plan = scene.channels[readings.channel]
     numbers = plan.readings.tolist()
@@ -139,7 +118,7 @@ def _add_readings(
         is_keyframe = bool(plan.is_keyframe[position])
         sample_ns = int(scene.keyframes_ns[plan.sample[position]])
         path = filename(
-            identity.key,
+            tokens.key,
             readings.channel,
             microseconds(stamp),
             readings.digests[number],

@@ -10,6 +10,7 @@ sensor, keeps files small, and hides differences in the last bit between process
 import json
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 from bagassets.errors import DatasetError
@@ -47,7 +48,8 @@ def table_bytes(name: str, rows: Sequence[Row]) -> bytes:
         KeyError: a row lacks a column of the schema.
     """
     columns = TABLES[name].columns
-    return rows_bytes([_line({column: row[column] for column in columns}) for row in rows])
+    line = partial(json.dumps, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+    return rows_bytes([line({column: row[column] for column in columns}).encode() for row in rows])
 
 
 def read_table(folder: Path, name: str) -> list[JsonObject]:
@@ -77,7 +79,3 @@ def errors_explained(path: Path) -> Iterator[None]:
         raise DatasetError(
             f"{path}: this nuScenes table cannot be read ({err}); build the dataset again."
         ) from err
-
-
-def _line(row: Row) -> bytes:
-    return json.dumps(row, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode()

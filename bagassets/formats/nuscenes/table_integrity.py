@@ -9,7 +9,6 @@ from collections.abc import Container, Iterable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from operator import itemgetter
 from pathlib import Path
-from typing import NamedTuple
 
 from bagassets.formats.nuscenes.schema import TABLES, Row
 from bagassets.formats.nuscenes.table_file import read_table
@@ -27,16 +26,6 @@ Tables = Mapping[str, Sequence[Row]]
 NOT_ON_DISK = "{} files|file of the tables are|is not on disk"
 
 
-class _Group(NamedTuple):
-    """A table whose rows each own a chain of rows in another table."""
-
-    owner: str
-    member: str
-    column: str
-    number: str
-    end: str
-
-
 def broken_references(tables: Tables) -> list[str]:
     """Check that every token refers to a row, that chains are closed and in order, and that counts are true.
 
@@ -48,12 +37,8 @@ def broken_references(tables: Tables) -> list[str]:
     return [
         *_references(tables, index),
         *_chains(index),
-        *_ends(_Group("scene", "sample", "scene_token", "nbr_samples", "sample_token"), tables, index),
-        *_ends(
-            _Group("instance", "sample_annotation", "instance_token", "nbr_annotations", "annotation_token"),
-            tables,
-            index,
-        ),
+        *_ends("scene", "sample", tables, index),
+        *_ends("instance", "sample_annotation", tables, index),
         *_keyframes(tables),
         *_maps(tables),
     ]
@@ -194,23 +179,24 @@ def _time(row: Row, index: Mapping[str, Mapping[str, Row]]) -> int:
     return int(sample["timestamp"]) if sample is not None else 0
 
 
-def _ends(group: _Group, tables: Tables, index: Mapping[str, Mapping[str, Row]]) -> Iterable[str]:
+def _ends(owner: str, member: str, tables: Tables, index: Mapping[str, Mapping[str, Row]]) -> Iterable[str]:
     """Check the first and last member of each scene and instance, and the number of members."""
-    counts = Counter(row[group.column] for row in tables.get(group.member, ()))
-    members = index.get(group.member, {})
+    column, name = f"{owner}_token", member.removeprefix("sample_")
+    counts = Counter(row[column] for row in tables.get(member, ()))
+    members = index.get(member, {})
     wrong = []
-    for row in tables.get(group.owner, ()):
-        first, last = members.get(row[f"first_{group.end}"]), members.get(row[f"last_{group.end}"])
+    for row in tables.get(owner, ()):
+        first, last = members.get(row[f"first_{name}_token"]), members.get(row[f"last_{name}_token"])
         if (
-            counts[row["token"]] != row[group.number]
+            counts[row["token"]] != row[f"nbr_{name}s"]
             or first is None
             or last is None
             or first["prev"] != ""
             or last["next"] != ""
-            or {first[group.column], last[group.column]} != {row["token"]}
+            or {first[column], last[column]} != {row["token"]}
         ):
             wrong.append(row["token"])
-    text = f"{group.owner}: {{}} rows|row disagree|disagrees with their|its rows of {group.member}"
+    text = f"{owner}: {{}} rows|row disagree|disagrees with their|its rows of {member}"
     yield from sentence(text, wrong)
 
 

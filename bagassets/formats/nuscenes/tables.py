@@ -30,7 +30,7 @@ from bagassets.formats.nuscenes.part_checks import PART_CHECKS
 from bagassets.formats.nuscenes.readings import ChannelReadings, load_readings
 from bagassets.formats.nuscenes.scene_plan import RecordingPlan, SceneParams, plan_scenes
 from bagassets.formats.nuscenes.schema import RECORDING_TABLES
-from bagassets.formats.nuscenes.sensor_rows import Identity, SensorRows, sensor_rows
+from bagassets.formats.nuscenes.sensor_rows import SensorRows, sensor_rows
 from bagassets.formats.nuscenes.table_file import table_bytes
 from bagassets.formats.nuscenes.tokens import RecordingTokens
 from bagassets.geometry.calibration import Calibration
@@ -203,11 +203,12 @@ def make(use: Use[TablesUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
     holes = [last_ns for _, last_ns in trajectory.holes_ns]
     plan = plan_scenes({name: channel.stamps_ns for name, channel in readings.items()}, scenes, holes)
     origin = inputs.artifact("ego_poses").read_json("ego_poses.json")["origin"]
-    identity = Identity(params.rig, params.key, params.vehicle, params.location, origin)
-    sensors = sensor_rows(identity, readings, plan.scenes)
+    log = {"logfile": params.key, "vehicle": params.vehicle, "location": params.location, "origin": origin}
+    tokens = RecordingTokens(params.rig, params.key)
+    sensors = sensor_rows(tokens, readings, plan.scenes, log)
     motion = params.attributes_by_motion
     objects = annotation_rows(
-        RecordingTokens(identity.rig, identity.key),
+        tokens,
         BoxTable.from_arrow(inputs.artifact("annotations").read_table("annotations.parquet")),
         readings,
         plan.scenes,
@@ -232,8 +233,8 @@ def make(use: Use[TablesUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
     if plan.longest_remainder_s < plan.remainder_s:
         counts["longest_remainder_s"] = round(plan.longest_remainder_s, 3)
     facts = {
-        "rig": identity.rig,
-        "key": identity.key,
+        "rig": params.rig,
+        "key": params.key,
         "reference": scenes.reference,
         "missing": scenes.missing,
         "tolerance_s": scenes.tolerance_s,

@@ -5,6 +5,8 @@ recording changes none of these, two recordings never share a token, and merging
 recordings share are identified by their names.
 """
 
+from dataclasses import dataclass
+
 from blake3 import blake3
 
 from bagassets.store.canonical import canonical_json
@@ -27,24 +29,25 @@ def token(*parts: str | int) -> str:
     return blake3(canonical_json(parts)).hexdigest(length=HEX_DIGITS // 2)
 
 
+@dataclass(frozen=True)
 class RecordingTokens:
     """Tokens of the rows of one recording.
 
-    Args:
+    Attributes:
         rig: name of the rig.
         key: partition key of the recording.
     """
 
-    def __init__(self, rig: str, key: str) -> None:
-        self._rig, self._key = rig, key
+    rig: str
+    key: str
 
     def row(self, table: str, channel: str = "", stamp_ns: int = 0) -> str:
         """Return the token of a row identified by channel and time."""
-        return token(self._rig, self._key, table, channel, stamp_ns)
+        return token(self.rig, self.key, table, channel, stamp_ns)
 
     def track(self, table: str, source: str, track_id: str, stamp_ns: int) -> str:
         """Return the token of a row about a track: an instance of a scene, or one of its boxes."""
-        return token(self._rig, self._key, table, source, track_id, stamp_ns)
+        return token(self.rig, self.key, table, source, track_id, stamp_ns)
 
 
 def sensor_token(channel: str, modality: str) -> str:

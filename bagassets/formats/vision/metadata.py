@@ -6,7 +6,7 @@ from bagassets.assets.asset import as_json
 from bagassets.geometry.calibration import Mounts
 from bagassets.geometry.sun import sun_elevation_deg
 from bagassets.json_types import JsonMapping, JsonObject
-from bagassets.recordings.inventory import GnssFix, Inventory
+from bagassets.recordings.inventory import Inventory
 
 __all__ = ["recording_metadata", "transforms_json"]
 
@@ -36,7 +36,7 @@ def recording_metadata(key: str, rig: str, inventory: Inventory) -> JsonObject:
         "topics": {
             name: {"type": topic.msgtype, "messages": topic.count} for name, topic in inventory.topics.items()
         },
-        "gnss": None if first is None or last is None else {"first": _fix(first), "last": _fix(last)},
+        "gnss": None if first is None or last is None else {"first": as_json(first), "last": as_json(last)},
         "daylight": inventory.daylight,
         "sun_elevation_deg": elevation,
     }
@@ -59,7 +59,3 @@ def transforms_json(mounts: Mounts, cameras: Mapping[str, JsonMapping]) -> JsonO
             for name, mount in sorted(mounts.channels.items())
         },
     }
-
-
-def _fix(fix: GnssFix) -> JsonObject:
-    return {"lat": fix.lat, "lon": fix.lon, "alt": fix.alt, "stamp_ns": fix.stamp_ns}

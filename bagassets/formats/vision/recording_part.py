@@ -7,7 +7,7 @@ them from the artifacts of `frames`.
 """
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use, as_json, inlined
 from bagassets.assets.calibration import CALIBRATION
@@ -101,35 +101,22 @@ class VisionParams:
         )
 
 
-@dataclass(frozen=True)
-class VisionUse:
+@dataclass(frozen=True, kw_only=True)
+class VisionUse(VisionParams):
     """All that determines a recording's part besides its images and poses.
+
+    Of cameras and topics those that the recording has and that are read, and no clock if no transforms are.
 
     Attributes:
         key: partition key.
-        rig: name of the rig.
-        cameras: cameras with sequences that the recording has.
-        trajectories: pairs `sensor:reference`.
-        tf: topics of transforms to read.
-        tf_static: topics of static transforms to read.
-        tf_clock: clock of the transforms; None if none are read.
-        tf_max_gap_s: as in `VisionParams`.
         calibration: extrinsics of the sensors.
         metadata: content of `metadata.json`.
-        cuts: how sequences are cut.
     """
 
+    cuts: Cuts = inlined()
     key: str
-    rig: str
-    cameras: tuple[str, ...]
-    trajectories: tuple[str, ...]
-    tf: tuple[str, ...]
-    tf_static: tuple[str, ...]
-    tf_clock: Clock | None
-    tf_max_gap_s: float
     calibration: Mounts
     metadata: JsonMapping
-    cuts: Cuts = inlined()
 
 
 def use(params: VisionParams, facts: Facts) -> dict[str, Use[VisionUse]]:
@@ -143,16 +130,10 @@ def use(params: VisionParams, facts: Facts) -> dict[str, Use[VisionUse]]:
         tuple(topic for topic in topics if through_tf and facts.inventory.has(topic))
         for topics in (params.tf, params.tf_static)
     )
+    clock = params.tf_clock if tf else None
     read = VisionUse(
+        **vars(replace(params, cameras=tuple(cameras), tf=tf, tf_static=tf_static, tf_clock=clock)),
         key=facts.key,
-        rig=params.rig,
-        cameras=tuple(cameras),
-        cuts=params.cuts,
-        trajectories=params.trajectories,
-        tf=tf,
-        tf_static=tf_static,
-        tf_clock=params.tf_clock if tf else None,
-        tf_max_gap_s=params.tf_max_gap_s,
         calibration=mounts,
         metadata=recording_metadata(facts.key, params.rig, facts.inventory),
     )
