@@ -6,9 +6,10 @@ time at once. Here the size of a chunk is checked against the recipe's limits fi
 
 import heapq
 import os
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from struct import Struct
+from types import MappingProxyType
 
 import numpy as np
 from mcap.opcode import Opcode
@@ -20,7 +21,7 @@ from bagassets.recordings.chunks import LatestChunks, detached
 from bagassets.recordings.damage import DamageError
 from bagassets.recordings.mcap_chunk import MESSAGE_HEADER, MessagePlaces, load_chunk
 from bagassets.recordings.mcap_index import ChunkPlace, read_index, walk
-from bagassets.recordings.model import Definition, OnRead, RawMessage
+from bagassets.recordings.model import Definition, OnRead
 from bagassets.recordings.recording import FileRecording
 from bagassets.recordings.sizes import Sizes
 from bagassets.recordings.topic import UNKNOWN, TopicSource, is_transient_local, normalise_msgtype
@@ -70,13 +71,13 @@ class McapFile:
         """Return channel -> number of messages, as the file announces it."""
         return self._index.counts
 
-    def sources(self) -> dict[int, TopicSource]:
-        """Return channel -> topic, type, definition and count."""
+    def sources(self, counts: Mapping[int, int] = MappingProxyType({})) -> dict[int, TopicSource]:
+        """Return channel -> topic, type, definition, and one of `counts`."""
         return {
             channel.id: TopicSource(
                 channel.topic,
                 normalise_msgtype(schema.name) if schema is not None else UNKNOWN,
-                self._index.counts.get(channel.id, 0),
+                counts.get(channel.id, 0),
                 _definition(schema),
                 "ros1" if channel.message_encoding == "ros1" else "cdr",
                 None
@@ -187,21 +188,6 @@ class _OpenChunk:
 
 class McapRecording(FileRecording[McapFile]):
     """A bare `.mcap` file with CDR or ROS 1 messages; other encodings cost their topic."""
-
-    def __init__(
-        self,
-        path: Path,
-        message_definitions: Sequence[Path],
-        limits: Limits,
-        on_read: OnRead | None = None,
-    ) -> None:
-        file = McapFile(path, limits, on_read)
-        super().__init__(path, "mcap", file, file.sources, message_definitions, limits)
-
-    def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
-        wanted = self._carrying(topics, self._sources)
-        for channel, log_time_ns, data in self._file.messages(wanted.keys()):
-            yield RawMessage(*wanted[channel], log_time_ns, data)
 
     def check_content(self) -> None:
         """Verify the checksum of every chunk that is read from now on."""

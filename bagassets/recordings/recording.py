@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Generic, Protocol, Self, TypeVar
 
@@ -120,6 +120,12 @@ class Recording(ABC):
 
 
 class _File(Protocol):
+    def counts(self) -> Mapping[int, int]: ...
+
+    def sources(self, counts: Mapping[int, int]) -> dict[int, TopicSource]: ...
+
+    def messages(self, connections: Collection[int], /) -> Iterator[tuple[int, int, bytes | memoryview]]: ...
+
     def span_ns(self) -> tuple[int, int] | None: ...
 
     def close(self) -> None: ...
@@ -135,7 +141,6 @@ class FileRecording(Recording, Generic[F]):
         path: the file.
         file_format: its format.
         file: the open file.
-        sources: returns connection -> topic, type and definition.
         message_definitions: folders of `.msg` files.
         limits: of the recipe.
     """
@@ -145,19 +150,22 @@ class FileRecording(Recording, Generic[F]):
         path: Path,
         file_format: Format,
         file: F,
-        sources: Callable[[], dict[int, TopicSource]],
         message_definitions: Sequence[Path],
         limits: Limits,
     ) -> None:
         self._file = file
-        self._limits = limits
         try:
-            self._sources = sources()
+            self._sources = file.sources(file.counts())
             topics = merge_topics(path, self._sources.values(), message_definitions, limits)
             super().__init__(path, file_format, topics)
         except BaseException:
             file.close()
             raise
+
+    def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
+        wanted = self._carrying(topics, self._sources)
+        for connection, log_time_ns, data in self._file.messages(wanted.keys()):
+            yield RawMessage(*wanted[connection], log_time_ns, data)
 
     def span_ns(self) -> tuple[int, int] | None:
         """Return first and last log time, as its index says."""
