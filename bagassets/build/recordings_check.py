@@ -9,7 +9,7 @@ from bagassets.build.execute import run_again
 from bagassets.build.graph import Graph
 from bagassets.build.recording_assets import RecordingAssets
 from bagassets.errors import BagAssetsError
-from bagassets.json_types import JsonMapping, JsonObject
+from bagassets.json_types import JsonObject
 from bagassets.quantities import count_text
 from bagassets.recordings.digest import (
     DigestIndex,
@@ -184,20 +184,14 @@ def _changed_topics(
         if isinstance(again, BagAssetsError):
             raise again
         now = _topics(again.artifact)
+    nothing = (None, None)
+    compared = {name: (before.get(name, nothing), now.get(name, nothing)) for name in sorted(before | now)}
     return tuple(
-        ChangedTopic(name, _count(before.get(name)), _count(now.get(name)))
-        for name in sorted(before.keys() | now.keys())
-        if _digest(before.get(name)) != _digest(now.get(name))
+        ChangedTopic(name, old[1], new[1]) for name, (old, new) in compared.items() if old[0] != new[0]
     )
 
 
-def _topics(inventory: Artifact) -> dict[str, JsonMapping]:
-    return {topic["name"]: topic for topic in inventory.read_json("inventory.json")["topics"]}
-
-
-def _count(topic: JsonMapping | None) -> int | None:
-    return None if topic is None else int(topic["count"])
-
-
-def _digest(topic: JsonMapping | None) -> str | None:
-    return None if topic is None else str(topic["digest"])
+def _topics(inventory: Artifact) -> dict[str, tuple[str, int]]:
+    """Return topic -> digest and number of its messages."""
+    topics = inventory.read_json("inventory.json")["topics"]
+    return {topic["name"]: (topic["digest"], topic["count"]) for topic in topics}
