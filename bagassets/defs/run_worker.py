@@ -21,10 +21,9 @@ from bagassets.decode.loading import load_built_in
 from bagassets.defs.batches import batch_of
 from bagassets.defs.connections import kept_open, share_migrations
 from bagassets.defs.dagster_private import RUN_MODULES, capture_interrupts, check_captured_interrupt
-from bagassets.defs.databases import database_errors_explained
+from bagassets.defs.databases import database_errors_explained, read_settings
 from bagassets.defs.exclusive import ASKS_PER_LOOK, exclusive, holder_has_ended
 from bagassets.defs.fence import run_has_ended
-from bagassets.defs.instance_settings import read_settings
 from bagassets.defs.orphaned_runs import end_orphaned_runs, report_ended
 from bagassets.defs.own_location import know_installed_modules
 from bagassets.defs.partitions import PARTITION_TAG
