@@ -1,7 +1,7 @@
 """Options of a build, events while it works, and its report."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal, Self
 
@@ -235,61 +235,32 @@ class BuildReport:
 
     def as_json(self) -> JsonObject:
         """Return the report as JSON, without the plan."""
-        return {
-            "recordings": {
-                key: {
-                    "result": outcome.result,
-                    "reason": outcome.reason,
-                    "seconds": round(outcome.seconds, 3),
-                }
-                for key, outcome in self.outcomes.items()
-            },
-            "counts": self.counts(),
-            "excluded": dict(self.excluded),
-            "removed": list(self.removed),
-            "remarks": [remark.as_json() for remark in self.remarks],
-            "duplicates": dict(self.duplicates),
-            "left_out": dict(self.left_out),
-            "moved": {key: list(splits) for key, splits in self.moved.items()},
-            "splits": {name: dict(share) for name, share in self.splits.items()},
-            "dataset": {
-                "state": self.dataset,
-                "path": str(self.dataset_path),
-                "problem": self.dataset_problem,
-            },
-            "datasets": {name: dict(one) for name, one in self.datasets.items()},
-            "own": {name: one.as_json() for name, one in self.own.items()},
-            "own_left_out": dict(self.own_left_out),
-            "own_problem": self.own_problem,
-            "interrupted": self.interrupted,
-            "seconds": round(self.seconds, 3),
+        value = asdict(replace(self, plan=None))
+        del value["plan"]
+        for one in (value, *value["outcomes"].values()):
+            one["seconds"] = round(one["seconds"], 3)
+        value["dataset"] = {
+            "state": self.dataset,
+            "path": str(value.pop("dataset_path")),
+            "problem": value.pop("dataset_problem"),
         }
+        return {"recordings": value.pop("outcomes"), "counts": self.counts(), **value}
 
     @classmethod
     def from_json(cls, value: JsonObject) -> Self:
         """Inverse of `as_json`, without the plan."""
-        return cls(
-            outcomes={
-                key: BagOutcome(bag["result"], bag["reason"], bag["seconds"])
-                for key, bag in value["recordings"].items()
-            },
-            excluded=value["excluded"],
-            removed=tuple(value["removed"]),
-            remarks=tuple(Remark(**remark) for remark in value["remarks"]),
-            duplicates=value["duplicates"],
-            left_out=value["left_out"],
-            moved={key: (was, now) for key, (was, now) in value["moved"].items()},
-            splits=value["splits"],
-            dataset=value["dataset"]["state"],
-            dataset_problem=value["dataset"]["problem"],
-            dataset_path=Path(value["dataset"]["path"]),
-            datasets=value["datasets"],
-            own={name: OwnOutcome(**one) for name, one in value["own"].items()},
-            own_left_out=value["own_left_out"],
-            own_problem=value["own_problem"],
-            interrupted=value["interrupted"],
-            seconds=value["seconds"],
-        )
+        made = {
+            "outcomes": {key: BagOutcome(**bag) for key, bag in value["recordings"].items()},
+            "removed": tuple(value["removed"]),
+            "remarks": tuple(Remark(**remark) for remark in value["remarks"]),
+            "moved": {key: tuple(splits) for key, splits in value["moved"].items()},
+            "dataset": value["dataset"]["state"],
+            "dataset_problem": value["dataset"]["problem"],
+            "dataset_path": Path(value["dataset"]["path"]),
+            "own": {name: OwnOutcome(**one) for name, one in value["own"].items()},
+        }
+        known = {one.name for one in fields(cls)}
+        return cls(**{name: one for name, one in value.items() if name in known} | made)
 
 
 @dataclass(frozen=True)

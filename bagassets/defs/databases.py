@@ -28,6 +28,7 @@ from bagassets.defs.dagster_private import (
     SqlEventLogStorageMetadata,
 )
 from bagassets.errors import BagAssetsError, StoreError
+from bagassets.freshness.fingerprints import open_read_only
 from bagassets.lock_files import LockFile
 
 __all__ = ["are_files", "database_errors_explained", "read_settings", "ready_to_open"]
@@ -158,7 +159,7 @@ def _is_whole(path: Path, schema: MetaData) -> bool:
     if not path.exists():
         return False
     try:
-        with closing(_opened(path)) as connection:
+        with closing(open_read_only(str(path), _BUSY_S)) as connection:
             rows = connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall()
             tables = {name for (name,) in rows}
             if tables.issuperset({*schema.tables, _VERSION}) and all(
@@ -170,11 +171,6 @@ def _is_whole(path: Path, schema: MetaData) -> bool:
         return True  # in use or unreadable: Dagster will report that itself
     except sqlite3.DatabaseError as err:
         raise _damaged(path, str(err)) from err
-
-
-def _opened(path: Path) -> sqlite3.Connection:
-    quoted = str(path).replace("%", "%25").replace("?", "%3f").replace("#", "%23")
-    return sqlite3.connect(f"file:{quoted}?mode=ro", timeout=_BUSY_S, uri=True)
 
 
 def _has_rows(connection: sqlite3.Connection, table: str) -> bool:
@@ -237,7 +233,7 @@ def _first_damaged(home: Path) -> Path:
     folder = _storage(home) or home
     for path in (*(folder / name for name in _DATABASES), *sorted(folder.glob("history/runs/*.db"))):
         try:
-            with closing(_opened(path)) as connection:
+            with closing(open_read_only(str(path), _BUSY_S)) as connection:
                 if connection.execute("PRAGMA quick_check(1)").fetchall() != [("ok",)]:
                     return path
         except sqlite3.OperationalError:

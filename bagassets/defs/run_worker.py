@@ -17,6 +17,7 @@ from pathlib import Path
 
 import dagster as dg
 
+from bagassets.alike import names_text
 from bagassets.decode.loading import load_built_in
 from bagassets.defs.batches import batch_of
 from bagassets.defs.connections import kept_open, share_migrations
@@ -231,6 +232,5 @@ def _describe(run: dg.DagsterRun) -> str:
     """Return what a run about more than one partition is about: recordings, or assets."""
     recordings = [key for key in batch_of(run) if key]
     if recordings:
-        more = f" and {len(recordings) - 1} more" if len(recordings) > 1 else ""
-        return recordings[0] + more
+        return names_text(recordings, 1)
     return ", ".join(sorted(key.to_user_string() for key in run.asset_selection or ())) or run.job_name

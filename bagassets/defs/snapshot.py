@@ -61,7 +61,7 @@ class Snapshot:
         project = workspace_fingerprint(workspace)
         if project is not None:
             with suppress(PlanNeeded):
-                self._fingerprints = decide.current_fingerprints(self._places, project)
+                self._fingerprints = [mark for _, mark in decide.fingerprints_of(self._places, project)]
 
     def save(self, plan: Plan, own: Collection[str] = (), remarks: Iterable[Remark] = ()) -> None:
         """Save the snapshot if the plan has nothing to do; else remove the last one.
