@@ -1,8 +1,11 @@
 """An open recording of any file format: its topics, its messages in order, and views of some of its topics."""
 
+import math
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from heapq import heappop, heappush, heapreplace
+from itertools import islice
 from pathlib import Path
 from typing import Generic, Protocol, Self, TypeVar
 
@@ -12,10 +15,12 @@ from bagassets.recordings.damage import DamageError, unreadable
 from bagassets.recordings.model import Format, Message, RawMessage
 from bagassets.recordings.topic import ForeignBytes, RefusedBytes, Topic, TopicSource, merge_topics
 
-__all__ = ["FileRecording", "Recording", "RestrictedRecording"]
+__all__ = ["FileRecording", "Recording", "RestrictedRecording", "merged"]
 
 _BYTES = (bytes, memoryview, bytearray)
 _FIRST_NS, _LAST_NS = -(2**63), 2**63 - 1
+
+T = TypeVar("T")
 
 
 class Recording(ABC):
@@ -174,6 +179,29 @@ class FileRecording(Recording, Generic[F]):
     def close(self) -> None:
         """Close the file."""
         self._file.close()
+
+
+def merged(streams: Sequence[tuple[int, int, Iterator[T]]], time_of: Callable[[T], int]) -> Iterator[T]:
+    """Yield what several streams yield in order of time; at the same time, that of the stream with the smallest number first.
+
+    Args:
+        streams: time at which each begins at the earliest, its number, and itself, in order of time and number. Each is begun
+            when the others have come that far.
+        time_of: returns the time of one of their items.
+    """
+    # Those that are being read, with their next items.
+    reading: list[tuple[int, int, T, Iterator[T]]] = []
+    begins = [*(start for start, _, _ in streams), math.inf]
+    for (_, number, begun), due in zip(streams, begins[1:], strict=True):
+        for first in islice(begun, 1):
+            heappush(reading, (time_of(first), number, first, begun))
+        while reading and reading[0][0] < due:
+            _, its_number, item, stream = reading[0]
+            yield item
+            if (following := next(stream, None)) is None:
+                heappop(reading)
+            else:
+                heapreplace(reading, (time_of(following), its_number, following, stream))
 
 
 class RestrictedRecording(Recording):
