@@ -133,10 +133,6 @@ class OwnOutcome:
     results: Mapping[str, int]
     reasons: Mapping[str, list[str]] = field(default_factory=dict)
 
-    def as_json(self) -> JsonObject:
-        """Return the outcome as JSON."""
-        return asdict(self)
-
 
 @dataclass(frozen=True)
 class Remark:

@@ -57,9 +57,7 @@ def open_recording(
         if path.suffix == ".db3":
             database = Database(path, limits, on_read)
             return FileRecording(path, "ros2", database, message_definitions, limits)
-        bag = IndexReader(path, limits, on_read)
-        bag.open()
-        return FileRecording(path, "ros1", bag, message_definitions, limits)
+        return FileRecording(path, "ros1", IndexReader(path, limits, on_read), message_definitions, limits)
     except BagAssetsError:
         raise
     except Exception as err:  # whatever the libraries raise: see `unreadable`

@@ -7,11 +7,11 @@ than reading the file. Headers of one connection differ in their time only (http
 
 import os
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from struct import Struct
 from types import MappingProxyType
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,8 +36,7 @@ _ENTRY = np.dtype([("seconds", "<u4"), ("nanoseconds", "<u4"), ("offset", "<u4")
 _BLOCK = 100_000
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Index:
+class _Index(NamedTuple):
     """Where messages are.
 
     Attributes:
@@ -52,7 +51,7 @@ class _Index:
 
 
 class IndexReader(rosbag1.Reader):
-    """Reads the index of a bag, within the recipe's limits."""
+    """Reads the index of a bag, within the recipe's limits; it is opened at once."""
 
     def __init__(self, path: Path, limits: Limits, on_read: OnRead | None = None) -> None:
         super().__init__(path)
@@ -65,16 +64,21 @@ class IndexReader(rosbag1.Reader):
         self._entries: dict[int, list[tuple[int, NDArray[np.void]]]] = {}  # with the position of their chunk
         self._connections_read = 0
         self._index_bytes = 0
+        self.open()
+
+    @property
+    def _opened(self) -> BinaryIO:
+        if self.bio is None:
+            raise DamageError("the file was closed")
+        return self.bio
 
     def read_connection(self) -> Connection:
         """Read one connection; bytes that are not UTF-8, most often in comments, are replaced."""
         self._connections_read += 1
         self._sizes.check_connections(self._connections_read)
-        if self.bio is None:
-            raise DamageError("the file was closed")
-        header = Header.read(self.bio, RecordType.CONNECTION)
+        header = Header.read(self._opened, RecordType.CONNECTION)
         topic = _text(header, "topic")
-        fields = Header.read(self.bio)
+        fields = Header.read(self._opened)
         return Connection(
             header.get_uint32("conn"),
             normalise_topic(topic) if topic else topic,
@@ -96,11 +100,9 @@ class IndexReader(rosbag1.Reader):
 
     def read_chunk(self) -> Chunk:
         """Read the header of a chunk, and check its announced size against the limits."""
-        if self.bio is None:
-            raise DamageError("the file was closed")
-        position = self.bio.tell()
-        header = Header.read(self.bio, RecordType.CHUNK)
-        self.bio.seek(position)
+        position = self._opened.tell()
+        header = Header.read(self._opened, RecordType.CHUNK)
+        self._opened.seek(position)
         compression, unpacked_bytes = _text(header, "compression"), header.get_uint32("size")
         self._sizes.add_chunk(position, unpacked_bytes)
         self._compression[position] = (compression, unpacked_bytes)
@@ -116,18 +118,17 @@ class IndexReader(rosbag1.Reader):
 
         `indexes` is left alone: an object for each message takes longer to make than the message to read.
         """
-        if self.bio is None:
-            raise DamageError("the file was closed")
-        begin = self.bio.tell()
-        header = Header.read(self.bio, RecordType.IDXDATA)
+        file = self._opened
+        begin = file.tell()
+        header = Header.read(file, RecordType.IDXDATA)
         if header.get_uint32("ver") != 1:
             raise DamageError(f"the index of the chunk at byte {pos} is of an unknown version")
-        (size,) = _SIZE.unpack(self.bio.read(_SIZE.size))
-        cut_off = self.bio.tell() + size > self._size  # asked before so much memory is
+        (size,) = _SIZE.unpack(file.read(_SIZE.size))
+        cut_off = file.tell() + size > self._size  # asked before so much memory is
         if size != header.get_uint32("count") * _ENTRY.itemsize or cut_off:
             raise DamageError(f"the index of the chunk at byte {pos} is cut off")
-        data = self.bio.read(size)
-        self._index_bytes += self.bio.tell() - begin
+        data = file.read(size)
+        self._index_bytes += file.tell() - begin
         if self._index_bytes > self._size:
             raise DamageError("its index names messages twice")
         self._entries.setdefault(header.get_uint32("conn"), []).append((pos, np.frombuffer(data, _ENTRY)))
@@ -191,13 +192,11 @@ class IndexReader(rosbag1.Reader):
         Raises:
             DamageError: it is cut off, or holds more than it announces.
         """
-        if self.bio is None:
-            raise DamageError("the file was closed")
         chunk, (compression, unpacked_bytes) = self.chunks[position], self._compression[position]
-        self.bio.seek(chunk.datapos)
-        packed = self.bio.read(chunk.datasize)
+        self._opened.seek(chunk.datapos)
+        packed = self._opened.read(chunk.datasize)
         if self._on_read is not None:
-            self._on_read(self._file, self.bio.tell(), packed)
+            self._on_read(self._file, self._opened.tell(), packed)
         if compression == "none":
             return packed
         try:
@@ -281,10 +280,7 @@ def _in_order(indexes: Sequence[_Index]) -> Iterator[tuple[int, int, int, int]]:
     if not indexes:
         return
     numbers = np.repeat(np.arange(len(indexes)), [len(index.times_ns) for index in indexes])
-    columns = [
-        numbers,
-        *(np.concatenate([getattr(index, name) for index in indexes]) for name in _Index.__slots__),
-    ]
+    columns = [numbers, *map(np.concatenate, zip(*indexes, strict=True))]
     order = np.argsort(columns[1], kind="stable")
     for begin in range(0, len(order), _BLOCK):  # without a Python object for each message of the file at once
         block = order[begin : begin + _BLOCK]
