@@ -19,7 +19,7 @@ from bagassets.store.artifact import Artifact
 from bagassets.store.canonical import digest_file
 from bagassets.store.store import Store
 
-__all__ = ["RecordingInputs"]
+__all__ = ["RecordingInputs", "not_materialized"]
 
 
 class RecordingInputs:
@@ -92,9 +92,7 @@ class RecordingInputs:
         try:
             return self._artifacts[asset]
         except KeyError:
-            raise StoreError(
-                f"{self.key}: {asset} is not materialized for this recording; materialize {asset} first."
-            ) from None
+            raise not_materialized(self.key, asset) from None
 
     def channels(self, asset: str) -> dict[str, Artifact]:
         """Return channel -> artifact of `frames` or `sweeps`."""
@@ -130,3 +128,11 @@ class RecordingInputs:
         """Open `topics` of the recording, from wherever they are cheapest to read."""
         with self._source.topics(topics, self.inventory, self.artifact("inventory")) as recording:
             yield recording
+
+
+def not_materialized(key: str, asset: str, why: str | None = None) -> StoreError:
+    """Return the error that an asset of a recording has not been made, and why it could not be when that was last tried."""
+    tried = "" if why is None else f" When that was last tried, it failed: {why}"
+    return StoreError(
+        f"{key}: {asset} is not materialized for this recording; materialize {asset} first.{tried}"
+    )

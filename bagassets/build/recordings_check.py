@@ -1,7 +1,7 @@
 """Checking the bytes of recordings against their recorded digests, and naming the files and topics that changed."""
 
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -118,21 +118,18 @@ class CheckedRecording:
         }
 
 
-def check_recordings(
-    assets: RecordingAssets, store: Store, between: Callable[[int], None] | None = None
-) -> Iterator[CheckedRecording]:
+def check_recordings(assets: RecordingAssets, store: Store) -> Iterator[CheckedRecording]:
     """Hash every recording and compare it with its record; nothing is changed.
 
     Args:
         assets: the assets of a recording under the recipe.
         store: the artifact store, which has the inventories.
-        between: called with the number of bytes just read, every few milliseconds.
     """
     recipe = assets.recipe
     index = DigestIndex.of(recipe)
     for key, recording in sorted(discover(recipe.bags).recordings.items()):
         try:
-            yield _check(assets, store, index, key, recording, between)
+            yield _check(assets, store, index, key, recording)
         except BagAssetsError as err:
             yield CheckedRecording(key, 0, problem=str(err))
 
@@ -143,7 +140,6 @@ def _check(
     index: DigestIndex,
     key: str,
     recording: RecordingFiles,
-    between: Callable[[int], None] | None,
 ) -> CheckedRecording:
     recorded: dict[str, str] = {}
     changed: list[ChangedFile] = []
@@ -151,7 +147,7 @@ def _check(
     size = 0
     for path, stat in stat_files(recording):
         size += stat.st_size
-        actual = hash_file(path, stat, between)
+        actual = hash_file(path, stat)
         row = index.row(path)
         digest = read_attribute(path) if row is None else row.digest
         if digest is None:

@@ -1,6 +1,6 @@
 """Comparing digests on record with the content of files."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from os import stat_result
 from pathlib import Path
@@ -37,9 +37,7 @@ class Disagreement:
         )
 
 
-def check_digests(
-    recording: RecordingFiles, index: DigestIndex | None = None, between: Callable[[int], None] | None = None
-) -> Iterator[Disagreement]:
+def check_digests(recording: RecordingFiles, index: DigestIndex | None) -> Iterator[Disagreement]:
     """Hash all files of a recording, and yield each digest on record that should match but does not.
 
     Records for another size or mtime are no disagreement: nobody trusts them.
@@ -49,7 +47,7 @@ def check_digests(
         ChangedWhileReadError: a file changed while it was hashed.
     """
     for path, stat in stat_files(recording):
-        yield from disagreements(path, stat, hash_file(path, stat, between), index)
+        yield from disagreements(path, stat, hash_file(path, stat), index)
 
 
 def disagreements(
