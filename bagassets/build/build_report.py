@@ -33,7 +33,16 @@ _MOST_REMARKS = 12
 
 
 @dataclass(frozen=True)
-class BuildOptions:
+class _Sent:
+    """Facts that one process sends to another."""
+
+    def as_json(self) -> JsonObject:
+        """Return them as JSON."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class BuildOptions(_Sent):
     """Options of a build.
 
     Attributes:
@@ -57,10 +66,6 @@ class BuildOptions:
         """True if it covers all recordings and assets."""
         return not self.bags and not self.select
 
-    def as_json(self) -> JsonObject:
-        """Return the options as JSON."""
-        return asdict(self)
-
     @classmethod
     def from_json(cls, value: JsonObject) -> Self:
         """Inverse of `as_json`; fields that are left out have their defaults."""
@@ -68,7 +73,7 @@ class BuildOptions:
 
 
 @dataclass(frozen=True)
-class Event:
+class Event(_Sent):
     """Progress of a build.
 
     Attributes:
@@ -97,10 +102,6 @@ class Event:
     def is_preparation(self) -> bool:
         """True if it says how far the work is that comes before (and between) the runs."""
         return self.kind in {"planning", "reading"}
-
-    def as_json(self) -> JsonObject:
-        """Return the event as JSON."""
-        return asdict(self)
 
 
 @dataclass(frozen=True)
@@ -135,7 +136,7 @@ class OwnOutcome:
 
 
 @dataclass(frozen=True)
-class Remark:
+class Remark(_Sent):
     """A problem that a check found in a recording that was built.
 
     Attributes:
@@ -149,10 +150,6 @@ class Remark:
     severity: str
     check: str
     problem: str
-
-    def as_json(self) -> JsonObject:
-        """Return the remark as JSON."""
-        return asdict(self)
 
 
 def remark_lines(remarks: Iterable[Remark]) -> list[str]:
@@ -260,7 +257,7 @@ class BuildReport:
 
 
 @dataclass(frozen=True)
-class SummaryRow:
+class SummaryRow(_Sent):
     """A row of the summary: what one recording contains; None where that is not known.
 
     Attributes:
@@ -292,7 +289,3 @@ class SummaryRow:
     result: str
     reason: str
     lost: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
-
-    def as_json(self) -> JsonObject:
-        """Return the row as JSON."""
-        return asdict(self)
