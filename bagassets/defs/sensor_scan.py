@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import dagster as dg
 
 from bagassets.alike import names_text
-from bagassets.build.named_files import files_beside
+from bagassets.build.inputs import files_beside
 from bagassets.build.plan import AssetState, BagPlan, Plan
 from bagassets.build.unsettled import Unsettled
 from bagassets.defs.batches import batch_config, batch_of, batches

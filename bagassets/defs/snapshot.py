@@ -7,7 +7,7 @@ from pathlib import Path
 import dagster as dg
 
 from bagassets.build.build_report import Remark, remark_lines
-from bagassets.build.named_files import files_beside, named_files
+from bagassets.build.inputs import files_beside, named_files
 from bagassets.build.plan import Plan
 from bagassets.defs.events import event_database
 from bagassets.defs.instance_plan import workspace_fingerprint
