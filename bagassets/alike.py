@@ -17,10 +17,10 @@ _PRONOUN = re.compile(r"(?:^|(?<=  )|(?<=…: ))its?\b")
 _OF_EACH = {"it": "each", "its": "their"}
 
 
-def names_text(names: Sequence[str]) -> str:
+def names_text(names: Sequence[str], most: int = _MOST_NAMED) -> str:
     """Return names, of many only the first few: `a, b, c and 4 more`."""
-    more = len(names) - _MOST_NAMED
-    return ", ".join(names[:_MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
+    more = len(names) - most
+    return ", ".join(names[:most]) + (f" and {more} more" if more > 0 else "")
 
 
 @dataclass(frozen=True)

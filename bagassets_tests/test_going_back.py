@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from bagassets.defs.instance_settings import read_settings
+from bagassets.defs.databases import read_settings
 from bagassets.errors import BagAssetsError
 from bagassets.forkserver.client import Client
 from bagassets_tests.services import BIN, bare_environment, make_project

@@ -7,7 +7,7 @@ import dagster as dg
 import pyarrow.parquet as pq
 import pytest
 
-from bagassets.defs import pending_work, written_report
+from bagassets.defs import dataset, pending_work
 from bagassets.defs.artifact_files import page_file
 from bagassets.defs.check_records import findings_on_record
 from bagassets.defs.instance_plan import plan_instance
@@ -120,14 +120,14 @@ def test_where_there_is_no_report_there_is_no_link(made, monkeypatch):
     _, instance, workspace = made
     planned = plan_instance(instance, workspace)
     with monkeypatch.context() as patch:
-        patch.setattr(written_report, "MOST_RECORDINGS", 1)
-        said = written_report.write_report(instance, workspace, planned).value
+        patch.setattr(dataset, "MOST_REPORTED", 1)
+        said = dataset.write_report(instance, workspace, planned).value
         assert said == "`bagassets report` writes it (more than 1 recordings)"
     place = report_path(workspace.recipe)
     content = place.read_text()
     place.unlink()
     place.mkdir()
-    said = written_report.write_report(instance, workspace, planned).value
+    said = dataset.write_report(instance, workspace, planned).value
     assert "could not be written" in said
     assert "](" not in said
     place.rmdir()

@@ -1,7 +1,7 @@
 """Options of a build, events while it works, and its report."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal, Self
 
@@ -33,7 +33,16 @@ _MOST_REMARKS = 12
 
 
 @dataclass(frozen=True)
-class BuildOptions:
+class _Sent:
+    """Facts that one process sends to another."""
+
+    def as_json(self) -> JsonObject:
+        """Return them as JSON."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class BuildOptions(_Sent):
     """Options of a build.
 
     Attributes:
@@ -57,10 +66,6 @@ class BuildOptions:
         """True if it covers all recordings and assets."""
         return not self.bags and not self.select
 
-    def as_json(self) -> JsonObject:
-        """Return the options as JSON."""
-        return asdict(self)
-
     @classmethod
     def from_json(cls, value: JsonObject) -> Self:
         """Inverse of `as_json`; fields that are left out have their defaults."""
@@ -68,7 +73,7 @@ class BuildOptions:
 
 
 @dataclass(frozen=True)
-class Event:
+class Event(_Sent):
     """Progress of a build.
 
     Attributes:
@@ -97,10 +102,6 @@ class Event:
     def is_preparation(self) -> bool:
         """True if it says how far the work is that comes before (and between) the runs."""
         return self.kind in {"planning", "reading"}
-
-    def as_json(self) -> JsonObject:
-        """Return the event as JSON."""
-        return asdict(self)
 
 
 @dataclass(frozen=True)
@@ -133,13 +134,9 @@ class OwnOutcome:
     results: Mapping[str, int]
     reasons: Mapping[str, list[str]] = field(default_factory=dict)
 
-    def as_json(self) -> JsonObject:
-        """Return the outcome as JSON."""
-        return asdict(self)
-
 
 @dataclass(frozen=True)
-class Remark:
+class Remark(_Sent):
     """A problem that a check found in a recording that was built.
 
     Attributes:
@@ -153,10 +150,6 @@ class Remark:
     severity: str
     check: str
     problem: str
-
-    def as_json(self) -> JsonObject:
-        """Return the remark as JSON."""
-        return asdict(self)
 
 
 def remark_lines(remarks: Iterable[Remark]) -> list[str]:
@@ -235,65 +228,36 @@ class BuildReport:
 
     def as_json(self) -> JsonObject:
         """Return the report as JSON, without the plan."""
-        return {
-            "recordings": {
-                key: {
-                    "result": outcome.result,
-                    "reason": outcome.reason,
-                    "seconds": round(outcome.seconds, 3),
-                }
-                for key, outcome in self.outcomes.items()
-            },
-            "counts": self.counts(),
-            "excluded": dict(self.excluded),
-            "removed": list(self.removed),
-            "remarks": [remark.as_json() for remark in self.remarks],
-            "duplicates": dict(self.duplicates),
-            "left_out": dict(self.left_out),
-            "moved": {key: list(splits) for key, splits in self.moved.items()},
-            "splits": {name: dict(share) for name, share in self.splits.items()},
-            "dataset": {
-                "state": self.dataset,
-                "path": str(self.dataset_path),
-                "problem": self.dataset_problem,
-            },
-            "datasets": {name: dict(one) for name, one in self.datasets.items()},
-            "own": {name: one.as_json() for name, one in self.own.items()},
-            "own_left_out": dict(self.own_left_out),
-            "own_problem": self.own_problem,
-            "interrupted": self.interrupted,
-            "seconds": round(self.seconds, 3),
+        value = asdict(replace(self, plan=None))
+        del value["plan"]
+        for one in (value, *value["outcomes"].values()):
+            one["seconds"] = round(one["seconds"], 3)
+        value["dataset"] = {
+            "state": self.dataset,
+            "path": str(value.pop("dataset_path")),
+            "problem": value.pop("dataset_problem"),
         }
+        return {"recordings": value.pop("outcomes"), "counts": self.counts(), **value}
 
     @classmethod
     def from_json(cls, value: JsonObject) -> Self:
         """Inverse of `as_json`, without the plan."""
-        return cls(
-            outcomes={
-                key: BagOutcome(bag["result"], bag["reason"], bag["seconds"])
-                for key, bag in value["recordings"].items()
-            },
-            excluded=value["excluded"],
-            removed=tuple(value["removed"]),
-            remarks=tuple(Remark(**remark) for remark in value["remarks"]),
-            duplicates=value["duplicates"],
-            left_out=value["left_out"],
-            moved={key: (was, now) for key, (was, now) in value["moved"].items()},
-            splits=value["splits"],
-            dataset=value["dataset"]["state"],
-            dataset_problem=value["dataset"]["problem"],
-            dataset_path=Path(value["dataset"]["path"]),
-            datasets=value["datasets"],
-            own={name: OwnOutcome(**one) for name, one in value["own"].items()},
-            own_left_out=value["own_left_out"],
-            own_problem=value["own_problem"],
-            interrupted=value["interrupted"],
-            seconds=value["seconds"],
-        )
+        made = {
+            "outcomes": {key: BagOutcome(**bag) for key, bag in value["recordings"].items()},
+            "removed": tuple(value["removed"]),
+            "remarks": tuple(Remark(**remark) for remark in value["remarks"]),
+            "moved": {key: tuple(splits) for key, splits in value["moved"].items()},
+            "dataset": value["dataset"]["state"],
+            "dataset_problem": value["dataset"]["problem"],
+            "dataset_path": Path(value["dataset"]["path"]),
+            "own": {name: OwnOutcome(**one) for name, one in value["own"].items()},
+        }
+        known = {one.name for one in fields(cls)}
+        return cls(**{name: one for name, one in value.items() if name in known} | made)
 
 
 @dataclass(frozen=True)
-class SummaryRow:
+class SummaryRow(_Sent):
     """A row of the summary: what one recording contains; None where that is not known.
 
     Attributes:
@@ -325,7 +289,3 @@ class SummaryRow:
     result: str
     reason: str
     lost: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
-
-    def as_json(self) -> JsonObject:
-        """Return the row as JSON."""
-        return asdict(self)

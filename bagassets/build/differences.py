@@ -3,11 +3,11 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+from bagassets.alike import names_text
 from bagassets.json_types import JsonMapping
 
 __all__ = ["Change", "compare_actions", "describe_changes", "flatten"]
 
-_MOST_NAMED = 3
 _MOST_CHARACTERS = 24
 
 
@@ -56,9 +56,7 @@ def compare_actions(before: JsonMapping, now: JsonMapping) -> list[Change]:
 
 def describe_changes(changes: Sequence[Change]) -> str:
     """Return a short text that names the first few changes."""
-    texts = list(dict.fromkeys(str(change) for change in changes))
-    more = f" and {len(texts) - _MOST_NAMED} more" if len(texts) > _MOST_NAMED else ""
-    return ", ".join(texts[:_MOST_NAMED]) + more
+    return names_text(list(dict.fromkeys(map(str, changes))))
 
 
 def flatten(value: JsonMapping, prefix: str = "") -> Iterator[tuple[str, object]]:

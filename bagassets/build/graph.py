@@ -16,12 +16,12 @@ from functools import cached_property
 from bagassets.assets.asset import AnyAsset, AnyUse
 from bagassets.assets.selection import choose_rig, skip_reason
 from bagassets.build.differences import compare_actions, describe_changes
-from bagassets.build.inputs import RecordingInputs
+from bagassets.build.inputs import RecordingInputs, not_materialized
 from bagassets.build.plan import AssetState, Recorded, skip_version, version_as_input
 from bagassets.build.recording_assets import RecordingAssets
 from bagassets.build.source import MessageSource
 from bagassets.build.unexpected import explained_error
-from bagassets.errors import BagAssetsError, RecipeError, StoreError
+from bagassets.errors import BagAssetsError, RecipeError
 from bagassets.recipe.model import Rig
 from bagassets.recordings.digest import RecordingStat
 from bagassets.recordings.model import RecordingFiles
@@ -205,7 +205,7 @@ class Graph:
         elif name in self.given:
             node.artifact = self.given[name]
         else:
-            node.error = _missing(self.recording.key, name, self.failures.get(name))
+            node.error = not_materialized(self.recording.key, name, self.failures.get(name))
         return node
 
     def _expand_selection(self, node: Node) -> None:
@@ -371,10 +371,3 @@ def _noted(node: Node, recording: RecordingFiles) -> Iterator[None]:
         yield
     except Exception as err:  # noqa: BLE001  (any error costs this node only)
         node.error = explained_error(err, recording.path, node.channel or node.name)
-
-
-def _missing(key: str, asset: str, why: str | None) -> StoreError:
-    tried = "" if why is None else f" When that was last tried, it failed: {why}"
-    return StoreError(
-        f"{key}: {asset} is not materialized for this recording; materialize {asset} first.{tried}"
-    )

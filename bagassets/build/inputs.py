@@ -1,16 +1,21 @@
-"""The inputs of one recording's actions: the facts that they are planned from, and what they run on."""
+"""The inputs of one recording's actions: the facts that they are planned from, and what they run on.
+
+Files that steps read besides the recordings count, too: the recipe names them, or they lie beside a recording.
+"""
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from functools import cached_property
 from pathlib import Path
 
-from bagassets.annotations.files.find import LabelSet, find_labels
+from bagassets.annotations.files.find import LabelSet, find_labels, label_paths
 from bagassets.assets.ego_poses import load_trajectory
+from bagassets.assets.selection import choose_rig
 from bagassets.build.source import MessageSource
 from bagassets.errors import StoreError
 from bagassets.geometry.calibration import Calibration
 from bagassets.geometry.trajectory import Trajectory
+from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_annotations import AnnotationFiles
 from bagassets.recordings.inventory import Inventory
 from bagassets.recordings.model import Format, RecordingFiles
@@ -19,7 +24,7 @@ from bagassets.store.artifact import Artifact
 from bagassets.store.canonical import digest_file
 from bagassets.store.store import Store
 
-__all__ = ["RecordingInputs"]
+__all__ = ["RecordingInputs", "files_beside", "named_files", "not_materialized"]
 
 
 class RecordingInputs:
@@ -92,9 +97,7 @@ class RecordingInputs:
         try:
             return self._artifacts[asset]
         except KeyError:
-            raise StoreError(
-                f"{self.key}: {asset} is not materialized for this recording; materialize {asset} first."
-            ) from None
+            raise not_materialized(self.key, asset) from None
 
     def channels(self, asset: str) -> dict[str, Artifact]:
         """Return channel -> artifact of `frames` or `sweeps`."""
@@ -130,3 +133,27 @@ class RecordingInputs:
         """Open `topics` of the recording, from wherever they are cheapest to read."""
         with self._source.topics(topics, self.inventory, self.artifact("inventory")) as recording:
             yield recording
+
+
+def not_materialized(key: str, asset: str, why: str | None = None) -> StoreError:
+    """Return the error that an asset of a recording has not been made, and why it could not be when that was last tried."""
+    tried = "" if why is None else f" When that was last tried, it failed: {why}"
+    return StoreError(
+        f"{key}: {asset} is not materialized for this recording; materialize {asset} first.{tried}"
+    )
+
+
+def named_files(recipe: Recipe) -> tuple[list[Path], list[Path]]:
+    """Return the URDF and calibration files and the folders of message definitions that a recipe names, if they exist or not."""
+    files = [rig.urdf for rig in recipe.rigs if rig.urdf is not None]
+    channels = [channel for rig in recipe.rigs for channel in rig.channels.values()]
+    files += [one.file for channel in channels for one in channel.calibration_files.values()]
+    return list(dict.fromkeys(files)), list(recipe.bags.message_definitions)
+
+
+def files_beside(recipe: Recipe, recording: RecordingFiles) -> list[Path]:
+    """Return the paths of a recording's label files, and the paths where some might appear."""
+    if not any(rig.annotation_files for rig in recipe.rigs):
+        return []
+    rig = choose_rig(recipe, *recording.names)
+    return [] if rig is None else label_paths(rig, recording)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 
 from bagassets.alike import names_text
 from bagassets.build.graph import Graph
-from bagassets.build.named_files import files_beside
+from bagassets.build.inputs import files_beside
 from bagassets.build.plan import AssetState, BagPlan, Plan, Recorded, version_as_input
 from bagassets.build.recording_assets import RecordingAssets
 from bagassets.build.unsettled import Unsettled

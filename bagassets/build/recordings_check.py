@@ -1,7 +1,7 @@
 """Checking the bytes of recordings against their recorded digests, and naming the files and topics that changed."""
 
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from bagassets.build.execute import run_again
 from bagassets.build.graph import Graph
 from bagassets.build.recording_assets import RecordingAssets
 from bagassets.errors import BagAssetsError
-from bagassets.json_types import JsonMapping, JsonObject
+from bagassets.json_types import JsonObject
 from bagassets.quantities import count_text
 from bagassets.recordings.digest import (
     DigestIndex,
@@ -118,21 +118,18 @@ class CheckedRecording:
         }
 
 
-def check_recordings(
-    assets: RecordingAssets, store: Store, between: Callable[[int], None] | None = None
-) -> Iterator[CheckedRecording]:
+def check_recordings(assets: RecordingAssets, store: Store) -> Iterator[CheckedRecording]:
     """Hash every recording and compare it with its record; nothing is changed.
 
     Args:
         assets: the assets of a recording under the recipe.
         store: the artifact store, which has the inventories.
-        between: called with the number of bytes just read, every few milliseconds.
     """
     recipe = assets.recipe
     index = DigestIndex.of(recipe)
     for key, recording in sorted(discover(recipe.bags).recordings.items()):
         try:
-            yield _check(assets, store, index, key, recording, between)
+            yield _check(assets, store, index, key, recording)
         except BagAssetsError as err:
             yield CheckedRecording(key, 0, problem=str(err))
 
@@ -143,7 +140,6 @@ def _check(
     index: DigestIndex,
     key: str,
     recording: RecordingFiles,
-    between: Callable[[int], None] | None,
 ) -> CheckedRecording:
     recorded: dict[str, str] = {}
     changed: list[ChangedFile] = []
@@ -151,7 +147,7 @@ def _check(
     size = 0
     for path, stat in stat_files(recording):
         size += stat.st_size
-        actual = hash_file(path, stat, between)
+        actual = hash_file(path, stat)
         row = index.row(path)
         digest = read_attribute(path) if row is None else row.digest
         if digest is None:
@@ -184,20 +180,14 @@ def _changed_topics(
         if isinstance(again, BagAssetsError):
             raise again
         now = _topics(again.artifact)
+    nothing = (None, None)
+    compared = {name: (before.get(name, nothing), now.get(name, nothing)) for name in sorted(before | now)}
     return tuple(
-        ChangedTopic(name, _count(before.get(name)), _count(now.get(name)))
-        for name in sorted(before.keys() | now.keys())
-        if _digest(before.get(name)) != _digest(now.get(name))
+        ChangedTopic(name, old[1], new[1]) for name, (old, new) in compared.items() if old[0] != new[0]
     )
 
 
-def _topics(inventory: Artifact) -> dict[str, JsonMapping]:
-    return {topic["name"]: topic for topic in inventory.read_json("inventory.json")["topics"]}
-
-
-def _count(topic: JsonMapping | None) -> int | None:
-    return None if topic is None else int(topic["count"])
-
-
-def _digest(topic: JsonMapping | None) -> str | None:
-    return None if topic is None else str(topic["digest"])
+def _topics(inventory: Artifact) -> dict[str, tuple[str, int]]:
+    """Return topic -> digest and number of its messages."""
+    topics = inventory.read_json("inventory.json")["topics"]
+    return {topic["name"]: (topic["digest"], topic["count"]) for topic in topics}

@@ -6,19 +6,20 @@ are one statement, and take a quarter less room; they are not in the log of thei
 
 import json
 from collections import Counter, defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any
 
 import dagster as dg
 from sqlalchemy.exc import IntegrityError
 
+from bagassets.build.build_report import Remark
 from bagassets.defs.checks import check_groups
 from bagassets.defs.dagster_private import AssetCheckExecutionsTable, SqlEventLogStorage
 from bagassets.defs.workspace import Workspace
 from bagassets.report.model import Problem
 
-__all__ = ["findings_on_record", "record_passed"]
+__all__ = ["findings_on_record", "record_passed", "remarks_of_runs"]
 
 _SUCCEEDED, _FAILED = "SUCCEEDED", "FAILED"  # as Dagster's `AssetCheckExecutionRecordStatus` has them
 _BATCH = 500
@@ -108,6 +109,21 @@ def findings_on_record(
     return problems, Counter(key for _, key, status in latest if status.value == _SUCCEEDED)
 
 
+def remarks_of_runs(instance: dg.DagsterInstance, run_ids: Collection[str]) -> list[Remark]:
+    """Return the findings of the asset checks in some runs; empty ids are of recordings that had none."""
+    remarks = []
+    for run_id in sorted(filter(None, run_ids)):
+        for entry in instance.all_logs(run_id, of_type=dg.DagsterEventType.ASSET_CHECK_EVALUATION):
+            found = _evaluation(entry)
+            if not found.passed:
+                one = _problem(found)
+                said = one.sentence + (f" (and {one.more} more)" if one.more > 0 else "")
+                remarks.append(Remark(found.partition or "", one.weight, one.check, said))
+    return sorted(remarks, key=lambda remark: remark.key)
+
+
 def _problem(evaluation: Any) -> Problem:
-    more = evaluation.metadata["problems"].value - 1
-    return Problem(evaluation.check_name, evaluation.severity.value.lower(), evaluation.description, more)
+    """Return what a check found; users' own checks need not count their problems."""
+    more = int(str(evaluation.metadata["problems"].value)) - 1 if "problems" in evaluation.metadata else 0
+    weight = evaluation.severity.value.lower()
+    return Problem(evaluation.check_name, weight, evaluation.description or "", more)

@@ -1,4 +1,4 @@
-"""Dagster's SQLite databases: created whole or not at all, by one process, and errors explained.
+"""What a Dagster home folder names: SQLite databases, created whole or not at all, by one process, and errors explained.
 
 Dagster creates a database in place, table by table, and takes one without tables for finished: a process
 that is killed meanwhile leaves a project that no build can use. Here databases are created in a temporary folder and
@@ -11,6 +11,8 @@ import shutil
 import sqlite3
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
+from functools import lru_cache
+from importlib.util import find_spec
 from pathlib import Path
 from uuid import uuid4
 
@@ -20,14 +22,16 @@ from sqlalchemy.exc import DatabaseError, OperationalError
 
 from bagassets.defs.dagster_private import (
     DagsterSqliteStorage,
+    InstanceRef,
     RunStorageSqlMetadata,
     ScheduleStorageSqlMetadata,
     SqlEventLogStorageMetadata,
 )
-from bagassets.errors import StoreError
+from bagassets.errors import BagAssetsError, StoreError
+from bagassets.freshness.fingerprints import open_read_only
 from bagassets.lock_files import LockFile
 
-__all__ = ["are_files", "database_errors_explained", "ready_to_open"]
+__all__ = ["are_files", "database_errors_explained", "read_settings", "ready_to_open"]
 
 _LOCK = "opening.lock"
 _NEW = "new-"
@@ -83,6 +87,35 @@ def ready_to_open(home: Path) -> Iterator[None]:
         yield
 
 
+def read_settings(home: Path) -> InstanceRef:
+    """Return the settings in a Dagster home folder; they are parsed again only if the text of the file has changed.
+
+    Raises:
+        BagAssetsError: they name modules of another version of bagassets.
+    """
+    config = home / "dagster.yaml"
+    return _settings(str(home), config.read_bytes() if config.is_file() else b"")
+
+
+@lru_cache(maxsize=8)
+def _settings(home: str, _text: bytes) -> InstanceRef:
+    settings = InstanceRef.from_dir(home)
+    named = {str(getattr(part, "module_name", "")) for part in settings}
+    for module in sorted(name for name in named if name.startswith("bagassets.") and not _exists(name)):
+        raise BagAssetsError(
+            f"{home}/dagster.yaml: there is no {module} in this version of bagassets, so another one wrote the file; use that, "
+            f"or have this one write it anew: `bagassets init {shlex.quote(home)}`. Recipe and records stay."
+        )
+    return settings
+
+
+def _exists(module: str) -> bool:
+    try:
+        return find_spec(module) is not None
+    except ModuleNotFoundError:  # nor its package
+        return False
+
+
 @contextmanager
 def database_errors_explained(place: str) -> Iterator[None]:
     """Turn errors of the database into ours: a full disk, missing permission, a server that is down, damage.
@@ -126,7 +159,7 @@ def _is_whole(path: Path, schema: MetaData) -> bool:
     if not path.exists():
         return False
     try:
-        with closing(_opened(path)) as connection:
+        with closing(open_read_only(str(path), _BUSY_S)) as connection:
             rows = connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall()
             tables = {name for (name,) in rows}
             if tables.issuperset({*schema.tables, _VERSION}) and all(
@@ -138,11 +171,6 @@ def _is_whole(path: Path, schema: MetaData) -> bool:
         return True  # in use or unreadable: Dagster will report that itself
     except sqlite3.DatabaseError as err:
         raise _damaged(path, str(err)) from err
-
-
-def _opened(path: Path) -> sqlite3.Connection:
-    quoted = str(path).replace("%", "%25").replace("?", "%3f").replace("#", "%23")
-    return sqlite3.connect(f"file:{quoted}?mode=ro", timeout=_BUSY_S, uri=True)
 
 
 def _has_rows(connection: sqlite3.Connection, table: str) -> bool:
@@ -205,7 +233,7 @@ def _first_damaged(home: Path) -> Path:
     folder = _storage(home) or home
     for path in (*(folder / name for name in _DATABASES), *sorted(folder.glob("history/runs/*.db"))):
         try:
-            with closing(_opened(path)) as connection:
+            with closing(open_read_only(str(path), _BUSY_S)) as connection:
                 if connection.execute("PRAGMA quick_check(1)").fetchall() != [("ok",)]:
                     return path
         except sqlite3.OperationalError:

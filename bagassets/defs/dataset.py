@@ -1,11 +1,16 @@
-"""The assets that exist once: the index of inputs, the datasets made from it, and the map."""
+"""The assets that exist once: the index of inputs, the datasets made from it, and the map.
+
+The report is written with the main dataset: the link on its page in the web UI opens it.
+"""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import dagster as dg
 
 from bagassets.defs.artifact_files import page_link
+from bagassets.defs.check_records import findings_on_record
 from bagassets.defs.events import CODE_VERSION, DATA_VERSION, latest_ids
 from bagassets.defs.fence import refuse_if_ended
 from bagassets.defs.instance_plan import InstancePlan, plan_in_run
@@ -13,7 +18,8 @@ from bagassets.defs.making import MadeAsset
 from bagassets.defs.naming import DATASET_INPUTS, Naming
 from bagassets.defs.reporting import code_link, dataset_metadata, errors_explained, inputs_metadata
 from bagassets.defs.workspace import Workspace
-from bagassets.defs.written_report import write_report
+from bagassets.errors import BagAssetsError
+from bagassets.escaping import markdown
 from bagassets.formats.catalogue import MAIN, formats, recording_assets
 from bagassets.formats.dataset_build import (
     DatasetInputs,
@@ -23,13 +29,24 @@ from bagassets.formats.dataset_build import (
     is_on_disk,
     select_inputs,
 )
-from bagassets.formats.report_data import build_map, map_path
+from bagassets.formats.report_data import build_map, map_path, report_data, report_path
 from bagassets.recipe.model import Recipe
+from bagassets.report.page import report_page
+from bagassets.report.write import write_page
 
-__all__ = ["dataset_assets", "dataset_is_current", "datasets_behind", "make_dataset", "record_inputs"]
+__all__ = [
+    "dataset_assets",
+    "dataset_is_current",
+    "datasets_behind",
+    "make_dataset",
+    "record_inputs",
+    "write_report",
+]
 
 TRAJECTORY_MAP = "trajectory_map"
 INPUTS_CODE_VERSION = "1"
+MOST_REPORTED = 1000
+"""It takes a millisecond or two for each recording, and a change of one is not to cost more the more there are."""
 
 _INPUTS = """Which recordings the datasets are made from, and why others are left out.
 
@@ -205,3 +222,22 @@ def make_dataset(
     failed = planned.inputs.failed.get(dataset.kind.name, {})
     report = {"report": write_report(instance, workspace, planned)} if asset == MAIN.asset else {}
     return MadeAsset(asset, summary.digest, report | dataset_metadata(summary, failed))
+
+
+def write_report(
+    instance: dg.DagsterInstance, workspace: Workspace, planned: InstancePlan
+) -> dg.MarkdownMetadataValue:
+    """Write the report with what the checks of recordings found when they ran; return a link to it, or why there is none."""
+    if len(planned.plan.bags) > MOST_REPORTED:
+        return dg.MetadataValue.md(f"`bagassets report` writes it (more than {MOST_REPORTED} recordings)")
+    try:
+        data = report_data(workspace.recipe, workspace.store, planned.plan)
+        problems, passed = findings_on_record(instance, workspace)
+        recordings = [
+            replace(one, problems=problems.get(one.key, ()), checks_passed=passed.get(one.key, 0))
+            for one in data.recordings
+        ]
+        write_page(report_path(workspace.recipe), report_page(replace(data, recordings=recordings)))
+    except (BagAssetsError, OSError) as err:  # the dataset is as good without it
+        return dg.MetadataValue.md(f"It could not be written: {markdown(str(err))}")
+    return dg.MetadataValue.md(f"[Open the report]({page_link('report')})")

@@ -19,6 +19,7 @@ from bagassets.recordings.digest import RecordingStat
 __all__ = [
     "all_assets",
     "fetch_recorded",
+    "in_batches",
     "latest_ids",
     "live_partitions",
     "recorded_partition",
@@ -120,11 +121,11 @@ def latest_ids(
 
 def runs_of(instance: dg.DagsterInstance, run_ids: Iterable[str]) -> list[dg.DagsterRun]:
     """Return the runs with these ids that are there."""
-    batches = _in_batches(sorted(run_ids))
+    batches = in_batches(sorted(run_ids))
     return [run for batch in batches for run in instance.get_runs(dg.RunsFilter(run_ids=batch))]
 
 
-def _in_batches(ids: Sequence[T]) -> Iterator[list[T]]:
+def in_batches(ids: Sequence[T]) -> Iterator[list[T]]:
     """Yield the ids in lists so short that a query may name all of one."""
     for start in range(0, len(ids), _BATCH):
         yield list(ids[start : start + _BATCH])
@@ -138,7 +139,7 @@ def fetch_recorded(
     records: list[tuple[A, dg.EventLogRecord]] = []
     for asset, by_key in ids.items():
         wanted = sorted(by_key[key] for key in found if key in by_key)
-        for batch in _in_batches(wanted):
+        for batch in in_batches(wanted):
             result = instance.fetch_materializations(
                 AssetRecordsFilter(asset_key=names.key(asset), storage_ids=batch), limit=len(batch)
             )
@@ -159,7 +160,7 @@ def _late(instance: dg.DagsterInstance, records: Sequence[dg.EventLogRecord]) ->
     """
     run_ids = sorted({record.run_id for record in records})
     ends: dict[str, float | None] = {}
-    for batch in _in_batches(run_ids):
+    for batch in in_batches(run_ids):
         asked = dg.RunsFilter(run_ids=batch, statuses=_NOT_SUCCEEDED)
         ends |= {one.dagster_run.run_id: one.end_time for one in instance.get_run_records(asked)}
     return {

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import dagster as dg
 
-from bagassets.build.named_files import named_files
+from bagassets.build.inputs import named_files
 from bagassets.build.plan import BagPlan, Plan, Recorded
 from bagassets.build.planner import Planning
 from bagassets.defs.events import all_assets, fetch_recorded, latest_ids, live_partitions

@@ -14,6 +14,7 @@ from contextlib import suppress
 import click
 import dagster as dg
 
+from bagassets.alike import names_text
 from bagassets.defs.dagster_private import AssetGraph
 from bagassets.defs.partitions import RecordingPartitions
 from bagassets.errors import BagAssetsError
@@ -67,8 +68,7 @@ class _Selection:
 
 
 def _named(keys: Collection[dg.AssetKey]) -> str:
-    more = f" and {len(keys) - _MOST_NAMED} more" if len(keys) > _MOST_NAMED else ""
-    return ", ".join(key.to_user_string() for key in list(keys)[:_MOST_NAMED]) + more
+    return names_text([key.to_user_string() for key in keys], _MOST_NAMED)
 
 
 def _what_to_add(

@@ -86,16 +86,7 @@ class OwnProject:
         """Return the state of each asset."""
         if not self.assets:
             return OwnWork(self)
-        survey = Survey(
-            instance,
-            self.workspace.names,
-            pending,
-            self.assets,
-            wanted=self.wanted,
-            retry_failed=options.retry_failed,
-            is_dataset_current=is_dataset_current,
-        )
-        return OwnWork(self, survey.states)
+        return OwnWork(self, Survey(instance, self, pending, options, is_dataset_current).states)
 
 
 @dataclass(frozen=True)
@@ -218,10 +209,7 @@ class OwnBuild:
         """
         while True:
             work = self._project.survey(
-                self._instance,
-                pending,
-                self._options,
-                is_dataset_current=is_dataset_current,
+                self._instance, pending, self._options, is_dataset_current=is_dataset_current
             )
             to_make = work.having(*_TO_MAKE)
             # Other runs are about to make some, as those of a sensor.

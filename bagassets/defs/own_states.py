@@ -7,19 +7,23 @@ only for few partitions.
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import dagster as dg
 
+from bagassets.build.build_report import BuildOptions
 from bagassets.build.plan import BagPlan, Recorded, version_as_input
 from bagassets.defs.events import fetch_recorded, latest_ids, recorded_whole, runs_of
-from bagassets.defs.naming import DATASET_INPUTS, Naming
+from bagassets.defs.naming import DATASET_INPUTS
 from bagassets.defs.own_assets import OwnAsset, Read, Versions, inputs_digest, inputs_tag, told_inputs
 from bagassets.defs.own_location import code_digest
 from bagassets.defs.partitions import PARTITION_TAG
 from bagassets.defs.pending_work import PendingWork
 from bagassets.defs.runs import failure_of
 from bagassets.json_types import JsonObject
+
+if TYPE_CHECKING:
+    from bagassets.defs.own_build import OwnProject
 
 __all__ = ["OwnState", "OwnStates", "Survey"]
 
@@ -58,11 +62,9 @@ class Survey:
 
     Args:
         instance: where materializations are recorded.
-        names: of the project.
+        project: the user's assets; those that are not wanted, and are read by others, are taken as they are.
         pending: the state of our assets.
-        own: the user's assets, in the order of the graph.
-        wanted: those that a build brings up to date; others that these read are taken as they are.
-        retry_failed: take what failed on the same inputs as to be made.
+        options: `retry_failed` takes what failed on the same inputs as to be made.
         is_dataset_current: the datasets on disk are up to date; default: so they are, and stay so in a build.
 
     Attributes:
@@ -72,23 +74,20 @@ class Survey:
     def __init__(
         self,
         instance: dg.DagsterInstance,
-        names: Naming,
+        project: "OwnProject",
         pending: PendingWork,
-        own: Mapping[str, OwnAsset],
-        *,
-        wanted: Collection[str],
-        retry_failed: bool = False,
-        is_dataset_current: bool | None = None,
+        options: BuildOptions,
+        is_dataset_current: bool | None,
     ) -> None:
         stays = not (pending.behind or pending.todo or pending.plan.removed)
         self._is_dataset_current = stays if is_dataset_current is None else is_dataset_current
-        self._instance, self._names, self._pending, self._own = instance, names, pending, own
-        self._wanted, self._retry_failed = wanted, retry_failed
-        self._versions = Versions(instance, names)
+        self._instance, self._project, self._pending = instance, project, pending
+        self._names, self._retry_failed = project.workspace.names, options.retry_failed
+        self._versions = Versions(instance, self._names)
         self._code = code_digest()
         self.states: dict[str, dict[str, OwnState]] = {}
         recordings = sorted(pending.chosen & pending.plan.bags.keys())
-        for name, asset in own.items():  # each after those that it reads
+        for name, asset in project.assets.items():  # each after those that it reads
             partitions = recordings if asset.is_partitioned else [""]
             recorded = self._recorded(asset, partitions)
             runs = self._runs(asset, recorded)
@@ -133,8 +132,8 @@ class Survey:
         """Return why an asset cannot be made yet, or ever: something that it reads is not up to date."""
         name = read.key.to_user_string()
         ours = self._names.asset_of(read.key)
-        if name in self._own:
-            if name not in self._wanted:
+        if name in self._project.assets:
+            if name not in self._project.wanted:
                 version = self._versions.of(read, partition)
                 return ("blocked", f"{name} was never made") if version is None else None
             states = self.states[name]

@@ -14,7 +14,7 @@ from sqlalchemy.exc import IntegrityError
 from bagassets.alike import names_text
 from bagassets.defs.batches import batch_of
 from bagassets.defs.dagster_private import BulkActionsFilter, BulkActionStatus, PartitionLoadingContext
-from bagassets.defs.events import all_assets
+from bagassets.defs.events import all_assets, in_batches
 from bagassets.defs.naming import Naming
 from bagassets.errors import RecordingError
 from bagassets.recipe.model import Bags
@@ -35,8 +35,6 @@ __all__ = [
 DATASET = ""
 """Stands for the dataset among partition keys."""
 
-# SQLite takes a limited number of variables in one statement.
-_BATCH = 1000
 PARTITION_TAG = "dagster/partition"
 """Tag of a run about one partition."""
 _UNFINISHED = [
@@ -136,8 +134,8 @@ def active_runs(
 
 def add_partitions(instance: dg.DagsterInstance, names: Naming, keys: Sequence[str]) -> None:
     """Register recordings; keys that are registered already are kept."""
-    for start in range(0, len(keys), _BATCH):
-        _register(instance, names.partitions, list(keys[start : start + _BATCH]))
+    for batch in in_batches(keys):
+        _register(instance, names.partitions, batch)
 
 
 def _register(instance: dg.DagsterInstance, partitions: str, keys: list[str]) -> None:

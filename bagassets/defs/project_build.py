@@ -14,13 +14,13 @@ from pathlib import Path
 import dagster as dg
 
 from bagassets.alike import names_text
-from bagassets.build.build_report import BagOutcome, BuildOptions, BuildReport, Event
+from bagassets.build.build_report import BagOutcome, BuildOptions, BuildReport, Event, Remark
 from bagassets.build.disk_space import folders_written, require_disk_space, space_needed
 from bagassets.build.plan import Plan
 from bagassets.build.summary_rows import summary_rows
 from bagassets.build.unsettled import Unsettled
 from bagassets.defs.batches import WORTH_STEPS_BYTES, Batch
-from bagassets.defs.build_remarks import remarks_of_runs, warnings
+from bagassets.defs.check_records import remarks_of_runs
 from bagassets.defs.dataset import datasets_behind, record_inputs
 from bagassets.defs.events import recordings_made
 from bagassets.defs.instance_plan import InstancePlan, InstancePlanning
@@ -103,18 +103,15 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
         ran: frozenset[str] = frozenset()
         report = BuildReport(before.plan, dataset_path=recipe.nuscenes.output)
         split_before = split_on_disk(recipe)
-        report.remarks = tuple(warnings(repaired))
         report.outcomes = {key: BagOutcome("hit", seconds=seconds) for key, seconds in unchanged.items()}
         if not options.allow_empty:
             _refuse_empty(recipe, before.planned)
         # These hold until somebody does something about them.
-        standing = tuple(
-            warnings({"installed_packages": problems_of(recipe), "series": before.plan.asked.values()})
+        standing = _warnings(
+            {"installed_packages": problems_of(recipe), "series": before.plan.asked.values()}
         )
-        report.remarks += standing
-        report.remarks += tuple(
-            warnings({"removed": [f"{key} is gone: {why}." for key, why in before.held.items()]})
-        )
+        held = {"removed": [f"{key} is gone: {why}." for key, why in before.held.items()]}
+        report.remarks = (*_warnings(repaired), *standing, *_warnings(held))
         report.removed = _register(instance, workspace, before)
         if before.todo or (before.datasets and not before.dataset_is_current):
             log = recipe.state / "code-server.log"
@@ -157,7 +154,7 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
                     is_replanned = False
             report.interrupted = runs.interrupted
             ran = frozenset(runs.ended) - {DATASET}
-            report.remarks += tuple(remarks_of_runs(instance, {one.run_id for one in runs.ended.values()}))
+            report.remarks += (*remarks_of_runs(instance, {one.run_id for one in runs.ended.values()}),)
             report.dataset, report.dataset_problem = _dataset_outcome(runs.ended.get(DATASET))
             has_run = True
         chosen = replace(now, chosen=before.chosen)
@@ -282,6 +279,11 @@ def _disk_space(pending: PendingWork, workspace: Workspace, options: BuildOption
         return ""
     folders = folders_written(store.root, recipe.nuscenes.output)
     return require_disk_space(needed, folders, ignore=options.ignore_disk_space)
+
+
+def _warnings(found: Mapping[str, Iterable[str]]) -> tuple[Remark, ...]:
+    """Return what is not about a single recording, given as name -> sentences."""
+    return tuple(Remark("", "warn", name, one) for name, sentences in found.items() for one in sentences)
 
 
 def _refuse_empty(recipe: Recipe, planned: InstancePlan) -> None:

@@ -17,14 +17,14 @@ from pathlib import Path
 
 import dagster as dg
 
+from bagassets.alike import names_text
 from bagassets.decode.loading import load_built_in
 from bagassets.defs.batches import batch_of
 from bagassets.defs.connections import kept_open, share_migrations
 from bagassets.defs.dagster_private import RUN_MODULES, capture_interrupts, check_captured_interrupt
-from bagassets.defs.databases import database_errors_explained
+from bagassets.defs.databases import database_errors_explained, read_settings
 from bagassets.defs.exclusive import ASKS_PER_LOOK, exclusive, holder_has_ended
 from bagassets.defs.fence import run_has_ended
-from bagassets.defs.instance_settings import read_settings
 from bagassets.defs.orphaned_runs import end_orphaned_runs, report_ended
 from bagassets.defs.own_location import know_installed_modules
 from bagassets.defs.partitions import PARTITION_TAG
@@ -232,6 +232,5 @@ def _describe(run: dg.DagsterRun) -> str:
     """Return what a run about more than one partition is about: recordings, or assets."""
     recordings = [key for key in batch_of(run) if key]
     if recordings:
-        more = f" and {len(recordings) - 1} more" if len(recordings) > 1 else ""
-        return recordings[0] + more
+        return names_text(recordings, 1)
     return ", ".join(sorted(key.to_user_string() for key in run.asset_selection or ())) or run.job_name

@@ -36,9 +36,8 @@ from bagassets.defs.dagster_private import (
     recon_job_from_origin,
     recon_repository_from_origin,
 )
-from bagassets.defs.databases import ready_to_open
+from bagassets.defs.databases import read_settings, ready_to_open
 from bagassets.defs.fence import Fence
-from bagassets.defs.instance_settings import read_settings
 from bagassets.errors import BagAssetsError, RunEndedError
 from bagassets.json_types import JsonMapping, JsonObject
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import dagster as dg
 
 from bagassets.alike import names_text
-from bagassets.build.named_files import files_beside
+from bagassets.build.inputs import files_beside
 from bagassets.build.plan import AssetState, BagPlan, Plan
 from bagassets.build.unsettled import Unsettled
 from bagassets.defs.batches import batch_config, batch_of, batches
@@ -27,12 +27,10 @@ from bagassets.defs.sensor_cursor import Cursor
 from bagassets.defs.workspace import Workspace
 from bagassets.errors import RecordingError
 from bagassets.formats.dataset_build import DatasetInputs, dataset_code_versions
-from bagassets.freshness.plan_cache import RecordingFingerprint, recording_fingerprint
+from bagassets.freshness.plan_cache import recording_fingerprint
 from bagassets.quantities import count_text
-from bagassets.recipe.model import Recipe
 from bagassets.recordings.digest import RecordingStat, recording_stat
 from bagassets.recordings.discover import Discovery
-from bagassets.recordings.model import RecordingFiles
 from bagassets.store.canonical import digest_json
 
 __all__ = ["Scan"]
@@ -108,7 +106,12 @@ class Scan:
             [
                 records,
                 project,
-                {key: _mark(recipe, project, recording) for key, recording in discovery.recordings.items()},
+                {
+                    key: recording_fingerprint(
+                        project or "", one.relative, one.files, files_beside(recipe, one), {}
+                    )
+                    for key, one in discovery.recordings.items()
+                },
                 discovery.unreadable,
                 sorted(live),
                 sorted(active),
@@ -331,10 +334,3 @@ def _stats(discovery: Discovery) -> dict[str, RecordingStat]:
         except RecordingError:  # it was removed during the scan; the next one will not find it
             continue
     return stats
-
-
-def _mark(recipe: Recipe, project: str | None, recording: RecordingFiles) -> RecordingFingerprint:
-    """Return the fingerprint of a recording and of its label files."""
-    return recording_fingerprint(
-        project or "", recording.relative, recording.files, files_beside(recipe, recording), {}
-    )

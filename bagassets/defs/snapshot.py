@@ -7,7 +7,7 @@ from pathlib import Path
 import dagster as dg
 
 from bagassets.build.build_report import Remark, remark_lines
-from bagassets.build.named_files import files_beside, named_files
+from bagassets.build.inputs import files_beside, named_files
 from bagassets.build.plan import Plan
 from bagassets.defs.events import event_database
 from bagassets.defs.instance_plan import workspace_fingerprint
@@ -61,7 +61,7 @@ class Snapshot:
         project = workspace_fingerprint(workspace)
         if project is not None:
             with suppress(PlanNeeded):
-                self._fingerprints = decide.current_fingerprints(self._places, project)
+                self._fingerprints = [mark for _, mark in decide.fingerprints_of(self._places, project)]
 
     def save(self, plan: Plan, own: Collection[str] = (), remarks: Iterable[Remark] = ()) -> None:
         """Save the snapshot if the plan has nothing to do; else remove the last one.

@@ -33,7 +33,7 @@ from bagassets.freshness.published import Publication
 __all__ = [
     "BuildLog",
     "Places",
-    "current_fingerprints",
+    "fingerprints_of",
     "forget_note",
     "note_nothing_to_do",
     "nothing_to_do",
@@ -77,7 +77,7 @@ class _Settled(TypedDict):
 
     Attributes:
         places: what the plan depended on.
-        marks: fingerprints, in the order of `_fingerprints`.
+        marks: fingerprints, in the order of `fingerprints_of`.
         groups: groups of artifacts in the store.
         published: names of the datasets.
         lines: what to print.
@@ -150,7 +150,7 @@ def _decide(recipe: str) -> list[str]:
             Publication(state, dataset).check()
 
     with _checked_beside(check_made, is_long=len(artifacts) >= _WORTH_A_FORK):
-        for before, (name, now) in zip(settled["marks"], _fingerprints(places, project), strict=True):
+        for before, (name, now) in zip(settled["marks"], fingerprints_of(places, project), strict=True):
             if before != now:
                 raise PlanNeeded(f"{name} changed")
     return settled["lines"]
@@ -184,8 +184,15 @@ def _checked_beside(check: Callable[[], None], *, is_long: bool) -> Iterator[Non
         raise PlanNeeded("an artifact or a dataset has changed")
 
 
-def _fingerprints(places: Places, project: str) -> Iterator[tuple[str, str]]:
+def fingerprints_of(places: Places, project: str) -> Iterator[tuple[str, str]]:
     """Yield name and fingerprint of everything that a plan depends on, except store and datasets; cheap ones first.
+
+    They are noted as they were before the plan was made: a change made during planning then differs from them, and the
+    next build plans in full.
+
+    Args:
+        places: what the plan depends on.
+        project: fingerprint of the code, the recipe and the files that it names.
 
     Raises:
         PlanNeeded: something cannot be read.
@@ -198,21 +205,6 @@ def _fingerprints(places: Places, project: str) -> Iterator[tuple[str, str]]:
 
 
 # --- the build that found nothing to do --------------------------------------------------
-
-
-def current_fingerprints(places: Places, project: str) -> list[str]:
-    """Return the fingerprints of everything that a plan depends on, to be taken before the plan is made.
-
-    A change made during planning then differs from them, and the next build plans in full.
-
-    Args:
-        places: what the plan depends on.
-        project: fingerprint of the code, the recipe and the files that it names.
-
-    Raises:
-        PlanNeeded: something cannot be read.
-    """
-    return [fingerprint for _, fingerprint in _fingerprints(places, project)]
 
 
 def note_nothing_to_do(
@@ -229,7 +221,7 @@ def note_nothing_to_do(
     Args:
         state: the state folder.
         places: what the plan depends on.
-        fingerprints: from `current_fingerprints`, taken before the plan was made.
+        fingerprints: of `fingerprints_of`, taken before the plan was made.
         artifacts: digests of the artifacts that the plan rests on.
         published: names of the datasets, which are up to date.
         lines: what a build with nothing to do prints.

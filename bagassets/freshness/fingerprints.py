@@ -307,14 +307,14 @@ def _postgres(url: str, partitions: str) -> list[object]:
         raise PlanNeeded(f"PostgreSQL: {err}") from err
 
 
-def open_read_only(path: str) -> sqlite3.Connection:
+def open_read_only(path: str, busy_s: float = 1.0) -> sqlite3.Connection:
     """Open an SQLite database without ever creating or changing it.
 
     Raises:
         sqlite3.Error: it does not exist, or cannot be opened.
     """
     quoted = path.replace("%", "%25").replace("?", "%3f").replace("#", "%23")
-    return sqlite3.connect(f"file:{quoted}?mode=ro", timeout=1.0, uri=True)
+    return sqlite3.connect(f"file:{quoted}?mode=ro", timeout=busy_s, uri=True)
 
 
 def _rows(cursor: Any, partitions: str, *, placeholder: str, chosen: str = "") -> list[object]:

@@ -2,7 +2,7 @@
 
 import json
 import sqlite3
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
 
@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from bagassets.recipe.model import Limits
 from bagassets.recordings.damage import DamageError
 from bagassets.recordings.journals import without_journals
-from bagassets.recordings.model import Definition, OnRead, RawMessage
-from bagassets.recordings.recording import FileRecording
+from bagassets.recordings.model import Definition, OnRead
 from bagassets.recordings.topic import RefusedBytes, TopicSource, is_transient_local, normalise_msgtype
 
-__all__ = ["Database", "DatabaseRecording", "serialization_problem"]
+__all__ = ["Database", "serialization_problem"]
 
 _GENERATED = (2, 3)  # `hidden` in `PRAGMA table_xinfo`
 _PAGE_BYTES = 4092  # without the link to the next page
@@ -137,22 +136,3 @@ class Database:
     def close(self) -> None:
         """Close the file."""
         self._connection.close()
-
-
-class DatabaseRecording(FileRecording[Database]):
-    """One `.db3` file with CDR messages."""
-
-    def __init__(
-        self,
-        path: Path,
-        message_definitions: Sequence[Path],
-        limits: Limits,
-        on_read: OnRead | None = None,
-    ) -> None:
-        file = Database(path, limits, on_read)
-        super().__init__(path, "ros2", file, lambda: file.sources(file.counts()), message_definitions, limits)
-
-    def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
-        wanted = self._carrying(topics, self._sources)
-        for number, log_time_ns, data in self._file.messages(wanted.keys()):
-            yield RawMessage(*wanted[number], log_time_ns, data)

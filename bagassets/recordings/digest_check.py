@@ -1,7 +1,8 @@
 """Comparing digests on record with the content of files."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
+from os import stat_result
 from pathlib import Path
 from typing import Literal
 
@@ -9,7 +10,7 @@ from bagassets.recordings.digest import hash_file, stat_files
 from bagassets.recordings.digest_record import DigestIndex, read_attribute
 from bagassets.recordings.model import RecordingFiles
 
-__all__ = ["Disagreement", "check_digests"]
+__all__ = ["Disagreement", "check_digests", "disagreements"]
 
 
 @dataclass(frozen=True)
@@ -36,9 +37,7 @@ class Disagreement:
         )
 
 
-def check_digests(
-    recording: RecordingFiles, index: DigestIndex | None = None, between: Callable[[int], None] | None = None
-) -> Iterator[Disagreement]:
+def check_digests(recording: RecordingFiles, index: DigestIndex | None) -> Iterator[Disagreement]:
     """Hash all files of a recording, and yield each digest on record that should match but does not.
 
     Records for another size or mtime are no disagreement: nobody trusts them.
@@ -48,10 +47,16 @@ def check_digests(
         ChangedWhileReadError: a file changed while it was hashed.
     """
     for path, stat in stat_files(recording):
-        actual = hash_file(path, stat, between)
-        attribute = read_attribute(path, stat)
-        if attribute is not None and attribute != actual:
-            yield Disagreement(path, "attribute", attribute, actual)
-        indexed = None if index is None else index.get(path, stat)
-        if indexed is not None and indexed != actual:
-            yield Disagreement(path, "index", indexed, actual)
+        yield from disagreements(path, stat, hash_file(path, stat), index)
+
+
+def disagreements(
+    path: Path, stat: stat_result, actual: str, index: DigestIndex | None
+) -> Iterator[Disagreement]:
+    """Yield each digest on record for a file with this status that is not the actual one."""
+    attribute = read_attribute(path, stat)
+    if attribute is not None and attribute != actual:
+        yield Disagreement(path, "attribute", attribute, actual)
+    indexed = None if index is None else index.get(path, stat)
+    if indexed is not None and indexed != actual:
+        yield Disagreement(path, "index", indexed, actual)

@@ -110,13 +110,12 @@ def _join_named(
     suffix = PurePosixPath(files[0]).suffix
     whole = name if name.endswith(suffix) else name + suffix
     found = [path for path in files if path in joined.recordings]
-    problem = ""
     if missing := [path for path in files if path not in joined.recordings]:
         more = f" and {count_text(len(missing) - 1, 'more part')}" if missing[1:] else ""
         problem = f"{missing[0]}{more} of bags.series cannot be found"
     elif odd := [path for path in found if joined.recordings[path].path.suffix != suffix or not suffix]:
         problem = f"{odd[0]} of bags.series is no file of the format of {files[0]}"
-    if not problem:
+    else:
         _join(joined, whole, files, key_of)
         return
     _leave_out(joined, root, whole, found, problem, "; copy it there, or correct bags.series")

@@ -4,11 +4,12 @@ The mcap library decompresses chunks of any size and makes an object of every re
 time at once. Here the size of a chunk is checked against the recipe's limits first, and messages are views of it.
 """
 
-import heapq
 import os
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
+from operator import itemgetter
 from pathlib import Path
 from struct import Struct
+from types import MappingProxyType
 
 import numpy as np
 from mcap.opcode import Opcode
@@ -19,9 +20,9 @@ from bagassets.recipe.model import Limits
 from bagassets.recordings.chunks import LatestChunks, detached
 from bagassets.recordings.damage import DamageError
 from bagassets.recordings.mcap_chunk import MESSAGE_HEADER, MessagePlaces, load_chunk
-from bagassets.recordings.mcap_index import ChunkPlace, read_index, walk
-from bagassets.recordings.model import Definition, OnRead, RawMessage
-from bagassets.recordings.recording import FileRecording
+from bagassets.recordings.mcap_index import read_index, walk
+from bagassets.recordings.model import Definition, OnRead
+from bagassets.recordings.recording import FileRecording, merged
 from bagassets.recordings.sizes import Sizes
 from bagassets.recordings.topic import UNKNOWN, TopicSource, is_transient_local, normalise_msgtype
 
@@ -70,13 +71,13 @@ class McapFile:
         """Return channel -> number of messages, as the file announces it."""
         return self._index.counts
 
-    def sources(self) -> dict[int, TopicSource]:
-        """Return channel -> topic, type, definition and count."""
+    def sources(self, counts: Mapping[int, int] = MappingProxyType({})) -> dict[int, TopicSource]:
+        """Return channel -> topic, type, definition, and one of `counts`."""
         return {
             channel.id: TopicSource(
                 channel.topic,
                 normalise_msgtype(schema.name) if schema is not None else UNKNOWN,
-                self._index.counts.get(channel.id, 0),
+                counts.get(channel.id, 0),
                 _definition(schema),
                 "ros1" if channel.message_encoding == "ros1" else "cdr",
                 None
@@ -110,28 +111,26 @@ class McapFile:
 
     def _in_chunks(self, channels: Collection[int]) -> Iterator[tuple[int, int, bytes | memoryview]]:
         chunks = LatestChunks(self._load, self._limits.chunk_bytes, self._sizes.unpacked_bytes, kept=64)
-        waiting = [c for c in self._index.chunks if c.channels is None or not c.channels.isdisjoint(channels)]
-        waiting.reverse()  # the next one last
-        open_chunks: list[tuple[int, int, _OpenChunk]] = []
-        number = 0
-        while waiting or open_chunks:
-            if waiting and (not open_chunks or waiting[-1].start_ns <= open_chunks[0][0]):
-                chunk = _OpenChunk(waiting.pop(), chunks, channels)
-                number += chunk.left
-                if number > _MOST_WAITING and open_chunks:
-                    raise DamageError("too many of its chunks overlap in time; run `mcap sort` on it")
-                if chunk.left:
-                    heapq.heappush(open_chunks, (chunk.time_ns, chunk.offset, chunk))
-                continue
-            log_time_ns, offset, chunk = open_chunks[0]
-            content = chunks.at(offset)
-            yield chunk.channel, log_time_ns, detached(memoryview(content)[chunk.begin : chunk.end])
-            number -= 1
-            if chunk.advance():
-                heapq.heapreplace(open_chunks, (chunk.time_ns, offset, chunk))
-            else:
-                heapq.heappop(open_chunks)
-                chunks.drop(offset)
+        waiting = 0
+
+        def places_in(offset: int) -> Iterator[tuple[int, int, int, int, int]]:
+            nonlocal waiting
+            places = MessagePlaces.of_chunk(chunks.at(offset), channels)
+            if waiting and waiting + len(places) > _MOST_WAITING:
+                raise DamageError("too many of its chunks overlap in time; run `mcap sort` on it")
+            waiting += len(places)
+            for place in places.in_order():
+                yield *place, offset
+                waiting -= 1
+            chunks.drop(offset)
+
+        streams = [
+            (chunk.start_ns, chunk.offset, places_in(chunk.offset))
+            for chunk in self._index.chunks
+            if chunk.channels is None or not chunk.channels.isdisjoint(channels)
+        ]
+        for log_time_ns, channel, begin, end, offset in merged(streams, itemgetter(0)):
+            yield channel, log_time_ns, detached(memoryview(chunks.at(offset))[begin:end])
 
     def _load(self, offset: int) -> bytes:
         return load_chunk(
@@ -163,45 +162,8 @@ class McapFile:
         self._file.close()
 
 
-class _OpenChunk:
-    """A chunk with messages still to be read; its attributes describe the next one."""
-
-    def __init__(self, place: ChunkPlace, chunks: LatestChunks, channels: Collection[int]) -> None:
-        self.offset = place.offset
-        places = MessagePlaces.of_chunk(chunks.at(place.offset), channels)
-        self.left = len(places)
-        self._places = places.in_order()
-        self.time_ns = self.channel = self.begin = self.end = 0
-        self._take()
-
-    def advance(self) -> bool:
-        """Go to the next message; return whether there is one."""
-        self.left -= 1
-        self._take()
-        return self.left > 0
-
-    def _take(self) -> None:
-        if self.left:
-            self.time_ns, self.channel, self.begin, self.end = next(self._places)
-
-
 class McapRecording(FileRecording[McapFile]):
     """A bare `.mcap` file with CDR or ROS 1 messages; other encodings cost their topic."""
-
-    def __init__(
-        self,
-        path: Path,
-        message_definitions: Sequence[Path],
-        limits: Limits,
-        on_read: OnRead | None = None,
-    ) -> None:
-        file = McapFile(path, limits, on_read)
-        super().__init__(path, "mcap", file, file.sources, message_definitions, limits)
-
-    def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
-        wanted = self._carrying(topics, self._sources)
-        for channel, log_time_ns, data in self._file.messages(wanted.keys()):
-            yield RawMessage(*wanted[channel], log_time_ns, data)
 
     def check_content(self) -> None:
         """Verify the checksum of every chunk that is read from now on."""

@@ -7,11 +7,11 @@ from pathlib import Path
 from bagassets.errors import BagAssetsError, RecordingError
 from bagassets.recipe.model import Limits
 from bagassets.recordings.damage import advice_for, refuse_pointer, unreadable
-from bagassets.recordings.database_file import DatabaseRecording
-from bagassets.recordings.mcap_file import McapRecording
+from bagassets.recordings.database_file import Database
+from bagassets.recordings.mcap_file import McapFile, McapRecording
 from bagassets.recordings.model import OnRead, RecordingFiles
-from bagassets.recordings.recording import Recording
-from bagassets.recordings.rosbag1 import Rosbag1Recording
+from bagassets.recordings.recording import FileRecording, Recording
+from bagassets.recordings.rosbag1 import IndexReader
 from bagassets.recordings.rosbag2 import Rosbag2Recording
 from bagassets.recordings.series_recording import SeriesRecording
 
@@ -52,10 +52,12 @@ def open_recording(
             return Rosbag2Recording(path, message_definitions, limits, on_read)
         refuse_pointer(path)
         if path.suffix == ".mcap":
-            return McapRecording(path, message_definitions, limits, on_read)
+            mcap = McapFile(path, limits, on_read)
+            return McapRecording(path, "mcap", mcap, message_definitions, limits)
         if path.suffix == ".db3":
-            return DatabaseRecording(path, message_definitions, limits, on_read)
-        return Rosbag1Recording(path, message_definitions, limits, on_read)
+            database = Database(path, limits, on_read)
+            return FileRecording(path, "ros2", database, message_definitions, limits)
+        return FileRecording(path, "ros1", IndexReader(path, limits, on_read), message_definitions, limits)
     except BagAssetsError:
         raise
     except Exception as err:  # whatever the libraries raise: see `unreadable`

@@ -141,6 +141,4 @@ def _opened(path: Path, reader: type[IndexReader]) -> IndexReader | McapFile | D
         return McapFile(path, _ANY, search=False)
     if path.suffix == ".db3":
         return Database(path, _ANY)
-    bag = reader(path, _ANY)
-    bag.open()
-    return bag
+    return reader(path, _ANY)

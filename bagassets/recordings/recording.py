@@ -1,8 +1,11 @@
 """An open recording of any file format: its topics, its messages in order, and views of some of its topics."""
 
+import math
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from heapq import heappop, heappush, heapreplace
+from itertools import islice
 from pathlib import Path
 from typing import Generic, Protocol, Self, TypeVar
 
@@ -12,10 +15,12 @@ from bagassets.recordings.damage import DamageError, unreadable
 from bagassets.recordings.model import Format, Message, RawMessage
 from bagassets.recordings.topic import ForeignBytes, RefusedBytes, Topic, TopicSource, merge_topics
 
-__all__ = ["FileRecording", "Recording", "RestrictedRecording"]
+__all__ = ["FileRecording", "Recording", "RestrictedRecording", "merged"]
 
 _BYTES = (bytes, memoryview, bytearray)
 _FIRST_NS, _LAST_NS = -(2**63), 2**63 - 1
+
+T = TypeVar("T")
 
 
 class Recording(ABC):
@@ -120,6 +125,12 @@ class Recording(ABC):
 
 
 class _File(Protocol):
+    def counts(self) -> Mapping[int, int]: ...
+
+    def sources(self, counts: Mapping[int, int]) -> dict[int, TopicSource]: ...
+
+    def messages(self, connections: Collection[int], /) -> Iterator[tuple[int, int, bytes | memoryview]]: ...
+
     def span_ns(self) -> tuple[int, int] | None: ...
 
     def close(self) -> None: ...
@@ -135,7 +146,6 @@ class FileRecording(Recording, Generic[F]):
         path: the file.
         file_format: its format.
         file: the open file.
-        sources: returns connection -> topic, type and definition.
         message_definitions: folders of `.msg` files.
         limits: of the recipe.
     """
@@ -145,19 +155,22 @@ class FileRecording(Recording, Generic[F]):
         path: Path,
         file_format: Format,
         file: F,
-        sources: Callable[[], dict[int, TopicSource]],
         message_definitions: Sequence[Path],
         limits: Limits,
     ) -> None:
         self._file = file
-        self._limits = limits
         try:
-            self._sources = sources()
+            self._sources = file.sources(file.counts())
             topics = merge_topics(path, self._sources.values(), message_definitions, limits)
             super().__init__(path, file_format, topics)
         except BaseException:
             file.close()
             raise
+
+    def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
+        wanted = self._carrying(topics, self._sources)
+        for connection, log_time_ns, data in self._file.messages(wanted.keys()):
+            yield RawMessage(*wanted[connection], log_time_ns, data)
 
     def span_ns(self) -> tuple[int, int] | None:
         """Return first and last log time, as its index says."""
@@ -166,6 +179,29 @@ class FileRecording(Recording, Generic[F]):
     def close(self) -> None:
         """Close the file."""
         self._file.close()
+
+
+def merged(streams: Sequence[tuple[int, int, Iterator[T]]], time_of: Callable[[T], int]) -> Iterator[T]:
+    """Yield what several streams yield in order of time; at the same time, that of the stream with the smallest number first.
+
+    Args:
+        streams: time at which each begins at the earliest, its number, and itself, in order of time and number. Each is begun
+            when the others have come that far.
+        time_of: returns the time of one of their items.
+    """
+    # Those that are being read, with their next items.
+    reading: list[tuple[int, int, T, Iterator[T]]] = []
+    begins = [*(start for start, _, _ in streams), math.inf]
+    for (_, number, begun), due in zip(streams, begins[1:], strict=True):
+        for first in islice(begun, 1):
+            heappush(reading, (time_of(first), number, first, begun))
+        while reading and reading[0][0] < due:
+            _, its_number, item, stream = reading[0]
+            yield item
+            if (following := next(stream, None)) is None:
+                heappop(reading)
+            else:
+                heapreplace(reading, (time_of(following), its_number, following, stream))
 
 
 class RestrictedRecording(Recording):

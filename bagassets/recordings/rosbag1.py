@@ -6,11 +6,12 @@ than reading the file. Headers of one connection differ in their time only (http
 """
 
 import os
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
 from struct import Struct
+from types import MappingProxyType
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,12 +24,11 @@ from bagassets.recipe.model import Limits
 from bagassets.recordings.chunks import LatestChunks, detached
 from bagassets.recordings.damage import DamageError
 from bagassets.recordings.decompress import TooLargeError, decompress
-from bagassets.recordings.model import Definition, OnRead, RawMessage
-from bagassets.recordings.recording import FileRecording
+from bagassets.recordings.model import Definition, OnRead
 from bagassets.recordings.sizes import Sizes
 from bagassets.recordings.topic import TopicSource, normalise_msgtype
 
-__all__ = ["IndexReader", "Rosbag1Recording", "SummaryReader"]
+__all__ = ["IndexReader", "SummaryReader"]
 
 _SIZE = Struct("<I")
 _TIME = Struct("<II")
@@ -36,8 +36,7 @@ _ENTRY = np.dtype([("seconds", "<u4"), ("nanoseconds", "<u4"), ("offset", "<u4")
 _BLOCK = 100_000
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Index:
+class _Index(NamedTuple):
     """Where messages are.
 
     Attributes:
@@ -52,28 +51,34 @@ class _Index:
 
 
 class IndexReader(rosbag1.Reader):
-    """Reads the index of a bag, within the recipe's limits."""
+    """Reads the index of a bag, within the recipe's limits; it is opened at once."""
 
     def __init__(self, path: Path, limits: Limits, on_read: OnRead | None = None) -> None:
         super().__init__(path)
         self._file = path
         self._on_read = on_read
+        self._limits = limits
         self._size = path.stat().st_size
-        self.sizes = Sizes(path, self._size, limits)
+        self._sizes = Sizes(path, self._size, limits)
         self._compression: dict[int, tuple[str, int]] = {}
         self._entries: dict[int, list[tuple[int, NDArray[np.void]]]] = {}  # with the position of their chunk
         self._connections_read = 0
         self._index_bytes = 0
+        self.open()
+
+    @property
+    def _opened(self) -> BinaryIO:
+        if self.bio is None:
+            raise DamageError("the file was closed")
+        return self.bio
 
     def read_connection(self) -> Connection:
         """Read one connection; bytes that are not UTF-8, most often in comments, are replaced."""
         self._connections_read += 1
-        self.sizes.check_connections(self._connections_read)
-        if self.bio is None:
-            raise DamageError("the file was closed")
-        header = Header.read(self.bio, RecordType.CONNECTION)
+        self._sizes.check_connections(self._connections_read)
+        header = Header.read(self._opened, RecordType.CONNECTION)
         topic = _text(header, "topic")
-        fields = Header.read(self.bio)
+        fields = Header.read(self._opened)
         return Connection(
             header.get_uint32("conn"),
             normalise_topic(topic) if topic else topic,
@@ -95,19 +100,17 @@ class IndexReader(rosbag1.Reader):
 
     def read_chunk(self) -> Chunk:
         """Read the header of a chunk, and check its announced size against the limits."""
-        if self.bio is None:
-            raise DamageError("the file was closed")
-        position = self.bio.tell()
-        header = Header.read(self.bio, RecordType.CHUNK)
-        self.bio.seek(position)
+        position = self._opened.tell()
+        header = Header.read(self._opened, RecordType.CHUNK)
+        self._opened.seek(position)
         compression, unpacked_bytes = _text(header, "compression"), header.get_uint32("size")
-        self.sizes.add_chunk(position, unpacked_bytes)
+        self._sizes.add_chunk(position, unpacked_bytes)
         self._compression[position] = (compression, unpacked_bytes)
         chunk = super().read_chunk()
         if chunk.datapos + chunk.datasize > self._size:
             raise DamageError(f"the chunk at byte {position} is cut off")
         if compression == "none":
-            self.sizes.check_chunk(position, chunk.datasize)
+            self._sizes.check_chunk(position, chunk.datasize)
         return chunk
 
     def read_index_data(self, pos: int, indexes: dict[int, list[IndexData]]) -> None:  # noqa: ARG002  (stays empty)
@@ -115,23 +118,22 @@ class IndexReader(rosbag1.Reader):
 
         `indexes` is left alone: an object for each message takes longer to make than the message to read.
         """
-        if self.bio is None:
-            raise DamageError("the file was closed")
-        begin = self.bio.tell()
-        header = Header.read(self.bio, RecordType.IDXDATA)
+        file = self._opened
+        begin = file.tell()
+        header = Header.read(file, RecordType.IDXDATA)
         if header.get_uint32("ver") != 1:
             raise DamageError(f"the index of the chunk at byte {pos} is of an unknown version")
-        (size,) = _SIZE.unpack(self.bio.read(_SIZE.size))
-        cut_off = self.bio.tell() + size > self._size  # asked before so much memory is
+        (size,) = _SIZE.unpack(file.read(_SIZE.size))
+        cut_off = file.tell() + size > self._size  # asked before so much memory is
         if size != header.get_uint32("count") * _ENTRY.itemsize or cut_off:
             raise DamageError(f"the index of the chunk at byte {pos} is cut off")
-        data = self.bio.read(size)
-        self._index_bytes += self.bio.tell() - begin
+        data = file.read(size)
+        self._index_bytes += file.tell() - begin
         if self._index_bytes > self._size:
             raise DamageError("its index names messages twice")
         self._entries.setdefault(header.get_uint32("conn"), []).append((pos, np.frombuffer(data, _ENTRY)))
 
-    def index(self, connection: int) -> _Index:
+    def _index(self, connection: int) -> _Index:
         """Return where the messages of a connection are."""
         parts = self._entries.get(connection, [])
         entries = np.concatenate([np.empty(0, _ENTRY), *(part for _, part in parts)])
@@ -141,13 +143,17 @@ class IndexReader(rosbag1.Reader):
         times_ns = entries["seconds"].astype(np.int64) * 10**9 + entries["nanoseconds"]
         return _Index(times_ns, positions, entries["offset"].astype(np.int64))
 
-    def sources(self) -> dict[int, TopicSource]:
-        """Return connection -> topic, type, definition and count."""
+    def counts(self) -> dict[int, int]:
+        """Return connection -> number of messages."""
+        return {number: sum(len(part) for _, part in parts) for number, parts in self._entries.items()}
+
+    def sources(self, counts: Mapping[int, int] = MappingProxyType({})) -> dict[int, TopicSource]:
+        """Return connection -> topic, type, definition, and one of `counts`."""
         return {
             one.id: TopicSource(
                 one.topic,
                 normalise_msgtype(one.msgtype),
-                sum(len(part) for _, part in self._entries.get(one.id, [])),
+                counts.get(one.id, 0),
                 Definition("msg", one.msgdef.data),
                 "ros1",
                 is_latched=bool(getattr(one.ext, "latching", 0)),
@@ -164,60 +170,39 @@ class IndexReader(rosbag1.Reader):
 
     def log_times(self) -> dict[int, NDArray[np.int64]]:
         """Return connection -> (N,) log times in nanoseconds."""
-        return {one.id: self.index(one.id).times_ns for one in self.connections}
+        return {one.id: self._index(one.id).times_ns for one in self.connections}
 
-    def load(self, position: int) -> bytes:
+    def messages(  # type: ignore[override]  # by their numbers, and without the objects of connections
+        self, connections: Collection[int]
+    ) -> Iterator[tuple[int, int, bytes | memoryview]]:
+        """Yield connection, log time and payload in order of log time."""
+        chunks = LatestChunks(self._load, self._limits.chunk_bytes, self._sizes.unpacked_bytes)
+        records = [_Records(one.id, one.topic) for one in self.connections if one.id in connections]
+        loaded, chunk = -1, b""
+        for number, time_ns, position, offset in _in_order([self._index(r.connection) for r in records]):
+            record = records[number]
+            if position != loaded:
+                chunk = chunks.at(position)
+                loaded = position
+            yield record.connection, time_ns, detached(record.data(chunk, time_ns, offset))
+
+    def _load(self, position: int) -> bytes:
         """Return the uncompressed content of the chunk at a position of the file.
 
         Raises:
             DamageError: it is cut off, or holds more than it announces.
         """
-        if self.bio is None:
-            raise DamageError("the file was closed")
         chunk, (compression, unpacked_bytes) = self.chunks[position], self._compression[position]
-        self.bio.seek(chunk.datapos)
-        packed = self.bio.read(chunk.datasize)
+        self._opened.seek(chunk.datapos)
+        packed = self._opened.read(chunk.datasize)
         if self._on_read is not None:
-            self._on_read(self._file, self.bio.tell(), packed)
+            self._on_read(self._file, self._opened.tell(), packed)
         if compression == "none":
             return packed
         try:
             return decompress(packed, compression, unpacked_bytes)
         except TooLargeError:
             raise DamageError(f"the chunk at byte {position} holds more than it announces") from None
-
-
-class Rosbag1Recording(FileRecording[IndexReader]):
-    """A ROS 1 bag, plain or compressed with lz4 or bz2."""
-
-    def __init__(
-        self,
-        path: Path,
-        message_definitions: Sequence[Path],
-        limits: Limits,
-        on_read: OnRead | None = None,
-    ) -> None:
-        reader = IndexReader(path, limits, on_read)
-        reader.open()
-        super().__init__(path, "ros1", reader, reader.sources, message_definitions, limits)
-
-    def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
-        reader = self._file
-        chunks = LatestChunks(reader.load, self._limits.chunk_bytes, reader.sizes.unpacked_bytes)
-        records = [
-            _Records(connection.id, connection.topic, self.topics[connection.topic].type_of(msgtype))
-            for connection in reader.connections
-            if connection.topic in topics
-            for msgtype in (normalise_msgtype(connection.msgtype),)
-        ]
-        loaded, chunk = -1, b""
-        for number, time_ns, position, offset in _in_order([reader.index(r.connection) for r in records]):
-            record = records[number]
-            if position != loaded:
-                chunk = chunks.at(position)
-                loaded = position
-            data = detached(record.data(chunk, time_ns, offset))
-            yield RawMessage(record.topic, record.msgtype, time_ns, data)
 
 
 class SummaryReader(IndexReader):
@@ -244,10 +229,9 @@ class _Records:
     differs.
     """
 
-    def __init__(self, connection: int, topic: str, msgtype: str) -> None:
+    def __init__(self, connection: int, topic: str) -> None:
         self.connection = connection
         self.topic = topic
-        self.msgtype = msgtype
         self._around_time: tuple[bytes, bytes] | None = None
 
     def data(self, chunk: bytes, time_ns: int, begin: int) -> memoryview:
@@ -296,10 +280,7 @@ def _in_order(indexes: Sequence[_Index]) -> Iterator[tuple[int, int, int, int]]:
     if not indexes:
         return
     numbers = np.repeat(np.arange(len(indexes)), [len(index.times_ns) for index in indexes])
-    columns = [
-        numbers,
-        *(np.concatenate([getattr(index, name) for index in indexes]) for name in _Index.__slots__),
-    ]
+    columns = [numbers, *map(np.concatenate, zip(*indexes, strict=True))]
     order = np.argsort(columns[1], kind="stable")
     for begin in range(0, len(order), _BLOCK):  # without a Python object for each message of the file at once
         block = order[begin : begin + _BLOCK]

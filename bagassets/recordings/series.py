@@ -9,6 +9,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
+from bagassets.alike import names_text
+
 __all__ = ["Candidate", "Part", "PartFacts", "Verdict", "candidates", "judge", "periods_matter", "whole_of"]
 
 _NUMBERED = re.compile(r"(?s)(.+)_([0-9]{1,6})(\.bag|\.mcap|\.db3)")
@@ -165,6 +167,5 @@ def _compare(before: str, one: PartFacts, name: str, other: PartFacts) -> str:
         differ = one.topics.items() ^ other.topics.items()
         topics = sorted({topic for topic, _ in differ}.difference(one.latched, other.latched))
         if topics:
-            more = f" and {len(topics) - 1} more" if len(topics) > 1 else ""
-            return f"{before} and {name} differ in topic {topics[0]}{more}"
+            return f"{before} and {name} differ in topic {names_text(topics, 1)}"
     return ""

@@ -1,16 +1,14 @@
 """A drive in several files, read as one recording: parts follow each other, and where they overlap, messages are merged."""
 
-import heapq
-import itertools
-import math
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, nullcontext
+from operator import attrgetter
 from pathlib import Path
 
 from bagassets.errors import RecordingError
 from bagassets.recipe.model import Limits
 from bagassets.recordings.model import Format, RawMessage
-from bagassets.recordings.recording import Recording
+from bagassets.recordings.recording import Recording, merged
 from bagassets.recordings.topic import TopicSource, latched_topics, merge_topics
 from bagassets.store.canonical import digest_bytes
 
@@ -93,20 +91,11 @@ class SeriesRecording(Recording):
     def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
         seen: dict[str, set[str]] = {topic: set() for topic in topics if topic in self._latched}
         self.repeated.clear()
-        # Those that are being read, with their next messages.
-        reading: list[tuple[int, int, RawMessage, Iterator[RawMessage]]] = []
-        begins = [*(start_ns for start_ns, _, _ in self._parts), math.inf]
-        for (start_ns, number, part), due_ns in zip(self._parts, begins[1:], strict=True):
-            stream = self._of_part(part, topics, seen, start_ns)
-            reading += [(one.log_time_ns, number, one, stream) for one in itertools.islice(stream, 1)]
-            heapq.heapify(reading)
-            while reading and reading[0][0] < due_ns:
-                _, first, message, stream = reading[0]
-                yield message
-                if (following := next(stream, None)) is None:
-                    heapq.heappop(reading)
-                else:
-                    heapq.heapreplace(reading, (following.log_time_ns, first, following, stream))
+        streams = [
+            (start_ns, number, self._of_part(part, topics, seen, start_ns))
+            for start_ns, number, part in self._parts
+        ]
+        yield from merged(streams, attrgetter("log_time_ns"))
 
     def _of_part(
         self, path: Path, topics: Collection[str], seen: dict[str, set[str]], start_ns: int

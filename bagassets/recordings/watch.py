@@ -14,10 +14,11 @@ from pathlib import Path
 from typing import Literal
 
 from bagassets.errors import BagAssetsError, ChangedWhileReadError, RecordingError
+from bagassets.freshness.fingerprints import Signature, signature_of
 from bagassets.recipe.model import Bags
 from bagassets.recordings.digest import hash_file
-from bagassets.recordings.digest_check import Disagreement
-from bagassets.recordings.digest_record import DigestIndex, digest_on_record, put_on_record, read_attribute
+from bagassets.recordings.digest_check import disagreements
+from bagassets.recordings.digest_record import DigestIndex, digest_on_record, put_on_record
 from bagassets.recordings.discover import discover
 from bagassets.recordings.model import RecordingFiles
 from bagassets.recordings.notify import Notifications
@@ -51,35 +52,21 @@ class WatchEvent:
     seconds: float = 0.0
 
 
-@dataclass(frozen=True)
-class _State:
-    """Everything about a file that shows, without reading it, that it may have changed."""
-
-    size: int
-    mtime_ns: int
-    inode: int
-    ctime_ns: int
-
-    @classmethod
-    def of(cls, stat: stat_result) -> "_State":
-        return cls(stat.st_size, stat.st_mtime_ns, stat.st_ino, stat.st_ctime_ns)
-
-
 @dataclass
 class _File:
     """What the service remembers about a file.
 
     Attributes:
-        state: as last seen.
+        state: as last seen: what shows, without reading it, that it may have changed.
         since_s: when it was first seen in that state, on the monotonic clock.
         settled: the state for which nothing is left to do.
         suspect: no digest on record is trusted; the file must be hashed.
         retry_at_s: when to try again what failed.
     """
 
-    state: _State
+    state: Signature
     since_s: float
-    settled: _State | None = None
+    settled: Signature | None = None
     suspect: bool = False
     retry_at_s: float | None = None
 
@@ -188,14 +175,14 @@ class Watcher:
         return [recording for _, _, recording in sorted(due, key=lambda entry: entry[:2])], next_s
 
     def _seen(self, path: Path, stat: stat_result, now_s: float) -> _File:
-        state, before = _State.of(stat), self._files.get(path)
+        state, before = signature_of(stat), self._files.get(path)
         if before is None:
             return _File(state, now_s, suspect=self._suspect_all)
         if before.state == state:
             return before
         # If it changed without a new size or mtime, it may have been edited in place.
         held = before.settled
-        in_place = held is not None and (held.size, held.mtime_ns) == (state.size, state.mtime_ns)
+        in_place = held is not None and held[:2] == state[:2]
         return _File(state, now_s, held, suspect=before.suspect or in_place)
 
     def _is_settled(self, path: Path, file: _File, stat: stat_result, now_s: float) -> bool:
@@ -232,17 +219,14 @@ class Watcher:
         started_s = time.monotonic()
         try:
             stat = path.stat()
-            if file.state != _State.of(stat) or self._is_settled(path, file, stat, started_s):
+            if file.state != signature_of(stat) or self._is_settled(path, file, stat, started_s):
                 return  # done, or changed since the scan: then the next scan sees it
             digest = hash_file(path, stat, lambda _: self._checkpoint())
-            self._report_wrong(path, stat, digest)
+            for wrong in disagreements(path, stat, digest, self._index):
+                self._report(WatchEvent("wrong", str(wrong), path, digest=digest, size=stat.st_size))
             kept, _ = put_on_record(path, stat, digest, self._index)
             after = path.stat()
-            if (after.st_size, after.st_mtime_ns, after.st_ino) != (
-                stat.st_size,
-                stat.st_mtime_ns,
-                stat.st_ino,
-            ):
+            if signature_of(after)[:3] != signature_of(stat)[:3]:
                 return
         except (ChangedWhileReadError, FileNotFoundError):
             return  # the next scan sees what it has become
@@ -251,7 +235,7 @@ class Watcher:
             self._report_once(WatchEvent("problem", str(err), path))
             return
         # Writing our attribute changed its ctime.
-        file.state = file.settled = _State.of(after)
+        file.state = file.settled = signature_of(after)
         file.suspect, file.retry_at_s = False, None
         self._reported = {message for message in self._reported if not message.startswith(f"{path}:")}
         seconds = time.monotonic() - started_s
@@ -266,16 +250,6 @@ class Watcher:
                     "here; run as a user who may, or name a recipe, whose index takes the digests.",
                 )
             )
-
-    def _report_wrong(self, path: Path, stat: stat_result, digest: str) -> None:
-        attribute = read_attribute(path, stat)
-        if attribute is not None and attribute != digest:
-            wrong = Disagreement(path, "attribute", attribute, digest)
-            self._report(WatchEvent("wrong", str(wrong), path, digest=digest, size=stat.st_size))
-        indexed = None if self._index is None else self._index.get(path, stat)
-        if indexed is not None and indexed != digest:
-            wrong = Disagreement(path, "index", indexed, digest)
-            self._report(WatchEvent("wrong", str(wrong), path, digest=digest, size=stat.st_size))
 
     def _checkpoint(self) -> None:
         if self._stop.is_set():
