@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from bagassets.formats import emptiness
+from bagassets.formats import dataset_build, emptiness
 from bagassets.formats.dataset_build import datasets_of
 from bagassets.formats.emptiness import why_empty
 from bagassets.freshness.decide import nothing_to_do
@@ -60,7 +60,7 @@ def why(tmp_path, monkeypatch):
             )
             for number, one in enumerate(found)
         }
-        monkeypatch.setattr(emptiness, "read_lock", lambda _: SimpleNamespace(bags=bags))
+        monkeypatch.setattr(dataset_build, "read_lock", lambda _: SimpleNamespace(bags=bags))
         store = SimpleNamespace(artifact=lambda one: SimpleNamespace(read_json=lambda _: one))
         return why_empty(load_recipe(recipe_file), recipe_file, store, chosen).replace(
             str(recipe_file), "FILE"
