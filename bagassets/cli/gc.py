@@ -78,6 +78,7 @@ def gc(
 
     Dagster keeps every run for ever; --keep-runs-days deletes old ones that say nothing of the present.
     """
+    from bagassets.assets.track import TRACK
     from bagassets.defs.garbage import find_roots
     from bagassets.defs.naming import Naming
     from bagassets.defs.old_runs import delete_runs, superseded_runs
@@ -100,7 +101,7 @@ def gc(
     roots = find_roots(
         store, recipe, tuple(lock.absolute() for lock in locks), tuple(path.absolute() for path in forget)
     )
-    garbage = find_garbage(store, roots.artifacts, used_since_s, now_s)
+    garbage = find_garbage(store, roots.artifacts, used_since_s, now_s, [TRACK.name])
     collected = Collected() if dry_run else collect(store, garbage, now_s)
     listed = garbage if dry_run else collected.removed
     runs: list[str] = []

@@ -80,7 +80,13 @@ class Collected:
         return sum(garbage.size for garbage in self.removed)
 
 
-def find_garbage(store: Store, roots: Collection[str], used_since_s: float, now_s: float) -> list[Garbage]:
+def find_garbage(
+    store: Store,
+    roots: Collection[str],
+    used_since_s: float,
+    now_s: float,
+    derived: Collection[str] = (),
+) -> list[Garbage]:
     """Return the artifacts that nothing refers to, the largest first.
 
     Args:
@@ -88,6 +94,7 @@ def find_garbage(store: Store, roots: Collection[str], used_since_s: float, now_
         roots: artifacts that are needed, with all that they were made from.
         used_since_s: artifacts that a build made or used since then are needed, too.
         now_s: the time, in Unix seconds.
+        derived: steps whose artifacts are needed as long as what they were made from is.
     """
     records = list(_records(store))
     by_artifact: dict[str, list[Record]] = {}
@@ -95,6 +102,7 @@ def find_garbage(store: Store, roots: Collection[str], used_since_s: float, now_
         by_artifact.setdefault(record.artifact, []).append(record)
     recent = {record.artifact for record in records if record.used_s >= used_since_s}
     needed = _closure(store, {*roots, *recent}, by_artifact)
+    needed |= {one.artifact for one in records if one.step in derived and not needed.isdisjoint(one.inputs)}
     garbage = []
     for folder in sorted((store.root / "artifacts").glob("*/*")):
         if folder.name in needed:
