@@ -235,7 +235,10 @@ def test_a_dataset_says_which_result_it_waits_for(edited):
     )
     done = run("build", "-n", recipe=edited)
     assert f"nuscenes_dataset\n  may run  waits for nuscenes_tables of {GOOD}\n" in done.stdout
-    assert done.stdout.splitlines()[-1] == "to do: build 1 recording, update nuscenes_dataset."
+    assert (
+        done.stdout.splitlines()[-1]
+        == "to do: build 1 recording, record 1 skipped recording, update nuscenes_dataset."
+    )
 
 
 def test_what_has_no_part_in_a_dataset_leaves_it_fresh(built):
@@ -250,7 +253,7 @@ def test_what_has_no_part_in_a_dataset_leaves_it_fresh(built):
     assert (code, value["dataset_reasons"]) == (STALE, {"trajectory_map": "never made"})
     assert mapped.startswith("trajectory_map is stale: never made\n")
     assert f"made from ego_poses of 1 recording\n    {GOOD}: " in mapped
-    assert last_line == "to do: build 1 recording, update trajectory_map."
+    assert last_line == "to do: build 1 recording, record 1 skipped recording, update trajectory_map."
 
 
 def test_explain_says_what_a_dataset_is_made_from(edited, monkeypatch):

@@ -76,7 +76,10 @@ def verdict(pending: "PendingWork", own: "OwnWork") -> str:
         fresh = len(pending.chosen) - len(pending.failed)
         failed = f", {len(pending.failed)} failed" if pending.failed else ""
         return f"nothing to do: {count_text(fresh, 'recording')} up to date{failed}."
-    parts = [f"build {count_text(len(pending.todo), 'recording')}"] if pending.todo else []
+    skipped = sum(pending.plan.bags[key].skipped is not None for key in pending.todo)
+    built = len(pending.todo) - skipped
+    parts = [f"build {count_text(built, 'recording')}"] if built else []
+    parts += [f"record {count_text(skipped, 'skipped recording')}"] if skipped else []
     gone, joined = pending.plan.gone, len(pending.plan.removed) - len(pending.plan.gone)
     parts += [f"join {count_text(joined, 'part')}"] if joined else []
     parts += [f"remove {count_text(len(gone), 'recording')}"] if gone else []

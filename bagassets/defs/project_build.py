@@ -394,7 +394,8 @@ def _dataset_states(
 ) -> dict[str, JsonMapping]:
     """See `BuildReport.datasets`. One run makes all of them; if it failed, some may be up to date."""
     left = {*asked}
-    if outcome in {"failed", "stopped"}:
+    # Where results are yet to come, nobody knows whether a dataset that is not behind is up to date.
+    if outcome == "failed" or (outcome == "stopped" and now.others.state == "fresh"):
         left &= datasets_behind(instance, workspace, now.planned.inputs).keys()
 
     def state(asset: str) -> str:
