@@ -340,13 +340,15 @@ def built(tmp_path_factory):
     return recipe, build_recordings(recipe)["drive.mcap"]
 
 
-def plan_of(recipe, made, number=1):
-    """A plan of many recordings that share their artifacts."""
+def plan_of(recipe, made, number=1, content="x"):
+    """A plan of many recordings that share their artifacts, and their content if its name has no `{}`."""
     states = {
         name: AssetState("fresh", "", made[name].artifact.digest) for name in recording_assets(recipe).names
     }
-    states = {"bag": AssetState("fresh", "", "x"), **states}
-    bags = {f"drive_{n:04d}": BagPlan(f"drive_{n:04d}", states, "mcap") for n in range(number)}
+    bags = {}
+    for n in range(number):
+        key, bag = f"drive_{n:04d}", AssetState("fresh", "", content.format(n))
+        bags[key] = BagPlan(key, {"bag": bag, **states}, "mcap")
     return Plan(bags, {}, ())
 
 
@@ -422,6 +424,9 @@ class TestGathered:
         assert "1 recording 2.1 seconds" in page
         assert "2 recordings" not in page
         assert "drive_0001 copy the same content as drive_0000" in page
+        boxes = sum(data.recordings[0].boxes.values())
+        table = page.split(" Boxes ")[-1].split(" Recordings ")[0]
+        assert sum(int(number) for number in re.findall(r" (\d+) [\d.]+% 1\b", table)) == boxes
 
     def test_a_deviation_of_nothing_has_no_minus(self, tmp_path):
         share = SplitShare("train", asked=0.8, recordings=3, duration_s=80.1, share=0.7999)
@@ -451,12 +456,19 @@ class TestGathered:
     def test_the_map_is_made_once_and_put_in_its_place(self, built):
         recipe, made = built
         store = Store(recipe.store_path)
-        first = build_map(recipe, store, plan_of(recipe, made, 3))
+        three, two = (plan_of(recipe, made, number, "{}") for number in (3, 2))
+        first = build_map(recipe, store, three)
         assert not first.cached
-        assert build_map(recipe, store, plan_of(recipe, made, 3)).cached
+        assert build_map(recipe, store, three).cached
         assert "drive_0002" in map_path(recipe).read_text()
-        assert build_map(recipe, store, plan_of(recipe, made, 2)).artifact.digest != first.artifact.digest
+        assert build_map(recipe, store, two).artifact.digest != first.artifact.digest
         assert "drive_0002" not in map_path(recipe).read_text()
+
+    def test_a_copy_is_not_on_the_map(self, built):
+        recipe, made = built
+        outcome = build_map(recipe, Store(recipe.store_path), plan_of(recipe, made, 3))
+        assert outcome.artifact.summary()["recordings"] == 1
+        assert "drive_0001" not in map_path(recipe).read_text()
 
     def test_the_track_follows_the_fixes_once_a_second(self, built):
         recipe, made = built

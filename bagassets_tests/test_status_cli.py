@@ -246,6 +246,7 @@ def test_what_has_no_part_in_a_dataset_leaves_it_fresh(built):
     built.write_text(text.replace("preview: {enabled: false}", ""))
     code, value = output("status", recipe=built)
     mapped = run("explain", GOOD, "trajectory_map", recipe=built).stdout
+    whole = run("explain", "trajectory_map", recipe=built).stdout.splitlines()
     last_line = run("build", "-n", recipe=built).stdout.splitlines()[-1]
     built.write_text(text)
     assert value["recordings"][GOOD]["assets"]["preview"]["state"] == "missing"
@@ -253,6 +254,7 @@ def test_what_has_no_part_in_a_dataset_leaves_it_fresh(built):
     assert (code, value["dataset_reasons"]) == (STALE, {"trajectory_map": "never made"})
     assert mapped.startswith("trajectory_map is stale: never made\n")
     assert f"made from ego_poses of 1 recording\n    {GOOD}: " in mapped
+    assert [line.split(" (")[0] for line in whole[-2:]] == [f"left out: {SHORT}", f"left out: {BROKEN}"]
     assert last_line == "to do: build 1 recording, record 1 skipped recording, update trajectory_map."
 
 

@@ -258,16 +258,16 @@ def dataset_contents(recipe: Recipe, inputs: DatasetInputs, asset: str) -> Datas
         DatasetError: its lock cannot be read.
     """
     part, dataset = made_from(recipe)[asset], datasets_of(recipe).get(asset)
-    if dataset is None:  # the map, which has no lock
-        keys = {one.key: one.content for parts in inputs.parts.values() for one in parts}
-        return DatasetContents(part, None, keys, inputs.skipped)
-    lock, is_whole = dataset.lock, dataset.selection is None
-    parts, copies = without_copies(inputs.parts.get(dataset.kind.name, ()))
-    now = {one.key: one.artifact if is_whole else one.content for one in parts}
-    left_out = {**inputs.skipped, **inputs.failed.get(dataset.kind.name, {})}
+    kind = MAIN if dataset is None else dataset.kind
+    parts, copies = without_copies(inputs.parts.get(kind.name, ()))
+    left_out = {**inputs.skipped, **inputs.failed.get(kind.name, {})}
     left_out |= {
         key: f"the same content as {first}, which is in it for both" for key, first in copies.items()
     }
+    if dataset is None:  # the map, which has no lock
+        return DatasetContents(part, None, {one.key: one.content for one in parts}, left_out)
+    lock, is_whole = dataset.lock, dataset.selection is None
+    now = {one.key: one.artifact if is_whole else one.content for one in parts}
     if lock is None:
         return DatasetContents(part, {}, now, left_out)
     if not is_whole:  # which scenes are selected is known once they are made

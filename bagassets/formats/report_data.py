@@ -56,15 +56,12 @@ def report_data(
     Raises:
         DatasetError: a file of a dataset cannot be read.
     """
-    dealt = _dealt(recipe, store, plan)
+    dealt, copies = _dealt(recipe, store, plan), _copies(plan)
     recordings = []
-    first: dict[str, str] = {}
     for key, bag in sorted(plan.bags.items()):
         facts = _facts(recipe, store, bag, dealt.get(key, ""))
-        if facts.state in {"ready", "stale"}:
-            same = first.setdefault(bag.assets["bag"].data_version or key, key)
-            if same != key:
-                facts = replace(facts, state="copy", reason=f"the same content as {same}")
+        if key in copies:
+            facts = replace(facts, state="copy", reason=f"the same content as {copies[key]}")
         if discovery is not None:
             found, number = _outcome(check_bag(recipe, store, discovery, bag))
             facts = replace(facts, problems=found, checks_passed=number)
@@ -116,18 +113,29 @@ def make_map_shell(store: Store) -> Artifact:
 
 def _dealt(recipe: Recipe, store: Store, plan: Plan) -> dict[str, str]:
     """Return recording -> split, for all that take part."""
-    contents = {
-        key: bag.assets["bag"].data_version or key
-        for key, bag in plan.bags.items()
-        if bag.skipped is None and bag.unusable is None
-    }
     parts = {
         kind.name: {
             key: bag.recorded[kind.part] for key, bag in plan.bags.items() if kind.part in bag.recorded
         }
         for kind in formats()
     }
-    return deal_contents(contents, recipe.splits, recordings_without_scenes(store, parts), plan.ties)
+    return deal_contents(_contents(plan), recipe.splits, recordings_without_scenes(store, parts), plan.ties)
+
+
+def _contents(plan: Plan) -> dict[str, str]:
+    """Return recording -> digest of its content, else its key, for all that take part."""
+    return {
+        key: bag.assets["bag"].data_version or key
+        for key, bag in sorted(plan.bags.items())
+        if bag.skipped is None and bag.unusable is None
+    }
+
+
+def _copies(plan: Plan) -> dict[str, str]:
+    """Return recording -> the first of the same content, which the dataset has for both."""
+    first: dict[str, str] = {}
+    same = {key: first.setdefault(content, key) for key, content in _contents(plan).items()}
+    return {key: other for key, other in same.items() if other != key}
 
 
 def track_on_record(recipe: Recipe, store: Store, bag: BagPlan) -> Track | None:
@@ -139,11 +147,11 @@ def track_on_record(recipe: Recipe, store: Store, bag: BagPlan) -> Track | None:
 
 
 def _map_routes(recipe: Recipe, store: Store, plan: Plan) -> list[MapRoute]:
-    """Return the recordings with poses in the order of their keys, coloured by split."""
-    splits, dealt = sorted(recipe.splits.shares), _dealt(recipe, store, plan)
+    """Return the recordings with poses in the order of their keys, without copies, coloured by split."""
+    splits, dealt, copies = sorted(recipe.splits.shares), _dealt(recipe, store, plan), _copies(plan)
     routes = []
     for key, bag in sorted(plan.bags.items()):
-        track = track_on_record(recipe, store, bag) if bag.skipped is None else None
+        track = track_on_record(recipe, store, bag) if bag.skipped is None and key not in copies else None
         if track is None:
             continue
         split = dealt.get(key, _NO_SPLIT)

@@ -48,7 +48,7 @@ def report_page(data: ReportData) -> str:
         _map(data),
         _left_out(data),
         _checks(data),
-        _categories(data.recordings),
+        _categories(_in_dataset(data)),
         "<h2>Recordings</h2>",
         '<input id="filter" placeholder="filter" aria-label="Filter recordings">',
         '<table id="recordings"><thead><tr>',
@@ -107,8 +107,12 @@ def _chosen_pictures(recordings: Sequence[RecordingFacts]) -> Mapping[str, Seque
     return chosen
 
 
+def _in_dataset(data: ReportData) -> list[RecordingFacts]:
+    return [recording for recording in data.recordings if recording.state in {"ready", "stale"}]
+
+
 def _cards(data: ReportData) -> str:
-    ready = [recording for recording in data.recordings if recording.state in {"ready", "stale"}]
+    ready = _in_dataset(data)
     length, unit = readable_length(sum(recording.length_m or 0.0 for recording in ready)).split()
     states = [recording.state for recording in data.recordings]
     values = [
@@ -163,7 +167,7 @@ def _idle_pins(keys: Sequence[str]) -> str:
 
 def _map(data: ReportData) -> str:
     splits = [share.name for share in data.shares]
-    shown = [r for r in data.recordings if r.state in {"ready", "stale"}]
+    shown = _in_dataset(data)
     on_earth = [r for r in shown if r.route.points]
     local = [r for r in shown if not r.route.points and r.route.local]
     parts = []
