@@ -241,6 +241,22 @@ def test_a_dataset_says_which_result_it_waits_for(edited):
     )
 
 
+def test_a_recording_that_takes_part_again_is_named(built):
+    text = built.read_text()
+    built.write_text(text.replace("min_duration_s: 1.5", "min_duration_s: 0.5"))
+    _, value = output("status", recipe=built)
+    dry = run("build", "-n", recipe=built).stdout
+    whole = run("explain", "nuscenes_dataset", recipe=built).stdout.splitlines()
+    built.write_text(text)
+    why = f"its recordings changed since it was made; waits for nuscenes_tables of {SHORT}"
+    assert value["dataset_reasons"] == {"nuscenes_dataset": why}
+    assert f"nuscenes_dataset\n  run      {why}\n" in dry
+    assert whole[0] == f"nuscenes_dataset is stale: {why}"
+    assert [line.split(" (")[0] for line in whole[-2:]] == [
+        f"left out: {BROKEN}", f"no longer left out: {SHORT}"
+    ]  # fmt: skip
+
+
 def test_what_has_no_part_in_a_dataset_leaves_it_fresh(built):
     text = built.read_text()
     built.write_text(text.replace("preview: {enabled: false}", ""))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from bagassets.alike import told_once
+from bagassets.alike import names_text, told_once
 from bagassets.cli.options import recipe_option
 from bagassets.cli.terminal import echo, echo_json, echo_lines
 from bagassets.errors import RecipeError
@@ -123,6 +123,7 @@ def _explain_dataset(
     last = contents.now if contents.last is None else contents.last
     rows = {key: (last.get(key), contents.now.get(key)) for key in shown}
     left_out = {key: why for key, why in contents.left_out.items() if not keys or key in keys}
+    returned = [key for key in contents.returned if not keys or key in keys]
     if as_json:
         echo_json(
             {
@@ -134,6 +135,7 @@ def _explain_dataset(
                 "made_from": contents.part,
                 "recordings": {key: {"last": was, "now": now} for key, (was, now) in rows.items()},
                 "left_out": left_out,
+                "no_longer_left_out": returned,
             }
         )
         return
@@ -149,6 +151,8 @@ def _explain_dataset(
             echo(_row(key, was, now))
     for told in told_once(((), key, why) for key, why in left_out.items()):
         echo(f"left out: {told.title} ({told.text})")
+    if returned:
+        echo(f"no longer left out: {names_text(returned)}")
 
 
 def _print_own(asset: str, key: str, states: "Mapping[str, OwnState]", *, as_json: bool) -> None:

@@ -35,6 +35,7 @@ from bagassets.report.page import report_page
 from bagassets.report.write import write_page
 
 __all__ = [
+    "RECORDINGS_CHANGED",
     "dataset_assets",
     "dataset_is_current",
     "datasets_behind",
@@ -45,6 +46,7 @@ __all__ = [
 
 TRAJECTORY_MAP = "trajectory_map"
 INPUTS_CODE_VERSION = "1"
+RECORDINGS_CHANGED = "its recordings changed since it was made"
 MOST_REPORTED = 1000
 """It takes a millisecond or two for each recording, and a change of one is not to cost more the more there are."""
 
@@ -77,7 +79,7 @@ def datasets_behind(
             return "never made" if any(inputs.parts.values()) else ""
         tags = event.asset_materialization.tags or {}
         if tags.get(names.input_tag(DATASET_INPUTS)) != inputs.digest:
-            return "its recordings changed since it was made"
+            return RECORDINGS_CHANGED
         if tags.get(CODE_VERSION) != versions[asset]:
             return "its settings, the splits or its version changed"
         return "" if is_on_disk(workspace.recipe, asset) else "its files are gone or were changed"

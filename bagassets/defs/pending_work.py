@@ -18,7 +18,7 @@ from bagassets.build.planner import Planner
 from bagassets.defs.batches import batches
 from bagassets.defs.connections import kept_open
 from bagassets.defs.databases import are_files, database_errors_explained
-from bagassets.defs.dataset import datasets_behind
+from bagassets.defs.dataset import RECORDINGS_CHANGED, datasets_behind
 from bagassets.defs.events import all_assets, fetch_recorded, latest_ids, live_partitions
 from bagassets.defs.instance_plan import (
     InstancePlan,
@@ -73,7 +73,7 @@ class PendingWork:
         todo: recording that needs a run -> the assets to materialize.
         datasets: the datasets that the build was asked for.
         held: recording that is gone -> what its removal waits for; see `held_by_backfills`.
-        others: state of the datasets that are not behind.
+        others: state of the datasets that are not behind; those whose recordings changed may wait as well.
     """
 
     planned: InstancePlan
@@ -116,7 +116,11 @@ class PendingWork:
     @property
     def dataset_states(self) -> dict[str, AssetState]:
         """The state of each dataset that the build was asked for."""
-        stale = {name: AssetState("stale", why) for name, why in self.behind.items()}
+        waits = f"; {self.others.reason}" if self.others.reason else ""  # for one that was left out, perhaps
+        stale = {
+            name: AssetState("stale", why + waits * (why == RECORDINGS_CHANGED))
+            for name, why in self.behind.items()
+        }
         return {name: stale.get(name, self.others) for name in self.datasets}
 
 

@@ -243,12 +243,15 @@ class DatasetContents:
             content. None if that is not on record.
         now: the same for the dataset as it would be made now; one of selected scenes has some of these.
         left_out: recording -> why it is not in the dataset.
+        returned: recordings that the dataset on disk left out, and that are neither left out nor in it now: they are to be
+            made, or are gone.
     """
 
     part: str
     last: Mapping[str, str] | None
     now: Mapping[str, str]
     left_out: Mapping[str, str]
+    returned: tuple[str, ...] = ()
 
 
 def dataset_contents(recipe: Recipe, inputs: DatasetInputs, asset: str) -> DatasetContents:
@@ -275,7 +278,9 @@ def dataset_contents(recipe: Recipe, inputs: DatasetInputs, asset: str) -> Datas
         left_out |= selected_out
         now = {key: digest for key, digest in now.items() if key not in selected_out}
     last = {key: bag.artifact if is_whole else bag.content for key, bag in lock.bags.items()}
-    return DatasetContents(part, last, now, left_out)
+    before = {key for why in ("skipped", "failed", "duplicates") for key in lock.value[why]}
+    returned = tuple(sorted(before - left_out.keys() - now.keys()))
+    return DatasetContents(part, last, now, left_out, returned)
 
 
 def _failure(bag: BagPlan, part: str) -> str | None:
