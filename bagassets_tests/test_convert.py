@@ -14,6 +14,7 @@ import pytest
 from bagassets.cli.main import main
 from bagassets.recipe import load_recipe
 from bagassets.recordings.digest_record import read_attribute
+from bagassets_tests.series import write_parts
 from bagassets_tests.services import eventually
 from bagassets_tests.small_drive import write_drive
 
@@ -136,6 +137,15 @@ def test_what_is_to_be_decided_for_the_rig_of_the_recording_is_refused(tmp_path,
     assert convert(drive, tmp_path / "out", "--recipe", tmp_path / "recipe.yaml") == 1
     assert "recipe.yaml:9: rigs[car].ego_pose: needs a value" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_one_part_of_a_drive_is_said_to_be_one(tmp_path, capsys):
+    parts = write_parts(tmp_path / "drive.bag", [0.5], 1.0, keep=lambda topic, _: topic == "/odom")
+    sentence = "drive_0.bag is part of drive.bag; for the whole drive, name all its parts.\n"
+    assert convert(parts[0], tmp_path / "out") == 1
+    assert sentence in capsys.readouterr().err
+    assert convert(*parts, tmp_path / "out") == 1
+    assert "is part of" not in capsys.readouterr().err
 
 
 def test_a_recording_without_sensors_asks_nothing(tmp_path, capsys):

@@ -17,6 +17,7 @@ from bagassets.recordings.discover import discover
 from bagassets.store.store import Store
 from bagassets_tests.odd_drive import OddDrive
 from bagassets_tests.recording_build import RecordingBuild
+from bagassets_tests.series import write_parts
 from bagassets_tests.small_drive import START_NS, STORE1, messages, write_drive
 from bagassets_tests.test_init import write_bag
 
@@ -169,6 +170,12 @@ class TestRobotDescription:
         assert [path.name for path in (tmp_path / "project").iterdir()] == ["rig.urdf"]
         assert init(bag, "--force")[0] == 0
         assert (tmp_path / "project" / "rig.urdf").read_text() == URDF
+
+
+def test_one_part_of_a_drive_is_said_to_be_one(init, tmp_path):
+    part, _ = write_parts(tmp_path / "bags" / "drive.mcap", [0.5], 1.0)
+    assert "drive_0.mcap is part of drive.mcap; for the whole drive, name the folder.\n" in init(part)[1]
+    assert "is part of" not in init(part.parent, "--force")[1]
 
 
 def test_messages_that_were_compressed_are_said_to_be(init, tmp_path):

@@ -22,7 +22,7 @@ from bagassets.recipe.model_splits import Splits
 from bagassets.recordings import join_parts
 from bagassets.recordings import part_facts as seeing
 from bagassets.recordings.digest import recording_digest
-from bagassets.recordings.discover import bags_of_parts, discover
+from bagassets.recordings.discover import bags_of_parts, discover, series_with
 from bagassets.recordings.open import open_recording
 from bagassets.recordings.part_facts import part_facts
 from bagassets.recordings.series import Part, PartFacts, candidates, judge
@@ -317,6 +317,15 @@ def test_a_number_that_is_missing_is_asked_about_and_keeps_what_is_there_in_one_
         "(one) or `false` in bags.series; until then they are apart, in one split."
     )
     assert discovery.near == {"drive_0.bag": "drive.bag", "drive_2.bag": "drive.bag"}
+
+
+def test_the_drive_of_a_file_is_told_where_its_other_parts_lie_beside_it(cut):
+    assert series_with(cut / "drive_1.bag") == "drive.bag"
+    shutil.copy(cut / "drive_0.bag", cut / "other_0.bag")
+    shutil.copy(cut / "drive_0.bag", cut / "other_1.bag")  # no drive: it begins when the other does
+    assert {series_with(cut / name) for name in ("other_0.bag", "other_1.bag")} == {""}
+    (cut / "drive_1.bag").unlink()
+    assert series_with(cut / "drive_0.bag") == "", "not sure"
 
 
 @pytest.mark.parametrize("name", ["drive", "drive.bag"])

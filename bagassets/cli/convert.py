@@ -56,7 +56,7 @@ def convert(bags_: tuple[Path, ...], out: Path, recipe_file: Path | None, format
     again with --recipe.
     """
     from bagassets.recipe.load import parse_recipe
-    from bagassets.recordings.discover import bags_of_one, bags_of_parts
+    from bagassets.recordings.discover import bags_of_one, bags_of_parts, series_with
 
     out = out.absolute()
     if os.path.lexists(out):
@@ -64,6 +64,8 @@ def convert(bags_: tuple[Path, ...], out: Path, recipe_file: Path | None, format
     kind = _format(format_name)
     files = list(dict.fromkeys(bag.resolve() for bag in bags_))
     bags = bags_of_one(files[0]) if len(files) == 1 else bags_of_parts(files)
+    if len(files) == 1 and (whole := series_with(files[0])):
+        echo(f"{files[0].name} is part of {whole}; for the whole drive, name all its parts.", err=True)
     if recipe_file is not None:
         recipe, text = _read(recipe_file, kind)
         return _build(_matched(recipe, bags), bags, kind, out, text)

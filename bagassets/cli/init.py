@@ -111,11 +111,13 @@ def _propose(project: Path, path: Path, look_at: int) -> "tuple[Proposal, dict[s
     from bagassets.propose.proposal import propose_recipe
     from bagassets.propose.scan import scan_recording
     from bagassets.recipe.model import Bags
-    from bagassets.recordings.discover import bags_of_one, discover
+    from bagassets.recordings.discover import bags_of_one, discover, series_with
     from bagassets.recordings.open import open_recording
 
     is_one = path.is_file()
     bags = bags_of_one(path) if is_one else Bags(root=path)
+    if is_one and (whole := series_with(path)):
+        echo(f"{path.name} is part of {whole}; for the whole drive, name the folder.", err=True)
     root = bags.root
     discovery = discover(bags)
     unreadable = {

@@ -21,7 +21,7 @@ from bagassets.recordings.model import METADATA, Format, RecordingFiles
 from bagassets.recordings.own_files import is_view_file
 from bagassets.recordings.series import candidates, whole_of
 
-__all__ = ["Discovery", "bags_of_one", "bags_of_parts", "discover", "find_one", "matches"]
+__all__ = ["Discovery", "bags_of_one", "bags_of_parts", "discover", "find_one", "matches", "series_with"]
 
 _ROS2_KEY, _HEAD_BYTES = b"rosbag2_bagfile_information", 4096
 _NO_STORAGE = "there is no .db3 or .mcap file beside its metadata.yaml; it is still being copied, or damaged"
@@ -208,6 +208,20 @@ def bags_of_parts(paths: Sequence[Path]) -> Bags:
     names = tuple(path.absolute().relative_to(root).as_posix() for path in paths)
     whole = next((one.whole for one in candidates(names)), names[0])
     return Bags(root=root, include=tuple(map(literal_glob, names)), series={whole: names})
+
+
+def series_with(path: Path) -> str:
+    """Return the name of the whole drive that a file is surely a part of, by the files beside it; "" if of none."""
+    try:
+        beside = [one.name for one in path.parent.iterdir() if not one.name.startswith(".")]
+    except OSError:
+        return ""
+    for whole, numbers in candidates(beside):
+        if path.name in numbers:
+            found = discover(Bags(root=path.parent, include=tuple(map(literal_glob, numbers)))).recordings
+            parts = {part.relative for one in found.values() for part in one.parts}
+            return whole if path.name in parts else ""
+    return ""
 
 
 @dataclass
