@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -39,11 +40,11 @@ Examples:
 \b
 Exit status: 0 in any state; 1 if the recipe is wrong; 2 if there is no such recording or asset."""
 )
-@click.argument("bag", metavar="[BAG]")
+@click.argument("bag", required=False, metavar="[BAG]")
 @click.argument("asset", required=False, metavar="ASSET")
 @recipe_option
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
-def explain(bag: str, asset: str | None, recipe: Path, as_json: bool) -> None:
+def explain(bag: str | None, asset: str | None, recipe: Path, as_json: bool) -> None:
     """Show what an asset of a recording is made from, and what has changed since the last time.
 
     BAG is the key or path of a recording, ASSET one of its assets. The inputs, parameters and libraries of its action
@@ -60,7 +61,7 @@ def explain(bag: str, asset: str | None, recipe: Path, as_json: bool) -> None:
     from bagassets.defs.pending_work import find_pending_work, open_project
     from bagassets.formats.dataset_build import dataset_code_versions
 
-    wanted, asset = ([bag], asset) if asset is not None else ([], bag)
+    wanted, asset = ([bag], asset) if bag and asset else ([], bag or "")
     with open_project(recipe) as (instance, known_as):
         own = load_own(known_as)
         workspace = own.workspace
@@ -72,9 +73,16 @@ def explain(bag: str, asset: str | None, recipe: Path, as_json: bool) -> None:
         known = ("bag", *planner.assets.names, *datasets)
         if own.problem and asset not in known:
             raise RecipeError(own.problem)
+        names, lacking = (*known, *own.assets), "" if asset else "name an asset"
+        if asset and not wanted and asset not in names:
+            with suppress(SelectionError):
+                choose_recordings(recordings, [asset])
+                lacking = f"{asset} is a recording; name one of its assets, too"
+        if lacking:
+            raise click.UsageError(f"{lacking}: {', '.join(names)}.")
         try:
             keys = sorted(choose_recordings(recordings, wanted))
-            choose_assets((*known, *own.assets), [asset])
+            choose_assets(names, [asset])
         except SelectionError as err:
             raise click.UsageError(str(err)) from err
         if len(keys) > 1:
