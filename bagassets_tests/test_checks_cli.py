@@ -1,6 +1,7 @@
 """`bagassets check` on a real project."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -92,6 +93,14 @@ def test_a_warning_is_printed_and_ends_well(with_checks):
 def test_one_recording_is_checked_without_the_dataset(built):
     done = run("--bag", GOOD, "--json", recipe=built)
     assert {verdict["recording"] for verdict in json.loads(done.stdout)} == {GOOD}
+
+
+def test_a_skipped_recording_is_said_to_be_skipped(built):
+    first, last = run("--bag", SHORT, recipe=built).stdout.splitlines()
+    assert re.fullmatch(rf"skipped {SHORT}: .+ bags\.min_duration_s asks for .+", first)
+    assert last == "0 checks: none."
+    assert "skipped" not in run(recipe=built).stdout, "status lists them"
+    assert json.loads(run("--bag", SHORT, "--json", recipe=built).stdout) == []
 
 
 def test_an_unknown_recording_is_wrong_usage(built):

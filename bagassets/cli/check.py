@@ -66,6 +66,9 @@ def check(recipe: Path, bags: tuple[str, ...], as_json: bool) -> int:
     if as_json:
         echo_json([verdict.as_json() for verdict in verdicts])
     else:
+        skipped = {key: pending.plan.bags[key].skipped for key in sorted(pending.chosen if bags else ())}
+        for told in told_once(((), key, why) for key, why in skipped.items() if why is not None):
+            echo_lines(f"skipped {told.title}: {told.text}")
         _print(verdicts)
     for told in told_once(((), key, reason) for key, reason in pending.failed.items()):
         echo_lines(f"failed {told.title}: {told.text}", err=True)
