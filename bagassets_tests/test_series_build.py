@@ -10,7 +10,10 @@ import dagster as dg
 import pytest
 from mcap.writer import Writer
 
+from bagassets.build.build_report import BuildOptions, BuildReport
+from bagassets.cli.build import _dry_run
 from bagassets.cli.dry_run import dry_run_lines, verdict
+from bagassets.cli.summary import print_summary
 from bagassets.defs import snapshot
 from bagassets.defs.naming import Naming
 from bagassets.defs.partitions import _no_such_recording, add_partitions
@@ -81,7 +84,7 @@ def moves_said(recipe_file):
 
 
 def test_parts_that_were_built_alone_are_joined_by_an_upgrade_and_their_old_keys_go_on_working(
-    tmp_path, monkeypatch
+    tmp_path, monkeypatch, capsys
 ):
     write_parts(tmp_path / "bags" / "drive.bag", CUTS_S[3], 2.0)
     write_part(tmp_path / "bags" / "other.bag", duration_s=1.0)
@@ -126,8 +129,13 @@ def test_parts_that_were_built_alone_are_joined_by_an_upgrade_and_their_old_keys
     recipe_file.write_text(text.replace("drive_1.bag: val", "drive_1.bag: train, other.bag: train"))
     said = moves_said(recipe_file)
     assert said == {"drive.bag": ("val", "train")}
+    _dry_run(recipe_file, BuildOptions(), check=True, as_json=False)
+    told = "from val to train, as `splits.pinned` says"
+    assert f"drive.bag would move {told}.\n" in capsys.readouterr().out
     report, _ = build(recipe_file, monkeypatch)
     assert report.moved == said
+    print_summary(BuildReport.from_json(report.as_json()), [], recipe_file)
+    assert f"moved drive.bag: {told}\n" in capsys.readouterr().out
 
 
 def why_stale(folder):

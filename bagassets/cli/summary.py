@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "counts_line",
+    "move_text",
     "print_remarks",
     "print_summary",
     "splits_text",
@@ -64,11 +65,14 @@ def print_summary(
     )
     for key in report.removed:
         print_lines(console, f"removed {key}")
-    moved = (((), key, f"from {was} to {now}") for key, (was, now) in report.moved.items())
+    moved = (
+        ((), key, move_text(was, now, is_pinned=key in report.pinned))
+        for key, (was, now) in report.moved.items()
+    )
     _print_once(
         console,
         moved,
-        lambda one: f"moved {one.title}: {one.text}; pin it in `splits.pinned` to keep it where it is",
+        lambda one: f"moved {one.title}: {one.text}",
         "`dataset.lock.json` has the splits of all",
     )
     print_remarks(report.remarks, console)
@@ -76,6 +80,12 @@ def print_summary(
     _print_dataset(report, console)
     _print_own(report, console)
     print_lines(console, f"web UI:  {ui_command(recipe_file)}")
+
+
+def move_text(was: str, now: str, *, is_pinned: bool) -> str:
+    """Return from and to which split a recording moves, and why, or what keeps it where it is."""
+    why = ", as `splits.pinned` says" if is_pinned else "; pin it in `splits.pinned` to keep it where it is"
+    return f"from {was} to {now}{why}"
 
 
 def _print_once(
