@@ -51,10 +51,8 @@ def print_summary(
         console.print(
             f"{count_text(len(report.outcomes) - len(rows), 'more recording')}; `bagassets status` lists all."
         )
-    for relative, reason in report.excluded.items():
-        if not reason.startswith("not matched"):
-            print_lines(console, f"left out {visible(relative)}: {visible(reason)}")
-    left_out = (((), key, reason) for key, reason in report.left_out.items())
+    excluded = ((path, why) for path, why in report.excluded.items() if not why.startswith("not matched"))
+    left_out = (((), name, reason) for name, reason in (*excluded, *report.left_out.items()))
     _print_once(console, left_out, lambda one: f"left out {visible(one.title)}: {visible(one.text)}")
     copies = ((("copy", first), copy, "") for copy, first in report.duplicates.items())
     _print_once(
