@@ -15,6 +15,7 @@ from bagassets.annotations.files.find import expand, find_labels
 from bagassets.assets.inventory import make_inventory
 from bagassets.assets.selection import choose_rig
 from bagassets.build.choose import choose_recordings
+from bagassets.cli.main import main
 from bagassets.errors import RecordingError
 from bagassets.recipe.model import Bags
 from bagassets.recipe.model_annotations import AnnotationFiles
@@ -414,6 +415,31 @@ def test_a_drive_that_is_one_because_the_recipe_says_so_is_told_what_its_numbers
     }
     names = ("d_0.mcap", "d_1.mcap", "d_3.mcap")
     assert not discover(bags(tmp_path, series={"d": names})).asked
+
+
+@pytest.mark.parametrize("command", ["inspect", "digest", "convert"])
+def test_the_path_of_a_whole_drive_leads_to_its_parts(tmp_path, capsys, command):
+    write_numbered(tmp_path, "d_0", "d_1", "e_0")
+    out = [str(tmp_path / "out")] if command == "convert" else []
+    for name, more in (
+        ("d", ", but a drive in 2 files: d_0.mcap, d_1.mcap; name these"),
+        ("e", ""),
+        ("no/d", ""),
+    ):
+        path = tmp_path / f"{name}.mcap"
+        assert main([command, str(path), *out]) == 1
+        assert f"{path}: no such file or folder{more}.\n" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("names", "odd"), [("013", "number 2 is missing"), (("1", "01"), "number 1 is there twice"), ("12", "")]
+)
+def test_convert_says_which_part_is_missing(tmp_path, capsys, names, odd):
+    write_numbered(tmp_path, *(f"d_{name}" for name in names))
+    assert main(["convert", *map(str, sorted(tmp_path.iterdir())), str(tmp_path / "out")]) == 1
+    errors = capsys.readouterr().err
+    assert ("warning: " in errors) == bool(odd)
+    assert f"warning: {tmp_path / 'd.mcap'}: {odd}; the drive is converted as it is.\n" in errors or not odd
 
 
 def test_a_rig_may_match_a_part():
