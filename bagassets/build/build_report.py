@@ -1,6 +1,6 @@
 """Options of a build, events while it works, and its report."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal, Self
@@ -199,7 +199,7 @@ class BuildReport:
     duplicates: Mapping[str, str] = field(default_factory=dict)
     left_out: Mapping[str, str] = field(default_factory=dict)
     moved: Mapping[str, tuple[str, str]] = field(default_factory=dict)
-    pinned: Sequence[str] = ()
+    pinned: tuple[str, ...] = ()
     splits: Mapping[str, JsonMapping] = field(default_factory=dict)
     dataset: str = "fresh"
     dataset_problem: str = ""
@@ -247,6 +247,7 @@ class BuildReport:
         made = {
             "outcomes": {key: BagOutcome(**bag) for key, bag in value["recordings"].items()},
             "removed": tuple(value["removed"]),
+            "pinned": tuple(value["pinned"]),
             "remarks": tuple(Remark(**remark) for remark in value["remarks"]),
             "moved": {key: tuple(splits) for key, splits in value["moved"].items()},
             "dataset": value["dataset"]["state"],
