@@ -163,6 +163,20 @@ def test_a_build_tells_failures_once():
     ]
 
 
+def test_parts_of_a_drive_that_is_left_out_share_a_line():
+    why = "part of d.bag, of which d_1.bag cannot be read for now (it is empty)"
+    excluded = {"d.bag": "look again later"} | {f"d_{number}.bag": why for number in range(5)}
+    report = BuildReport(excluded=excluded | {"x.bag": "not matched by bags.include"})
+    lines = printed(lambda console: print_summary(report, [], Path("/p/recipe.yaml"), console))
+    parts = "5 recordings (d_0.bag, d_1.bag, d_2.bag and 2 more)"
+    assert lines[:2] == ["left out d.bag: look again later", f"left out {parts}: {why}"]
+    assert not [line for line in lines if "not matched" in line]
+    pending = SimpleNamespace(plan=Plan({}, report.excluded, ()))
+    assert list(status._reasons(pending, {})) == [
+        "d.bag: left out: look again later", f"{parts}: left out: {why}",
+    ]  # fmt: skip
+
+
 def test_check_tells_findings_once(capsys):
     problems = {key: [sentence(key), *(f"no. {number}" for number in range(6))] for key in KEYS}
     check._print([Verdict(key, "t", "scenes_made", "warn", Finding(problems[key])) for key in KEYS])

@@ -15,6 +15,7 @@ from bagassets.annotations.files.find import expand, find_labels
 from bagassets.assets.inventory import make_inventory
 from bagassets.assets.selection import choose_rig
 from bagassets.build.choose import choose_recordings
+from bagassets.cli.main import main
 from bagassets.errors import RecordingError
 from bagassets.recipe.model import Bags
 from bagassets.recipe.model_annotations import AnnotationFiles
@@ -68,6 +69,8 @@ CASES = {
     "latched in the first part only": ([part(0, 0, 10), part(1, 10, 20, LATER, ())], "one", ""),
     "numbers from 3": ([part(3, 0, 10), part(4, 10, 20)], "one", ""),
     "a part is missing": ([part(0, 0, 10), part(1, 10, 20), part(3, 30, 40)], "asked", "number 2 is missing"),
+    "a number is there twice": ([part(0, 0, 10), part(1, 10, 20), part(1, 10, 20)], "asked", "number 1 is there twice"),
+    "a number is there twice, an hour apart": ([part(1, 0, 10), part(1, HOUR_S, HOUR_S + 10)], "apart", ""),
     "a short part is missing": ([part(0, 0, 10), part(2, 11, 20)], "asked", "number 1 is missing"),
     "the last is in the making": ([part(0, 0, 10), part(1, 10, 20), broken(2)], "one", ""),
     "the last of two is in the making": ([part(0, 0, 10), broken(1)], "apart", ""),
@@ -121,7 +124,7 @@ DATED = [f"car_2024-01-0{day}-10-0{minute}-00_{minute}.bag" for day in (1, 2) fo
         (["a_0.bag", "b_1.bag", "a0.bag", "a1.bag", "a-0.bag"], {}),
         (["a_0.bag", "a_1.bag.active"], {}),
         (["a_0_1.bag", "a_0_2.bag"], {"a_0.bag": [1, 2]}),
-        (["a_1.bag", "a_01.bag", "a_2.bag"], {}),
+        (["a_1.bag", "a_01.bag", "a_2.bag"], {"a.bag": [1, 1, 2]}),
         (["r_10_05.mcap", "r_10_25.mcap", "r_10_45.mcap"], {}),
         (DATED, {"car_2024-01-01-10-00-00.bag": [0, 1, 2], "car_2024-01-02-10-00-00.bag": [0, 1, 2]}),
         ([name.removeprefix("car_") for name in DATED[:3]], {"2024-01-01-10-00-00.bag": [0, 1, 2]}),
@@ -351,6 +354,101 @@ def test_a_part_named_twice_counts_once(cut):
     names = ("drive_0.bag", "drive_0.bag", "drive_1.bag", "drive_2.bag")
     (one,) = discover(bags(cut, series={"drive": names})).recordings.values()
     assert len(one.parts) == 3
+
+
+def write_numbered(folder, *names):
+    """Write files of a second each, one after the other, with number and name where they have none."""
+    folder.mkdir(exist_ok=True)
+    for number, name in enumerate(names):
+        messages = [("/a", number * 10**9 + i * 10**8, f"{number}") for i in range(10)]
+        write_strings(folder / f"{name}.mcap", messages)
+    return folder
+
+
+@pytest.mark.parametrize("name", ["d", "d.mcap"])
+def test_files_that_a_list_does_not_name_do_not_take_its_place(tmp_path, name):
+    write_numbered(tmp_path, *(f"d_{number}" for number in range(5)))
+    discovery = discover(bags(tmp_path, series={name: ("d_0.mcap", "d_1.mcap")}))
+    assert list(discovery.recordings) == ["d.mcap", "d_2.mcap", "d_3.mcap", "d_4.mcap"]
+    assert discovery.former_keys == {"d.mcap": ("d_0.mcap", "d_1.mcap")}
+    assert dict(discovery.asked) == {
+        "d.mcap": "d_2.mcap to d_4.mcap (3 files): parts of one drive, or drives of their own? the list of d.mcap is "
+        "without them. List them with d.mcap or as another drive in bags.series; until then they are apart, in one split."
+    }
+    assert discovery.near.keys() == discovery.recordings.keys()
+
+
+def test_files_beside_a_list_that_lacks_one_do_not_take_its_place(tmp_path):
+    write_numbered(tmp_path, *(f"d_{number}" for number in range(4)))
+    discovery = discover(bags(tmp_path, series={"d": ("d_0.mcap", "d_1.mcap", "gone.mcap")}))
+    assert list(discovery.recordings) == ["d_2.mcap", "d_3.mcap"]
+    assert discovery.removed(["d.mcap"]) == ()
+    assert "gone.mcap" in dict(discovery.excluded)["d.mcap"]
+
+
+def test_a_list_may_name_the_file_of_its_own_name(tmp_path):
+    write_numbered(tmp_path, "d", "d_0", "d_1", "d_2")
+    discovery = discover(bags(tmp_path, series={"d.mcap": ("d.mcap", "d_0.mcap")}))
+    assert list(discovery.recordings) == ["d.mcap", "d_1.mcap", "d_2.mcap"]
+    assert discovery.former_keys == {"d.mcap": ("d.mcap", "d_0.mcap")}
+
+
+@pytest.mark.parametrize("answer", [True, ("d_0.mcap", "d_1.mcap")])
+def test_a_file_whose_name_a_drive_takes_is_named(tmp_path, answer):
+    write_numbered(tmp_path, "d", "d_0", "d_1")
+    discovery = discover(bags(tmp_path, series={"d": answer}))
+    assert discovery.former_keys == {"d.mcap": ("d_0.mcap", "d_1.mcap")}
+    assert dict(discovery.excluded) == {
+        "d.mcap": "bags.series has a drive of this name, of which this file is no part; rename the file or the drive, or list the file "
+        "there as a part"
+    }
+
+
+def test_two_files_of_one_number_are_asked_about(tmp_path):
+    write_numbered(tmp_path, "d_0", "d_1", "d_2")
+    shutil.copy(tmp_path / "d_1.mcap", tmp_path / "d_01.mcap")
+    discovery = discover(bags(tmp_path))
+    assert len(discovery.recordings) == 4
+    assert discovery.near.keys() == discovery.recordings.keys()
+    (question,) = discovery.asked.values()
+    assert "number 1 is there twice. Say `d.mcap: true`" in question
+
+
+def test_a_drive_that_is_one_because_the_recipe_says_so_is_told_what_its_numbers_lack(tmp_path):
+    write_numbered(tmp_path, "d_0", "d_1", "d_3")
+    discovery = discover(bags(tmp_path, series={"d": True}))
+    assert list(discovery.recordings) == ["d.mcap"]
+    assert dict(discovery.asked) == {
+        "d.mcap": "d_0.mcap to d_3.mcap (3 files): one drive, as bags.series says, but number 2 is missing; correct that, or list the files "
+        "there if they are all."
+    }
+    names = ("d_0.mcap", "d_1.mcap", "d_3.mcap")
+    assert not discover(bags(tmp_path, series={"d": names})).asked
+
+
+@pytest.mark.parametrize("command", ["inspect", "digest", "convert"])
+def test_the_path_of_a_whole_drive_leads_to_its_parts(tmp_path, capsys, command):
+    write_numbered(tmp_path, "d_0", "d_1", "e_0")
+    out = [str(tmp_path / "out")] if command == "convert" else []
+    for name, more in (
+        ("d", ", but a drive in 2 files: d_0.mcap, d_1.mcap; name these"),
+        ("e", ""),
+        ("no/d", ""),
+    ):
+        path = tmp_path / f"{name}.mcap"
+        assert main([command, str(path), *out]) == 1
+        assert f"{path}: no such file or folder{more}.\n" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("names", "odd"), [("013", "number 2 is missing"), (("1", "01"), "number 1 is there twice"), ("12", "")]
+)
+def test_convert_says_which_part_is_missing(tmp_path, capsys, names, odd):
+    write_numbered(tmp_path, *(f"d_{name}" for name in names))
+    assert main(["convert", *map(str, sorted(tmp_path.iterdir())), str(tmp_path / "out")]) == 1
+    errors = capsys.readouterr().err
+    assert ("warning: " in errors) == bool(odd)
+    assert f"warning: {tmp_path / 'd.mcap'}: {odd}; the drive is converted as it is.\n" in errors or not odd
 
 
 def test_a_rig_may_match_a_part():

@@ -10,14 +10,18 @@ import dagster as dg
 import pytest
 from mcap.writer import Writer
 
+from bagassets.build.build_report import BuildOptions, BuildReport
+from bagassets.cli.build import _dry_run
 from bagassets.cli.dry_run import dry_run_lines, verdict
+from bagassets.cli.summary import print_summary
 from bagassets.defs import snapshot
 from bagassets.defs.naming import Naming
 from bagassets.defs.partitions import _no_such_recording, add_partitions
-from bagassets.defs.pending_work import open_project
+from bagassets.defs.pending_work import expected_moves, open_project
 from bagassets.errors import RecordingError
 from bagassets.formats.dataset_lock import read_lock
 from bagassets.propose.project import write_project
+from bagassets.recipe import load_recipe
 from bagassets.recipe.load import parse_recipe
 from bagassets.recordings.open import open_recording
 from bagassets.sample.drive import Target, write_recordings
@@ -75,8 +79,12 @@ def lock_of(folder, name="nuscenes", version="v1.0-test"):
     return read_lock(folder / "dataset" / name / version)
 
 
+def moves_said(recipe_file):
+    return expected_moves(survey(recipe_file), load_recipe(recipe_file))
+
+
 def test_parts_that_were_built_alone_are_joined_by_an_upgrade_and_their_old_keys_go_on_working(
-    tmp_path, monkeypatch
+    tmp_path, monkeypatch, capsys
 ):
     write_parts(tmp_path / "bags" / "drive.bag", CUTS_S[3], 2.0)
     write_part(tmp_path / "bags" / "other.bag", duration_s=1.0)
@@ -116,6 +124,18 @@ def test_parts_that_were_built_alone_are_joined_by_an_upgrade_and_their_old_keys
     assert not runs
     assert len([event for event in events if "joined" in event.message]) == 1
     assert survey(recipe_file, bags=("drive_1.bag",)).chosen == {"drive.bag"}
+    assert moves_said(recipe_file) == {}
+    text = recipe_file.read_text()
+    recipe_file.write_text(text.replace("drive_1.bag: val", "drive_1.bag: train, other.bag: train"))
+    said = moves_said(recipe_file)
+    assert said == {"drive.bag": ("val", "train")}
+    _dry_run(recipe_file, BuildOptions(), check=True, as_json=False)
+    told = "from val to train, as `splits.pinned` says"
+    assert f"drive.bag would move {told}.\n" in capsys.readouterr().out
+    report, _ = build(recipe_file, monkeypatch)
+    assert report.moved == said
+    print_summary(BuildReport.from_json(report.as_json()), [], recipe_file)
+    assert f"moved drive.bag: {told}\n" in capsys.readouterr().out
 
 
 def why_stale(folder):

@@ -177,6 +177,7 @@ class BuildReport:
         duplicates: recording -> another one with the same content, which represents it in the dataset.
         left_out: recording that this build was not about -> why it is not in the dataset.
         moved: recording that this build moved to another split -> the old split and the new one.
+        pinned: those of `moved` that the recipe pins.
         splits: split -> its share of recordings and time (`SplitShare.as_json`), and whether that `is_far` from the
             share in the recipe.
         dataset: `updated`, `fresh`, `failed`, `stopped`, `not made`, or `not selected`.
@@ -198,6 +199,7 @@ class BuildReport:
     duplicates: Mapping[str, str] = field(default_factory=dict)
     left_out: Mapping[str, str] = field(default_factory=dict)
     moved: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    pinned: tuple[str, ...] = ()
     splits: Mapping[str, JsonMapping] = field(default_factory=dict)
     dataset: str = "fresh"
     dataset_problem: str = ""
@@ -245,6 +247,7 @@ class BuildReport:
         made = {
             "outcomes": {key: BagOutcome(**bag) for key, bag in value["recordings"].items()},
             "removed": tuple(value["removed"]),
+            "pinned": tuple(value["pinned"]),
             "remarks": tuple(Remark(**remark) for remark in value["remarks"]),
             "moved": {key: tuple(splits) for key, splits in value["moved"].items()},
             "dataset": value["dataset"]["state"],

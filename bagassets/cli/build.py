@@ -158,7 +158,7 @@ def build_with_progress(
 def _dry_run(recipe: Path, options: "BuildOptions", *, check: bool, as_json: bool) -> int:
     """Show what a build would do; return the exit status of --check, or 0 for a dry run."""
     from bagassets.cli.dry_run import dry_run_json, dry_run_lines, verdict
-    from bagassets.cli.summary import print_remarks, summary_console
+    from bagassets.cli.summary import move_text, print_remarks, summary_console
     from bagassets.defs.own_build import load_own
     from bagassets.defs.pending_work import expected_moves, find_pending_work, open_project
     from bagassets.formats.checking import remarks_on_record
@@ -184,7 +184,8 @@ def _dry_run(recipe: Path, options: "BuildOptions", *, check: bool, as_json: boo
             echo_lines(again)
         print_remarks(remarks, summary_console())
         for key, (was, now) in moved.items():
-            echo(f"{key} would move from {was} to {now}; pin it in `splits.pinned` to keep it where it is.")
+            is_pinned = pending.plan.ties.pinned(key, workspace.recipe.splits) is not None
+            echo(f"{key} would move {move_text(was, now, is_pinned=is_pinned)}.")
         if empty and pending.is_settled:
             echo(empty)
         echo(verdict(pending, own_work))

@@ -37,9 +37,7 @@ Exit status:
     2  wrong usage, or something is to be decided first
   130  interrupted"""
 )
-@click.argument(
-    "bags_", metavar="BAG...", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path)
-)
+@click.argument("bags_", metavar="BAG...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.argument("out", type=click.Path(path_type=Path))
 @click.option("--recipe", "recipe_file", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
               help="Convert with this recipe; its `bags`, folders and other datasets are ignored. Default: guess one.")  # fmt: skip
@@ -57,6 +55,7 @@ def convert(bags_: tuple[Path, ...], out: Path, recipe_file: Path | None, format
     """
     from bagassets.recipe.load import parse_recipe
     from bagassets.recordings.discover import bags_of_one, bags_of_parts, series_with
+    from bagassets.recordings.series import candidates, odd_number
 
     out = out.absolute()
     if os.path.lexists(out):
@@ -66,6 +65,9 @@ def convert(bags_: tuple[Path, ...], out: Path, recipe_file: Path | None, format
     bags = bags_of_one(files[0]) if len(files) == 1 else bags_of_parts(files)
     if len(files) == 1 and (whole := series_with(files[0])):
         echo(f"{files[0].name} is part of {whole}; for the whole drive, name all its parts.", err=True)
+    for one in candidates(map(str, files)):
+        if odd := odd_number(one.numbers.values()):
+            echo(f"warning: {one.whole}: {odd}; the drive is converted as it is.", err=True)
     if recipe_file is not None:
         recipe, text = _read(recipe_file, kind)
         return _build(_matched(recipe, bags), bags, kind, out, text)

@@ -195,8 +195,8 @@ def _reasons(pending: "PendingWork", listed: JsonMapping) -> Iterator[str]:
     for key in pending.plan.gone:
         then = pending.held.get(key, "the next build removes its partition and its scenes")
         yield f"{key}: the recording is gone; {then}"
-    for relative, reason in pending.plan.excluded.items():
-        if not reason.startswith("not matched"):
-            yield f"{visible(relative)}: left out: {visible(reason)}"
+    excluded = (((), *one) for one in pending.plan.excluded.items() if not one[1].startswith("not matched"))
+    for told in told_once(excluded):
+        yield f"{visible(told.title)}: left out: {visible(told.text)}"
     for question in pending.plan.asked.values():
         yield f"to be decided: {visible(question)}"

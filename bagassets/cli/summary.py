@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "counts_line",
+    "move_text",
     "print_remarks",
     "print_summary",
     "splits_text",
@@ -50,10 +51,8 @@ def print_summary(
         console.print(
             f"{count_text(len(report.outcomes) - len(rows), 'more recording')}; `bagassets status` lists all."
         )
-    for relative, reason in report.excluded.items():
-        if not reason.startswith("not matched"):
-            print_lines(console, f"left out {visible(relative)}: {visible(reason)}")
-    left_out = (((), key, reason) for key, reason in report.left_out.items())
+    excluded = ((path, why) for path, why in report.excluded.items() if not why.startswith("not matched"))
+    left_out = (((), name, reason) for name, reason in (*excluded, *report.left_out.items()))
     _print_once(console, left_out, lambda one: f"left out {visible(one.title)}: {visible(one.text)}")
     copies = ((("copy", first), copy, "") for copy, first in report.duplicates.items())
     _print_once(
@@ -64,11 +63,14 @@ def print_summary(
     )
     for key in report.removed:
         print_lines(console, f"removed {key}")
-    moved = (((), key, f"from {was} to {now}") for key, (was, now) in report.moved.items())
+    moved = (
+        ((), key, move_text(was, now, is_pinned=key in report.pinned))
+        for key, (was, now) in report.moved.items()
+    )
     _print_once(
         console,
         moved,
-        lambda one: f"moved {one.title}: {one.text}; pin it in `splits.pinned` to keep it where it is",
+        lambda one: f"moved {one.title}: {one.text}",
         "`dataset.lock.json` has the splits of all",
     )
     print_remarks(report.remarks, console)
@@ -76,6 +78,12 @@ def print_summary(
     _print_dataset(report, console)
     _print_own(report, console)
     print_lines(console, f"web UI:  {ui_command(recipe_file)}")
+
+
+def move_text(was: str, now: str, *, is_pinned: bool) -> str:
+    """Return from and to which split a recording moves, and why, or what keeps it where it is."""
+    why = ", as `splits.pinned` says" if is_pinned else "; pin it in `splits.pinned` to keep it where it is"
+    return f"from {was} to {now}{why}"
 
 
 def _print_once(

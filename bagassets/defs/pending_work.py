@@ -30,13 +30,11 @@ from bagassets.defs.partitions import active_runs, held_by_backfills
 from bagassets.defs.projects import noted_prefix
 from bagassets.defs.runs import open_instance
 from bagassets.defs.workspace import Workspace
-from bagassets.formats.catalogue import MAIN, formats
+from bagassets.formats.catalogue import formats
 from bagassets.formats.dataset_build import (
     DatasetInputs,
     dataset_code_versions,
-    deal_contents,
     made_from,
-    recordings_without_scenes,
     split_on_disk,
 )
 from bagassets.propose.project import dagster_home
@@ -257,15 +255,13 @@ def _not_behind(workspace: Workspace, plan: Plan, todo: Iterable[str], options: 
 
 def expected_moves(pending: PendingWork, recipe: Recipe) -> dict[str, tuple[str, str]]:
     """Return recording -> its split on disk and its split after a build, where they differ."""
-    inputs = pending.planned.inputs.parts
-    entering = {part.key: part.content for part in inputs.get(MAIN.name, ())}
+    inputs = pending.planned.inputs
+    entering = {}
     for key in pending.todo:
         bag = pending.plan.bags[key]
         if bag.skipped is None and bag.unusable is None:
             entering[key] = bag.assets["bag"].data_version or key
-    made = {name: {part.key: part.artifact for part in parts} for name, parts in inputs.items()}
-    dealt = deal_contents(entering, recipe.splits, recordings_without_scenes(Store(recipe.store_path), made))
-    return moves(split_on_disk(recipe), dealt)
+    return moves(split_on_disk(recipe), inputs.dealt(recipe.splits, Store(recipe.store_path), entering))
 
 
 def rehearse(recipe_file: Path) -> None:

@@ -172,6 +172,7 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
         report.left_out = {key: reason for key, reason in failed.items() if key not in before.chosen}
         report.splits = {} if lock is None else _shares(lock.value["shares"])
         report.moved = moves(split_before, split_on_disk(recipe))
+        report.pinned = tuple(key for key in report.moved if now.plan.ties.pinned(key, recipe.splits))
         if not before.datasets:
             report.dataset = "not selected"
         elif report.dataset == "fresh" and lock is None:

@@ -136,9 +136,12 @@ class DatasetInputs:
         keys = {part.key for parts in self.parts.values() for part in parts}
         return digest_json(value | self.ties.of(keys))
 
-    def dealt(self, splits: Splits, store: Store) -> dict[str, str]:
-        """Return recording -> split, the same for all datasets."""
+    def dealt(
+        self, splits: Splits, store: Store, entering: Mapping[str, str] | None = None
+    ) -> dict[str, str]:
+        """Return recording -> split, the same for all datasets, as it is once these others (key -> content) have come."""
         contents = {part.key: part.content for parts in self.parts.values() for part in parts}
+        contents |= entering or {}
         made = {name: {part.key: part.artifact for part in parts} for name, parts in self.parts.items()}
         return deal_contents(contents, splits, recordings_without_scenes(store, made), self.ties)
 

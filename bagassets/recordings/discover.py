@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from operator import attrgetter
 from pathlib import Path
 
+from bagassets.alike import names_text
 from bagassets.errors import RecordingError
 from bagassets.garbage import uncollected
 from bagassets.recipe.model import Bags
@@ -145,7 +146,10 @@ def find_one(path: Path) -> RecordingFiles:
     """
     path = path.absolute()
     if not path.exists():
-        raise RecordingError(f"{path}: no such file or folder.")
+        names = [one.name for one in path.parent.glob("*")]
+        parts = next((list(one.numbers) for one in candidates(names) if one.whole == path.name), [])
+        told = f", but a drive in {len(parts)} files: {names_text(parts)}; name these" if parts else ""
+        raise RecordingError(f"{path}: no such file or folder{told}.")
     entries: list[os.DirEntry[str]] = []
     try:
         if (what := _special_kind(path.stat())) is not None:

@@ -9,7 +9,7 @@ from pathlib import Path, PurePosixPath
 from bagassets.quantities import count_text
 from bagassets.recipe.model import Bags
 from bagassets.recordings.model import RecordingFiles
-from bagassets.recordings.series import Candidate, Part, Verdict, candidates, judge
+from bagassets.recordings.series import Candidate, Part, Verdict, candidates, judge, odd_number
 
 __all__ = ["FOR_NOW", "Joined", "join_parts"]
 
@@ -17,7 +17,7 @@ FOR_NOW = "cannot be read for now"
 """Says of a part why its series is left out at the moment."""
 
 _NO_PARTS = "bags.series says that it is one drive, but there are not two numbered files of it; correct its name there"
-
+_NAME_TAKEN = "bags.series has a drive of this name, of which this file is no part; rename the file or the drive, or list the file there as a part"
 
 _AS_IT_IS = attrgetter("relative", "size", "mtime_ns")
 
@@ -31,7 +31,7 @@ class Joined:
 
     Attributes:
         recordings: path below the bag root -> recording.
-        asked: path of a whole drive -> the question whether some files are its parts.
+        asked: path of a whole drive -> the question whether some files are its parts, or all of them.
         near: path of a recording -> path of the whole drive in question; those of one lie in one split.
         broken: path of a series that lacks parts -> what to do.
         left_out: path and reason of recordings that belong to a broken one.
@@ -53,34 +53,41 @@ def join_parts(bags: Bags, recordings: Sequence[RecordingFiles], key_of: Callabl
         key_of: returns the partition key for a path below the bag root.
     """
     joined = Joined({recording.relative: recording for recording in recordings})
-    for name, answer in bags.series.items():
-        if not isinstance(answer, bool):
-            _join_named(joined, bags.root, name, tuple(dict.fromkeys(answer)), key_of)
+    for name, given in bags.series.items():
+        if not isinstance(given, bool):
+            _join_named(joined, bags.root, name, tuple(dict.fromkeys(given)), key_of)
     files = (path for path, one in joined.recordings.items() if one.files[0] is one.path)
     for candidate in list(candidates(files)):
-        verdict, for_now = _verdict(joined, bags, candidate)
+        answer = bags.series.get(candidate.whole, bags.series.get(_without_suffix(candidate.whole)))
+        verdict, for_now = _verdict(joined, bags, candidate, answer)
         if verdict.parts:
             _join(joined, candidate.whole, verdict.parts, key_of)
+            if odd := odd_number(candidate.numbers.values()) if answer else "":
+                joined.asked[candidate.whole] = (
+                    f"{_shown(candidate)}: one drive, as bags.series says, but {odd}; correct that, or list the files there if they "
+                    "are all."
+                )
         elif verdict.why and for_now:  # drives that were one do not fall apart while a part is being replaced
             _leave_out(
                 joined, bags.root, candidate.whole, list(candidate.numbers), for_now, "; look again later"
             )
         elif verdict.why:
-            joined.asked[candidate.whole] = _question(candidate, verdict.why)
+            joined.asked[candidate.whole] = _question(candidate, verdict.why, is_listed=bool(answer))
             joined.near |= {path: candidate.whole for group in verdict.near for path in group}
     wholes = {path for path, one in joined.recordings.items() if one.parts}
     wholes |= {_without_suffix(path) for path in wholes}
     joined.left_out += [
-        (name, _NO_PARTS) for name, answer in bags.series.items() if answer is True and name not in wholes
+        (name, _NO_PARTS) for name, given in bags.series.items() if given is True and name not in wholes
     ]
     return joined
 
 
-def _verdict(joined: Joined, bags: Bags, candidate: Candidate) -> tuple[Verdict, str]:
+def _verdict(
+    joined: Joined, bags: Bags, candidate: Candidate, answer: bool | Sequence[str] | None
+) -> tuple[Verdict, str]:
     """Return what is to be done with files, and which one before the last cannot be read at the moment; "" if they all can."""
     whole, numbers = candidate
-    answer = bags.series.get(whole, bags.series.get(_without_suffix(whole)))
-    if answer is not None:
+    if isinstance(answer, bool):
         return Verdict(tuple(numbers)) if answer else Verdict(), ""
     files = [joined.recordings[path] for path in numbers]
     as_it_is, for_now = list(map(_AS_IT_IS, files)), ""
@@ -94,9 +101,12 @@ def _verdict(joined: Joined, bags: Bags, candidate: Candidate) -> tuple[Verdict,
         for_now = next((f"{path} {FOR_NOW} ({one})" for path, one in looked if isinstance(one, ForNow)), "")
         if not any(isinstance(one, ForNow) for one in facts):
             _judged[str(files[0].path)] = as_it_is, verdict
+    if verdict.parts and answer:
+        return Verdict((), f"the list of {whole} is without them", ((whole, *verdict.parts),)), ""
     if verdict.parts and whole in joined.recordings:
-        return Verdict((), f"{whole} lies beside them", ((whole, *verdict.parts),)), ""
-    return verdict, "" if whole in joined.recordings else for_now
+        why = f"{whole} lies beside them, and is left out if they are one"
+        return Verdict((), why, ((whole, *verdict.parts),)), ""
+    return verdict, "" if answer or whole in joined.recordings else for_now
 
 
 def _without_suffix(path: str) -> str:
@@ -134,6 +144,8 @@ def _leave_out(
 def _join(joined: Joined, whole: str, paths: Sequence[str], key_of: Callable[[str], str]) -> None:
     parts = tuple(map(joined.recordings.pop, paths))
     root = Path(str(parts[0].path).removesuffix(parts[0].relative))
+    if whole in joined.recordings:
+        joined.left_out.append((whole, _NAME_TAKEN))
     joined.recordings[whole] = RecordingFiles(
         key_of(whole),
         whole,
@@ -146,10 +158,19 @@ def _join(joined: Joined, whole: str, paths: Sequence[str], key_of: Callable[[st
     )
 
 
-def _question(candidate: Candidate, why: str) -> str:
-    names = list(candidate.numbers)
-    shown = " and ".join(names) if len(names) == 2 else f"{names[0]} to {names[-1]} ({len(names)} files)"
-    return (
-        f"{shown}: parts of one drive, or drives of their own? {why}. Say `{candidate.whole}: true` (one) or `false` in "
-        "bags.series; until then they are apart, in one split."
+def _question(candidate: Candidate, why: str, *, is_listed: bool) -> str:
+    whole = candidate.whole
+    say = (
+        f"List them with {whole} or as another drive"
+        if is_listed
+        else f"Say `{whole}: true` (one) or `false`"
     )
+    return (
+        f"{_shown(candidate)}: parts of one drive, or drives of their own? {why}. {say} in bags.series; until then they are "
+        "apart, in one split."
+    )
+
+
+def _shown(candidate: Candidate) -> str:
+    names = list(candidate.numbers)
+    return " and ".join(names) if len(names) == 2 else f"{names[0]} to {names[-1]} ({len(names)} files)"

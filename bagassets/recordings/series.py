@@ -11,7 +11,17 @@ from typing import NamedTuple
 
 from bagassets.alike import names_text
 
-__all__ = ["Candidate", "Part", "PartFacts", "Verdict", "candidates", "judge", "periods_matter", "whole_of"]
+__all__ = [
+    "Candidate",
+    "Part",
+    "PartFacts",
+    "Verdict",
+    "candidates",
+    "judge",
+    "odd_number",
+    "periods_matter",
+    "whole_of",
+]
 
 _NUMBERED = re.compile(r"(?s)(.+)_([0-9]{1,6})(\.bag|\.mcap|\.db3)")
 _DATED = re.compile(r"(?s)(.*?)_?[0-9]{4}(?:-[0-9]{2}){5}")
@@ -87,13 +97,11 @@ def candidates(paths: Iterable[str]) -> Iterator[Candidate]:
     for (stem, suffix), files in sorted(numbered.items()):  # by date, where recorders wrote it into names
         groups.setdefault((*_undated(stem), suffix), []).extend(sorted(files))
     for (_, is_dated, _), files in groups.items():
-        runs = list(_runs(files)) if len(files) > 1 else []
-        if is_dated or len(runs) == 1:  # else a number stands twice, as in `drive_1` and `drive_01`
-            for run in runs:
-                missing = run[-1][0] - run[0][0] + 1 - len(run)
-                # Where most numbers are missing, they count something else, such as seconds.
-                if len(run) > 1 and missing < len(run):
-                    yield Candidate(_NUMBERED.sub(r"\1\3", run[0][1]), {path: number for number, path in run})
+        for run in _runs(files) if is_dated else [files]:
+            missing = run[-1][0] - run[0][0] + 1 - len({number for number, _ in run})
+            # Where most numbers are missing, they count something else, such as seconds.
+            if len(run) > 1 and missing < len(run):
+                yield Candidate(_NUMBERED.sub(r"\1\3", run[0][1]), {path: number for number, path in run})
 
 
 def _undated(stem: str) -> tuple[str, bool]:
@@ -127,13 +135,20 @@ def judge(parts: Sequence[Part]) -> Verdict:
     while isinstance(parts[-1].facts, str):
         parts = parts[:-1]
     reasons = [f"{part.name} cannot be read ({part.facts})" for part in parts if isinstance(part.facts, str)]
-    numbers = pairwise(part.number for part in parts)
-    reasons += [f"number {one + 1} is missing" for one, other in numbers if other > one + 1]
+    reasons += filter(None, [odd_number([part.number for part in parts])])
     reasons += [reason for one, other in pairwise(readable) if (reason := _compare(*one, *other))]
     if not reasons:
         return Verdict(tuple(name for name, _ in readable))
     groups = _near(readable)
     return Verdict((), reasons[0], groups) if groups else Verdict()
+
+
+def odd_number(numbers: Iterable[int]) -> str:
+    """Return which of the numbers of parts, in order, is missing or there twice; "" if none is."""
+    for one, other in pairwise(numbers):
+        if other != one + 1:
+            return f"number {one} is there twice" if other == one else f"number {one + 1} is missing"
+    return ""
 
 
 def periods_matter(one: PartFacts, other: PartFacts) -> bool:
