@@ -136,7 +136,7 @@ ODD = [
         "KeyError: 'acme_msgs/msg/wstring'", 6, "/own: the definition of acme_msgs/msg/Own cannot be used",
     ),
     Odd("a flipped bit in an MCAP", with_a_flipped_bit, "Chunk checksum mismatch", 3, "checksum"),
-    Odd("`#`, `%` or `?` in the path of a SQLite bag", write_folder, "Cannot open database", None, 3, "a#%41?"),
+    Odd("a SQLite bag with `#`, `%` or `?` in its path", write_folder, "Cannot open database", None, 3, "a#%41?"),
     Odd(
         "an empty `storage_identifier`",
         lambda path: edited(path, lambda bag: bag.update(storage_identifier="")),
