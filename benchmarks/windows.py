@@ -37,14 +37,16 @@ __all__ = ["PAGES", "SIZES", "cut_off", "look", "project", "report_opened", "sec
 
 SIZES = ((1500, 1000), (1280, 800))
 REPORT = "/bagassets/pages/report"
+# Of one that is not skipped; the overview shows whichever recording came last.
+_PARTITION = "/assets/{}?view=partitions&partition=2026-11-28_ring_road_north_0000.bag"
 PAGES = {
     "nuscenes_dataset": ("/assets/nuscenes_dataset?view=overview", "cannot be read"),
     "dataset_inputs": ("/assets/dataset_inputs?view=overview", "cannot be read"),
     "trajectory_map": ("/assets/trajectory_map?view=overview", "Open the map"),
     "inventory": ("/assets/inventory?view=overview", "contents"),
-    "calibration": ("/assets/calibration?view=overview", "mounting"),
+    "calibration": (_PARTITION.format("calibration"), "mounting"),
     "frames": ("/assets/frames?view=events", "content_digest"),
-    "preview": ("/assets/preview?view=overview", "picture_timeline"),
+    "preview": (_PARTITION.format("preview"), "picture_timeline"),
     "report": (REPORT, "Left out"),
     "map": ("/bagassets/pages/map", "train"),
 }
