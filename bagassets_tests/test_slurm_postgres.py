@@ -50,14 +50,14 @@ def test_twelve_recordings_over_two_nodes_are_the_dataset_that_one_machine_makes
     build(here)
     assert content(here.parent / "dataset") == content(project.parent / "dataset")
     # What changed, and nothing else.
-    assert nothing_to_do(["build", "--recipe", str(project)])[0] == "12 fresh: nothing to do"
+    assert "12 fresh: nothing to do" in nothing_to_do(["build", "--recipe", str(project)])
     write_drive(project.parent / "bags" / KEYS[3], "mcap", duration_s=2.0)
     (project.parent / "bags" / KEYS[0]).unlink()
     before = {run.run_id for run in runs(project)}
     assert "1 built" in build(project).stdout
     later = [keys_of(run) for run in runs(project) if run.run_id not in before]
     assert later == [{KEYS[3], DATASET}]
-    assert nothing_to_do(["build", "--recipe", str(project)])[0] == "11 fresh: nothing to do"
+    assert "11 fresh: nothing to do" in nothing_to_do(["build", "--recipe", str(project)])
 
 
 def test_a_restart_of_the_database_leaves_nothing_half_made(tmp_path, slurm, postgres, projects):
