@@ -7,7 +7,7 @@ server meanwhile. A command that only reads is carried out by that server, if it
 import os
 import sys
 
-from bagassets.unread_pipe import outliving_reader
+from bagassets.base.unread_pipe import outliving_reader
 
 __all__ = ["main", "run"]
 
@@ -59,7 +59,7 @@ def _main() -> int:
         sys.stdout, sys.stderr = outliving_reader(sys.stdout), outliving_reader(sys.stderr)
     handed_over = None
     if arguments[:1] == ["build"]:
-        from bagassets.freshness.decide import nothing_to_do, plain_build
+        from bagassets.engine.freshness.decide import nothing_to_do, plain_build
 
         lines = nothing_to_do(arguments)
         if lines is not None:

@@ -8,7 +8,7 @@ is none of these, the location holds a note that says what to do.
 import os
 from pathlib import Path
 
-from bagassets.defs.location import build_definitions, note_without_recipe
+from bagassets.defs.graph.location import build_definitions, note_without_recipe
 
 _FALLBACKS = (Path("recipe.yaml"), Path("build/demo/recipe.yaml"))
 _recipe = os.environ.get("BAGASSETS_RECIPE") or next(filter(Path.is_file, _FALLBACKS), None)

@@ -15,13 +15,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from bagassets.build.build_report import BuildOptions, BuildReport, Event, OwnOutcome, Remark, SummaryRow
+from bagassets.base.errors import BagAssetsError, DatasetError, RecipeError
+from bagassets.base.interrupts import deferred_interrupts
+from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.cli.progress import LinesProgress, LiveProgress, SilentProgress
 from bagassets.cli.remote import InterruptedBuildError, build_on_server, end_servers, server_for
 from bagassets.cli.summary import counts_line
-from bagassets.errors import BagAssetsError, DatasetError, RecipeError
-from bagassets.interrupts import deferred_interrupts
-from bagassets.json_types import JsonMapping, JsonObject
+from bagassets.engine.build_report import BuildOptions, BuildReport, Event, OwnOutcome, Remark, SummaryRow
 from bagassets.recipe.inline import parse_inline, write_inline
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.yaml_text import read_yaml

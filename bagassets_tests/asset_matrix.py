@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from bagassets.annotations.files.find import LabelSet
-from bagassets.annotations.files.label import LabelFile
+from bagassets.assets.boxes.files.find import LabelSet
+from bagassets.assets.boxes.files.label import LabelFile
 from bagassets.geometry.camera import CameraModel
 from bagassets.recipe.model import Recipe
 from bagassets.recordings.inventory import Inventory

@@ -7,7 +7,7 @@ import resource
 import sys
 from pathlib import Path
 
-from bagassets.errors import BagAssetsError
+from bagassets.base.errors import BagAssetsError
 from bagassets.formats.assembly import assemble
 from bagassets.formats.format import Part
 from bagassets.formats.nuscenes.format import NUSCENES

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from bagassets.build import execute, run_action
+from bagassets.engine import execute, run_action
 from bagassets.store.store import Store
 
 

@@ -4,12 +4,12 @@ import shutil
 
 from dagster._core.storage.partition_status_cache import get_and_update_asset_status_cache_value
 
-from bagassets.build.build_report import BuildOptions
-from bagassets.defs.events import live_partitions
-from bagassets.defs.location import build_definitions
-from bagassets.defs.naming import Naming
-from bagassets.defs.not_made import last_failure
-from bagassets.defs.pending_work import find_pending_work, open_project
+from bagassets.defs.builds.pending_work import find_pending_work, open_project
+from bagassets.defs.graph.location import build_definitions
+from bagassets.defs.records.events import live_partitions
+from bagassets.defs.records.naming import Naming
+from bagassets.defs.records.not_made import last_failure
+from bagassets.engine.build_report import BuildOptions
 from bagassets.propose.project import write_project
 from bagassets_tests.in_process import QUICK
 from bagassets_tests.series import write_parts

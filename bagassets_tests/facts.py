@@ -3,7 +3,7 @@
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
-from bagassets.errors import BagAssetsError
+from bagassets.base.errors import BagAssetsError
 from bagassets.geometry.calibration import Calibration
 from bagassets.recipe.model import Recipe
 

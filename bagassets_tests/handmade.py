@@ -11,10 +11,10 @@ import cv2
 import numpy as np
 import pyarrow as pa
 
-from bagassets.annotations.table import BoxTable
+from bagassets.assets.boxes.table import BoxTable
 from bagassets.assets.lidar_file import lidar_bytes
 from bagassets.assets.radar_file import radar_bytes
-from bagassets.build.run_action import run_action
+from bagassets.engine.run_action import run_action
 from bagassets.formats.nuscenes.tables import NUSCENES_TABLES
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory

@@ -8,11 +8,11 @@ import dagster as dg
 from dagster._core.definitions.reconstruct import ReconstructableJob
 from dagster._core.launcher import RunLauncher
 
-from bagassets.build.build_report import BuildOptions
 from bagassets.defs import pending_work, project_build, run_pool
-from bagassets.defs.batches import batch_of
-from bagassets.defs.partitions import DATASET
-from bagassets.defs.runs import create_job_run, create_run, execute_run
+from bagassets.defs.records.batches import batch_of
+from bagassets.defs.records.partitions import DATASET
+from bagassets.defs.runs.execution import create_job_run, create_run, execute_run
+from bagassets.engine.build_report import BuildOptions
 from bagassets.propose.project import write_project
 from bagassets_tests.small_drive import RECIPE, write_drive
 

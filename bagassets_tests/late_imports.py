@@ -2,7 +2,7 @@
 
 import sys
 
-from bagassets.defs.run_worker import execute
+from bagassets.defs.launchers.run_worker import execute
 
 
 def of_a_run(args):

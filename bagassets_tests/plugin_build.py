@@ -1,6 +1,6 @@
 """Projects whose recordings hold messages of plug-ins, and building them."""
 
-from bagassets.build.execute import BuildFailure
+from bagassets.engine.execute import BuildFailure
 from bagassets.recipe import load_recipe
 from bagassets.recordings.digest import recording_digest, recording_stat
 from bagassets.recordings.discover import discover

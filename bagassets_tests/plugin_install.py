@@ -7,9 +7,9 @@ import tomllib
 import zipfile
 from pathlib import Path
 
-from bagassets.extensions import announced, installed_extensions
+from bagassets.base.extensions import announced, installed_extensions
+from bagassets.base.plugins import installed_decoders
 from bagassets.formats.catalogue import catalogue
-from bagassets.plugins import installed_decoders
 from bagassets.store import action
 
 

@@ -9,7 +9,7 @@ from types import SimpleNamespace as Msg
 
 import numpy as np
 
-from bagassets.errors import DecodeError
+from bagassets.base.errors import DecodeError
 from bagassets.recordings.inventory import Inventory, TopicRecord
 from bagassets.recordings.model import Definition, RawMessage
 from bagassets.store.artifact import Artifact, ArtifactWriter

@@ -1,8 +1,8 @@
 """Making the assets of one recording without Dagster, as tests like it."""
 
-from bagassets.build.execute import AssetResult, BuildFailure, Skipped, execute
-from bagassets.build.graph import SELECTION, Graph
-from bagassets.errors import BagAssetsError
+from bagassets.base.errors import BagAssetsError
+from bagassets.engine.execute import AssetResult, BuildFailure, Skipped, execute
+from bagassets.engine.graph import SELECTION, Graph
 from bagassets.formats.catalogue import known_assets, recording_assets
 
 UPSTREAM = {asset.name: tuple(one.name for one in asset.reads) for asset in known_assets()}

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import dagster as dg
 
-from bagassets.errors import RecordingError
+from bagassets.base.errors import RecordingError
 
 recordings = dg.DynamicPartitionsDefinition(name="recordings")
 

@@ -8,14 +8,14 @@ from types import SimpleNamespace
 import pytest
 from rich.console import Console
 
-from bagassets.alike import told_once
-from bagassets.build.build_report import BuildReport, Remark, SummaryRow
-from bagassets.build.plan import AssetState, BagPlan, Plan
+from bagassets.assets.quality.finding import Finding
+from bagassets.base.alike import told_once
 from bagassets.cli import check, status
 from bagassets.cli.dry_run import dry_run_lines
 from bagassets.cli.summary import print_remarks, print_summary
+from bagassets.engine.build_report import BuildReport, Remark, SummaryRow
+from bagassets.engine.plan import AssetState, BagPlan, Plan
 from bagassets.formats.checking import Verdict
-from bagassets.quality.finding import Finding
 from bagassets.report.model import Problem, RecordingFacts, ReportData
 from bagassets.report.page import report_page
 

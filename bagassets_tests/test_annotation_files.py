@@ -18,9 +18,9 @@ from label_files import (
     truth,
 )
 
-from bagassets.annotations.table import BoxTable
-from bagassets.build.execute import BuildFailure
-from bagassets.errors import RecipeError
+from bagassets.assets.boxes.table import BoxTable
+from bagassets.base.errors import RecipeError
+from bagassets.engine.execute import BuildFailure
 from bagassets.recipe import load_recipe
 from bagassets.recordings.digest import recording_digest, recording_stat
 from bagassets.recordings.discover import discover

@@ -12,15 +12,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from label_files import WRITERS, box_json
 
-from bagassets.annotations.collect import BoxCollector, SourceRules
-from bagassets.annotations.files.box_files import read_json_boxes, read_parquet_boxes
-from bagassets.annotations.files.json_text import entries, parse
-from bagassets.annotations.files.kitti import read_kitti_labels, read_kitti_tracklets
-from bagassets.annotations.files.label import UnreadableLabelsError
-from bagassets.annotations.files.nuscenes_tables import TableSet, read_tables
-from bagassets.annotations.files.sustechpoints import read_sustechpoints
-from bagassets.annotations.files.times import named_frames, numbered_frames, read_times
-from bagassets.annotations.frames import BoxFrames
+from bagassets.assets.boxes.collect import BoxCollector, SourceRules
+from bagassets.assets.boxes.files.box_files import read_json_boxes, read_parquet_boxes
+from bagassets.assets.boxes.files.json_text import entries, parse
+from bagassets.assets.boxes.files.kitti import read_kitti_labels, read_kitti_tracklets
+from bagassets.assets.boxes.files.label import UnreadableLabelsError
+from bagassets.assets.boxes.files.nuscenes_tables import TableSet, read_tables
+from bagassets.assets.boxes.files.sustechpoints import read_sustechpoints
+from bagassets.assets.boxes.files.times import named_frames, numbered_frames, read_times
+from bagassets.assets.boxes.frames import BoxFrames
 from bagassets.geometry.trajectory import Trajectory
 
 JSON = st.recursive(

@@ -5,13 +5,13 @@ import pytest
 import yaml
 from label_files import box_json
 
-from bagassets.defs.instance_plan import plan_instance
-from bagassets.defs.location import build_definitions
-from bagassets.defs.naming import Naming
-from bagassets.defs.partitions import add_partitions
-from bagassets.defs.sensor_cursor import Cursor
-from bagassets.defs.sensor_scan import Scan
-from bagassets.defs.workspace import Workspace
+from bagassets.defs.graph.location import build_definitions
+from bagassets.defs.graph.sensor_cursor import Cursor
+from bagassets.defs.graph.sensor_scan import Scan
+from bagassets.defs.records.instance_plan import plan_instance
+from bagassets.defs.records.naming import Naming
+from bagassets.defs.records.partitions import add_partitions
+from bagassets.defs.records.workspace import Workspace
 from bagassets.recipe import load_recipe
 from bagassets_tests.small_drive import RECIPE, write_drive
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from pose_data import T0, TFMESSAGE, Recorded, S, about_z, header, pose, tf, transform, vector
 
-from bagassets.annotations.collect import BoxCollector, SourceRules
-from bagassets.annotations.frames import BoxFrames
 from bagassets.assets.annotations import ANNOTATIONS, make_annotations
+from bagassets.assets.boxes.collect import BoxCollector, SourceRules
+from bagassets.assets.boxes.frames import BoxFrames
 from bagassets.assets.ego_poses import EGO_POSES
-from bagassets.build.run_action import run_action
+from bagassets.base.errors import LossLimitError
 from bagassets.decode.model import BoxReading
-from bagassets.errors import LossLimitError
+from bagassets.engine.run_action import run_action
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.tf_tree import Edge, TfTree
 from bagassets.geometry.trajectory import Trajectory

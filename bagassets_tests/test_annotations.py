@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from bagassets.annotations.collect import BoxCollector, SourceRules
-from bagassets.annotations.frames import BoxFrames
-from bagassets.annotations.table import BoxTable
 from bagassets.assets.annotations import ANNOTATIONS, make_annotations
 from bagassets.assets.asset import as_json
+from bagassets.assets.boxes.collect import BoxCollector, SourceRules
+from bagassets.assets.boxes.frames import BoxFrames
+from bagassets.assets.boxes.table import BoxTable
 from bagassets.assets.ego_poses import EGO_POSES
-from bagassets.build.run_action import run_action
+from bagassets.base.errors import DecodeError, LossLimitError, RecipeError
 from bagassets.decode.loading import keyed_decoder
 from bagassets.decode.model import BoxReading
-from bagassets.errors import DecodeError, LossLimitError, RecipeError
+from bagassets.engine.run_action import run_action
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.recipe.model import Limits, Rig

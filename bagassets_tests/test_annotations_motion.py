@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from handmade import Drive, make_tables, true_boxes
 
-from bagassets.annotations.motion import MotionRule, motion_attributes
-from bagassets.annotations.table import BoxTable
-from bagassets.annotations.tracks import Track
+from bagassets.assets.boxes.motion import MotionRule, motion_attributes
+from bagassets.assets.boxes.table import BoxTable
+from bagassets.assets.boxes.tracks import Track
 from bagassets.formats.nuscenes.tokens import attribute_token
 from bagassets.recipe.model import AttributesByMotion
 from bagassets.store.store import Store

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bagassets.annotations.tracks import Track
+from bagassets.assets.boxes.tracks import Track
 
 S = 1_000_000_000
 

@@ -8,10 +8,10 @@ from starlette.requests import Request
 from starlette.responses import HTMLResponse
 from starlette.routing import Route
 
-from bagassets.build.run_action import run_action
-from bagassets.defs.artifact_files import page_file, page_link, picture_file
-from bagassets.defs.webserver import page, styled
-from bagassets.errors import StoreError
+from bagassets.base.errors import StoreError
+from bagassets.defs.records.artifact_files import page_file, page_link, picture_file
+from bagassets.defs.ui.webserver import page, styled
+from bagassets.engine.run_action import run_action
 from bagassets.formats.report_data import map_path, report_path
 from bagassets.recipe import load_recipe
 from bagassets.store.action import Step

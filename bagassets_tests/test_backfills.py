@@ -8,12 +8,12 @@ from click.testing import CliRunner
 from dagster._core.execution.backfill import BulkActionStatus, PartitionBackfill
 
 from bagassets.cli.main import root
-from bagassets.defs.events import live_partitions
-from bagassets.defs.location import build_definitions
-from bagassets.defs.naming import Naming
-from bagassets.defs.pending_work import open_project
-from bagassets.defs.sensor_cursor import Cursor
-from bagassets.defs.sensor_scan import Scan
+from bagassets.defs.builds.pending_work import open_project
+from bagassets.defs.graph.location import build_definitions
+from bagassets.defs.graph.sensor_cursor import Cursor
+from bagassets.defs.graph.sensor_scan import Scan
+from bagassets.defs.records.events import live_partitions
+from bagassets.defs.records.naming import Naming
 from bagassets_tests.in_process import build, make_project, survey
 
 GONE, OTHER, KEPT = "a.bag", "b.bag", "c.bag"

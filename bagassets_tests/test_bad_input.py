@@ -17,17 +17,17 @@ import pyarrow as pa
 import pytest
 
 from bagassets.assets import calibration
-from bagassets.build import execute
-from bagassets.build.execute import BuildFailure
-from bagassets.build.unexpected import explained_error
-from bagassets.defs.pending_work import open_project
-from bagassets.errors import (
+from bagassets.base.errors import (
     BagAssetsError,
     ChangedWhileReadError,
     RecordingError,
     StoreError,
     UnexpectedError,
 )
+from bagassets.defs.builds.pending_work import open_project
+from bagassets.engine import execute
+from bagassets.engine.execute import BuildFailure
+from bagassets.engine.unexpected import explained_error
 from bagassets.formats.assembly import assemble
 from bagassets.formats.dataset_lock import read_lock
 from bagassets.formats.format import Part

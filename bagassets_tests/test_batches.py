@@ -7,14 +7,14 @@ from dagster._core.event_api import PartitionKeyFilter
 from dagster._core.loader import LoadingContextForTest
 from dagster._core.storage.partition_status_cache import get_and_update_asset_status_cache_value
 
+from bagassets.base.errors import DatasetError
 from bagassets.defs import batch_job, making, pending_work, project_build
 from bagassets.defs import batches as defs_batches
-from bagassets.defs.batches import batch_of, batches, without_steps
-from bagassets.defs.events import MADE_ALONG
-from bagassets.defs.location import build_definitions
-from bagassets.defs.partitions import DATASET
-from bagassets.defs.runs import failure_of
-from bagassets.errors import DatasetError
+from bagassets.defs.graph.location import build_definitions
+from bagassets.defs.records.batches import batch_of, batches, without_steps
+from bagassets.defs.records.events import MADE_ALONG
+from bagassets.defs.records.partitions import DATASET
+from bagassets.defs.runs.execution import failure_of
 from bagassets.recipe import load_recipe
 from bagassets.recordings.digest import DigestIndex, recording_digest
 from bagassets.recordings.discover import discover
@@ -280,7 +280,7 @@ def test_an_unexpected_error_is_one_recordings_own(project, monkeypatch):
             raise ZeroDivisionError("by chance")
         return real(instance, workspace, recording, *arguments, **options)
 
-    monkeypatch.setattr("bagassets.defs.batch_job.read_bag", read_bag)
+    monkeypatch.setattr("bagassets.defs.graph.batch_job.read_bag", read_bag)
     report, _ = build(project, monkeypatch, jobs=1)
     assert outcomes(report) == {key: "failed" if key == BROKEN else "built" for key in KEYS}
     assert report.outcomes[BROKEN].reason == "ZeroDivisionError: by chance"
@@ -297,7 +297,7 @@ def test_what_a_worker_left_when_it_died_gets_another_run(project, monkeypatch):
             raise SystemExit("killed")
         return real(instance, workspace, recording, *arguments, **options)
 
-    monkeypatch.setattr("bagassets.defs.batch_job.read_bag", read_bag)
+    monkeypatch.setattr("bagassets.defs.graph.batch_job.read_bag", read_bag)
     report, _ = build(project, monkeypatch, jobs=1)
     assert outcomes(report) == {key: "failed" if key == BROKEN else "built" for key in KEYS}
     assert report.dataset == "updated"  # of the others, by a run of its own

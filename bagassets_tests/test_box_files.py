@@ -8,8 +8,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from bagassets.annotations.files.box_files import read_json_boxes, read_parquet_boxes
-from bagassets.annotations.files.label import UnreadableLabelsError, as_text, box_label, compose, is_number
+from bagassets.assets.boxes.files.box_files import read_json_boxes, read_parquet_boxes
+from bagassets.assets.boxes.files.label import UnreadableLabelsError, as_text, box_label, compose, is_number
 from bagassets.geometry.se3 import SE3
 
 LEAST = {"stamp_ns": 5, "category": "car", "center": [1, 2.5, 3], "size": [2, 4, 1.5]}

@@ -9,7 +9,7 @@ from box_definitions import Blank
 from label_files import SIZES, WRITERS, box_entries, box_json, odom_SE3_box
 from small_drive import LATENCY_NS, RECIPE, SPEED_MPS, START_NS, messages
 
-from bagassets.annotations.table import BoxTable
+from bagassets.assets.boxes.table import BoxTable
 from bagassets.geometry.se3 import SE3
 from bagassets.recipe import load_recipe
 from bagassets.recordings.digest import recording_digest, recording_stat

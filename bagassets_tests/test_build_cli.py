@@ -9,14 +9,14 @@ import pytest
 from click.testing import CliRunner
 from rich.console import Console
 
-from bagassets.build.build_report import BagOutcome, BuildReport, Event
-from bagassets.build.plan import AssetState, BagPlan, Plan
-from bagassets.build.run_action import run_action
-from bagassets.build.summary_rows import summary_rows
+from bagassets.base.quantities import span_text
 from bagassets.cli import progress
 from bagassets.cli.main import root
 from bagassets.cli.summary import counts_line, print_summary, splits_text, ui_command
-from bagassets.quantities import span_text
+from bagassets.engine.build_report import BagOutcome, BuildReport, Event
+from bagassets.engine.plan import AssetState, BagPlan, Plan
+from bagassets.engine.run_action import run_action
+from bagassets.engine.summary_rows import summary_rows
 from bagassets.store.store import Store
 from bagassets_tests.recording_build import RECORDING_ASSETS
 

@@ -17,21 +17,21 @@ import dagster as dg
 import pytest
 from dagster._core.storage.tags import GRPC_INFO_TAG
 
-from bagassets.build.build_report import BagOutcome, BuildOptions, BuildReport, Event
-from bagassets.build.choose import SelectionError
+from bagassets.base.errors import BagAssetsError
 from bagassets.cli import early
 from bagassets.cli.early import JOBS_PER_PROCESSOR
 from bagassets.cli.remote import build_on_server
-from bagassets.defs.connections import kept_open
-from bagassets.defs.events import event_database
-from bagassets.defs.exclusive import exclusive
-from bagassets.defs.runs import open_instance
-from bagassets.defs.worker_tag import RunWorker
-from bagassets.errors import BagAssetsError
+from bagassets.defs.records.connections import kept_open
+from bagassets.defs.records.events import event_database
+from bagassets.defs.records.instances import open_instance
+from bagassets.defs.runs.exclusive import exclusive
+from bagassets.defs.runs.worker_tag import RunWorker
+from bagassets.engine.build_report import BagOutcome, BuildOptions, BuildReport, Event
+from bagassets.engine.choose import SelectionError
+from bagassets.engine.freshness.decide import plain_build
 from bagassets.forkserver.client import Client, ServerRefusedError
 from bagassets.forkserver.process import ProcessId
 from bagassets.forkserver.tasks import find_server
-from bagassets.freshness.decide import plain_build
 from bagassets.recipe import load_recipe
 from bagassets_tests.in_process import make_project
 from bagassets_tests.services import eventually

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from bagassets.assets.asset import as_json
 from bagassets.assets.calibration import CALIBRATION, make_calibration
 from bagassets.assets.sensors import camera_info_topic, is_rectified
-from bagassets.errors import CalibrationError, DecodeError
+from bagassets.base.errors import CalibrationError, DecodeError
 from bagassets.geometry.calibration import Calibration
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.se3 import SE3

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from bagassets.assets.calibration_files import short_names
-from bagassets.errors import BagAssetsError, CalibrationError
+from bagassets.base.errors import BagAssetsError, CalibrationError
 from bagassets.geometry.calibration_files.read import MOST_BYTES, read_calibration_file
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.se3 import SE3

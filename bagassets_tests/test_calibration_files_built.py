@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import yaml
 
-from bagassets.build.execute import BuildFailure
 from bagassets.cli.main import main
-from bagassets.freshness.decide import nothing_to_do
+from bagassets.engine.execute import BuildFailure
+from bagassets.engine.freshness.decide import nothing_to_do
 from bagassets.geometry.camera import CameraModel
 from bagassets.recipe import load_recipe
 from bagassets.recordings.digest import recording_digest, recording_stat

@@ -17,9 +17,9 @@ from hypothesis import strategies as st
 from bagassets.assets.asset import Use
 from bagassets.assets.frames import FRAMES
 from bagassets.assets.image_output import ImageOutput, intrinsic_matrix
+from bagassets.base.errors import CalibrationError
 from bagassets.decode.camera_info import decode_camera_info
 from bagassets.decode.model import ImageReading
-from bagassets.errors import CalibrationError
 from bagassets.geometry.calibration import CameraLens
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.undistortion import Undistortion, undistort

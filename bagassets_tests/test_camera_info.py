@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from bagassets.base.errors import DecodeError
 from bagassets.decode.camera_info import decode_camera_info
-from bagassets.errors import DecodeError
 from bagassets.geometry.calibration import RegionOfInterest
 from bagassets_tests.pose_data import T0, camera_info, region
 

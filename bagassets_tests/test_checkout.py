@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from bagassets.defs.runs import open_instance
+from bagassets.defs.records.instances import open_instance
 from bagassets.propose.project import dagster_files, write_project
 from bagassets_tests.services import BIN, bare_environment
 from bagassets_tests.small_drive import RECIPE, write_drive

@@ -3,9 +3,9 @@
 import dagster as dg
 import pytest
 
-from bagassets.defs.location import build_definitions
-from bagassets.defs.naming import Naming
-from bagassets.defs.partitions import add_partitions
+from bagassets.defs.graph.location import build_definitions
+from bagassets.defs.records.naming import Naming
+from bagassets.defs.records.partitions import add_partitions
 from bagassets.formats.nuscenes.dataset_checks import CHECKS as DATASET_CHECKS
 from bagassets.recipe import load_recipe
 from bagassets_tests.checks import RECORDING_CHECKS

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from bagassets.errors import RecipeError
+from bagassets.base.errors import RecipeError
 from bagassets.formats.nuscenes.scene_conditions import inside, require_own_scenes, unmet_condition
 from bagassets.formats.nuscenes.selection import scene_facts
 from bagassets.formats.nuscenes.subset import subset_facts, subset_tables

@@ -16,7 +16,7 @@ from pydantic import BaseModel
 
 from bagassets.assets.selection import choose_rig, skip_reason
 from bagassets.assets.track import TRACK
-from bagassets.errors import BagAssetsError
+from bagassets.base.errors import BagAssetsError
 from bagassets.formats.catalogue import known_assets, recording_assets
 from bagassets_tests.asset_matrix import recipes, recordings, write_files
 from bagassets_tests.recipe_changes import all_fields, changes

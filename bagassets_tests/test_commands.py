@@ -90,7 +90,7 @@ def test_every_page_that_the_code_cites_exists():
     assert not [(path, text) for path in sources for text in _messages(path) if PAGE_FILE.search(text)]
 
 
-@pytest.mark.parametrize("at", ["bagassets.freshness.decide.nothing_to_do", "bagassets.cli.main.main"])
+@pytest.mark.parametrize("at", ["bagassets.engine.freshness.decide.nothing_to_do", "bagassets.cli.main.main"])
 def test_an_interrupt_before_the_command_line_is_there_is_no_traceback(monkeypatch, capsys, at):
     def interrupted(*_, **__):
         raise KeyboardInterrupt

@@ -8,7 +8,7 @@ import yaml
 from dagster.components.testing import create_defs_folder_sandbox
 
 import bagassets
-from bagassets.errors import RecipeError
+from bagassets.base.errors import RecipeError
 from bagassets_tests.small_drive import RECIPE, write_drive
 
 TYPE = "bagassets.RecordingDatasets"

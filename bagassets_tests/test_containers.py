@@ -12,8 +12,8 @@ from rosbags.rosbag1 import Writer as Rosbag1Writer
 from rosbags.rosbag2 import Writer as Rosbag2Writer
 
 from bagassets.assets.inventory import MOST_MISFITS
-from bagassets.build.execute import BuildFailure
-from bagassets.errors import DecodeError, RecordingError, SizeLimitError
+from bagassets.base.errors import DecodeError, RecordingError, SizeLimitError
+from bagassets.engine.execute import BuildFailure
 from bagassets.recipe.model import Limits
 from bagassets.recordings import sizes
 from bagassets.recordings.describe import describe_inventory

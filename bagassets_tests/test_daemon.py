@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 import dagster as dg
 import pytest
 
-from bagassets.defs.runs import open_instance
+from bagassets.defs.records.instances import open_instance
 from bagassets_tests.services import (
     BIN,
     complaints,

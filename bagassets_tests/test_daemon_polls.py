@@ -47,4 +47,4 @@ def test_the_web_ui_starts_it(monkeypatch):
     options = SimpleNamespace(host="127.0.0.1", port=1, allow_host=[], log_level="error")
     with dg.instance_for_test() as instance:
         dev._serve(instance, options, "workspace.yaml")
-    assert started == ["bagassets.defs.webserver", daemon.__name__]
+    assert started == ["bagassets.defs.ui.webserver", daemon.__name__]

@@ -7,7 +7,7 @@ import sqlite3
 import pytest
 from rosbags.rosbag1 import Writer as Rosbag1Writer
 
-from bagassets.errors import BagAssetsError, RecordingError
+from bagassets.base.errors import BagAssetsError, RecordingError
 from bagassets.recordings.damage import unreadable
 from bagassets.recordings.layouts import choice_of
 from bagassets.recordings.model import Definition

@@ -20,11 +20,11 @@ import dagster as dg
 import pytest
 from sqlalchemy import create_engine, text
 
+from bagassets.base.errors import StoreError
 from bagassets.defs import databases
-from bagassets.defs.databases import database_errors_explained, ready_to_open
-from bagassets.defs.events import event_database
-from bagassets.defs.runs import open_instance
-from bagassets.errors import StoreError
+from bagassets.defs.records.databases import database_errors_explained, ready_to_open
+from bagassets.defs.records.events import event_database
+from bagassets.defs.records.instances import open_instance
 from bagassets.forkserver.client import Client
 from bagassets_tests.in_process import build, make_project, survey
 
@@ -176,7 +176,9 @@ def test_a_database_that_holds_something_is_left_alone(home, leave):
 
 def test_databases_appear_whole_or_not_at_all(home):
     """What stands under the final name at any moment of their making is whole."""
-    code = f"from bagassets.defs.runs import open_instance; open_instance({str(home)!r}).dispose()"
+    code = (
+        f"from bagassets.defs.records.instances import open_instance; open_instance({str(home)!r}).dispose()"
+    )
     process = subprocess.Popen([sys.executable, "-c", code])
     looks = 0
     while process.poll() is None:
@@ -194,7 +196,7 @@ def test_databases_appear_whole_or_not_at_all(home):
 
 
 def test_many_that_open_a_new_instance_at_once_agree(home):
-    code = f"from bagassets.defs.runs import open_instance; open_instance({str(home)!r}).add_dynamic_partitions('p', ['k'])"
+    code = f"from bagassets.defs.records.instances import open_instance; open_instance({str(home)!r}).add_dynamic_partitions('p', ['k'])"
     with ThreadPoolExecutor(3) as pool:
         ends = list(
             pool.map(

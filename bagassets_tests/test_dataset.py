@@ -10,8 +10,8 @@ from contextlib import suppress
 import pytest
 from handmade import Drive, make_tables
 
-from bagassets import atomic
-from bagassets.errors import DatasetError, StoreError
+from bagassets.base import atomic
+from bagassets.base.errors import DatasetError, StoreError
 from bagassets.formats import linking
 from bagassets.formats.assembly import assemble
 from bagassets.formats.dataset_lock import read_lock

@@ -10,14 +10,14 @@ import pytest
 from click.testing import CliRunner
 from handmade import Drive, make_tables, true_boxes
 
+from bagassets.base.errors import DatasetError
 from bagassets.cli.main import root
-from bagassets.defs.dataset import dataset_is_current, record_inputs
-from bagassets.defs.events import STAT
-from bagassets.defs.instance_plan import plan_instance
-from bagassets.defs.location import build_definitions
-from bagassets.defs.naming import Naming
-from bagassets.defs.workspace import Workspace
-from bagassets.errors import DatasetError
+from bagassets.defs.graph.dataset import dataset_is_current, record_inputs
+from bagassets.defs.graph.location import build_definitions
+from bagassets.defs.records.events import STAT
+from bagassets.defs.records.instance_plan import plan_instance
+from bagassets.defs.records.naming import Naming
+from bagassets.defs.records.workspace import Workspace
 from bagassets.formats.assembly import assemble
 from bagassets.formats.dataset_diff import diff_datasets
 from bagassets.formats.dataset_lock import load_lock, locked_artifacts, read_lock

@@ -3,11 +3,11 @@
 import dagster as dg
 import pytest
 
-from bagassets.defs.instance_plan import plan_instance
-from bagassets.defs.location import build_definitions
-from bagassets.defs.naming import Naming
-from bagassets.defs.partitions import add_partitions
-from bagassets.defs.workspace import Workspace
+from bagassets.defs.graph.location import build_definitions
+from bagassets.defs.records.instance_plan import plan_instance
+from bagassets.defs.records.naming import Naming
+from bagassets.defs.records.partitions import add_partitions
+from bagassets.defs.records.workspace import Workspace
 from bagassets.formats.nuscenes.dataset_checks import CHECKS as DATASET_CHECKS
 from bagassets.recipe import load_recipe
 from bagassets_tests.checks import RECORDING_CHECKS

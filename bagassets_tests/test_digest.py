@@ -11,7 +11,7 @@ from blake3 import blake3
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bagassets.errors import ChangedWhileReadError, RecordingError, StoreError
+from bagassets.base.errors import ChangedWhileReadError, RecordingError, StoreError
 from bagassets.recordings import digest as module
 from bagassets.recordings import digest_record
 from bagassets.recordings.digest import (

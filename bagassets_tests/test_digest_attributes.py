@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from bagassets.defs.made_ahead import make_inventories
+from bagassets.defs.builds.made_ahead import make_inventories
 from bagassets.recipe import load_recipe
 from bagassets.recordings.digest_record import ATTRIBUTE
 from bagassets_tests.in_process import QUICK, build, make_project

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bagassets.errors import RecordingError
+from bagassets.base.errors import RecordingError
 from bagassets.recipe.model import Bags
 from bagassets.recordings.discover import _key, bags_of_one, discover, find_one, matches
 from bagassets.recordings.globs import literal_glob, may_match_within

@@ -6,12 +6,12 @@ from types import SimpleNamespace
 
 import pytest
 
-from bagassets.build import disk_space
-from bagassets.build.build_report import Event
-from bagassets.build.disk_space import SpaceNeeded, folders_written, require_disk_space, space_needed
-from bagassets.build.plan import AssetState, BagPlan, Plan
+from bagassets.base.errors import StoreError
 from bagassets.cli.progress import LinesProgress
-from bagassets.errors import StoreError
+from bagassets.engine import disk_space
+from bagassets.engine.build_report import Event
+from bagassets.engine.disk_space import SpaceNeeded, folders_written, require_disk_space, space_needed
+from bagassets.engine.plan import AssetState, BagPlan, Plan
 from bagassets.store.store import Store
 from bagassets_tests.in_process import build, make_project, survey
 from bagassets_tests.small_drive import write_drive
@@ -103,7 +103,7 @@ def test_a_build_measures_what_is_built_and_says_so(tmp_path, monkeypatch, capsy
         assert runs
         assert report.succeeded
         # With nothing to do, nothing is looked at.
-        full.setattr("bagassets.defs.project_build.space_needed", None)
+        full.setattr("bagassets.defs.builds.project_build.space_needed", None)
         assert build(recipe, full)[1] == []
 
 

@@ -7,12 +7,12 @@ from urllib.request import Request, urlopen
 import dagster as dg
 import pytest
 
-from bagassets.defs.location import build_definitions
-from bagassets.defs.naming import Naming
-from bagassets.defs.partitions import add_partitions
-from bagassets.defs.pending_work import open_project
-from bagassets.defs.sensor_cursor import Cursor
-from bagassets.defs.sensor_scan import Scan
+from bagassets.defs.builds.pending_work import open_project
+from bagassets.defs.graph.location import build_definitions
+from bagassets.defs.graph.sensor_cursor import Cursor
+from bagassets.defs.graph.sensor_scan import Scan
+from bagassets.defs.records.naming import Naming
+from bagassets.defs.records.partitions import add_partitions
 from bagassets_tests.doors import (
     ALL,
     GOOD,

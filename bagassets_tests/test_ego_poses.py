@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from bagassets.assets.ego_poses import EGO_POSES
-from bagassets.errors import DecodeError, LossLimitError, PoseError
+from bagassets.base.errors import DecodeError, LossLimitError, PoseError
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.wgs84 import utm_track
 from bagassets.recipe.model import Limits

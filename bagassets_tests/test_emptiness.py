@@ -6,11 +6,11 @@ from types import SimpleNamespace
 
 import pytest
 
+from bagassets.assets.quality.scene_rules import scenes_made, too_short_s
+from bagassets.engine.freshness.decide import nothing_to_do
 from bagassets.formats import dataset_build, emptiness
 from bagassets.formats.dataset_build import datasets_of
 from bagassets.formats.emptiness import why_empty
-from bagassets.freshness.decide import nothing_to_do
-from bagassets.quality.scene_rules import scenes_made, too_short_s
 from bagassets.recipe import load_recipe, parse_recipe
 from bagassets_tests.in_process import QUICK, build, make_project
 from bagassets_tests.small_drive import write_drive

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bagassets.assets.ego_poses import load_trajectory
-from bagassets.build.execute import BuildFailure, Skipped
+from bagassets.engine.execute import BuildFailure, Skipped
 from bagassets.formats.assembly import assemble
 from bagassets.formats.format import Part
 from bagassets.formats.nuscenes.format import NUSCENES

@@ -9,11 +9,12 @@ import dagster as dg
 import pytest
 
 from bagassets.defs import build_definitions
-from bagassets.defs.naming import Naming
-from bagassets.defs.partitions import add_partitions
-from bagassets.defs.run_pool import RunPool
-from bagassets.defs.runs import CodeLocation, open_instance
-from bagassets.defs.worker_tag import RunWorker
+from bagassets.defs.records.instances import open_instance
+from bagassets.defs.records.naming import Naming
+from bagassets.defs.records.partitions import add_partitions
+from bagassets.defs.runs.execution import CodeLocation
+from bagassets.defs.runs.run_pool import RunPool
+from bagassets.defs.runs.worker_tag import RunWorker
 from bagassets.forkserver.client import Client
 from bagassets_tests.in_process import QUICK
 from bagassets_tests.services import BIN, bare_environment

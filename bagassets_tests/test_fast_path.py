@@ -10,13 +10,14 @@ import time
 import dagster as dg
 import pytest
 
-from bagassets.defs.events import event_database
-from bagassets.defs.runs import open_instance
-from bagassets.freshness import artifacts, decide, fingerprints
-from bagassets.freshness.artifacts import check_groups, groups_of
-from bagassets.freshness.cache import NAME, Cache, Changes
-from bagassets.freshness.decide import nothing_to_do
-from bagassets.freshness.fingerprints import PlanNeeded
+from bagassets.base import fingerprints
+from bagassets.base.cache import NAME, Cache, Changes
+from bagassets.base.fingerprints import PlanNeeded
+from bagassets.defs.records.events import event_database
+from bagassets.defs.records.instances import open_instance
+from bagassets.engine.freshness import artifacts, decide
+from bagassets.engine.freshness.artifacts import check_groups, groups_of
+from bagassets.engine.freshness.decide import nothing_to_do
 from bagassets.recipe import load_recipe
 from bagassets_tests.in_process import build, make_project, states, survey
 
@@ -78,7 +79,7 @@ def test_the_command_imports_nothing_that_takes_time(fresh):
 
 def test_handing_a_build_over_imports_nothing_that_takes_time():
     code = (
-        "import sys; import bagassets.freshness.decide, bagassets.cli.early; "
+        "import sys; import bagassets.engine.freshness.decide, bagassets.cli.early; "
         "heavy = {'click', 'yaml', 'dataclasses', 'inspect', 'subprocess', 'tempfile', 'uuid'} & set(sys.modules); "
         "sys.exit(f'imported {heavy}' if heavy else 0)"
     )

@@ -2,7 +2,7 @@
 
 import pytest
 
-from bagassets.annotations.files.find import expand, find_labels, label_paths
+from bagassets.assets.boxes.files.find import expand, find_labels, label_paths
 from bagassets.recipe.model import Rig
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.canonical import digest_bytes

@@ -11,14 +11,14 @@ from threading import Lock
 import pytest
 import zstandard
 
-from bagassets.build.execute import execute
-from bagassets.build.first_pass import first_pass
-from bagassets.build.graph import Graph
-from bagassets.defs.events import recorded_partition
-from bagassets.defs.made_ahead import make_inventories
-from bagassets.defs.naming import Naming
-from bagassets.defs.pending_work import open_project
-from bagassets.errors import BagAssetsError, ChangedWhileReadError
+from bagassets.base.errors import BagAssetsError, ChangedWhileReadError
+from bagassets.defs.builds.made_ahead import make_inventories
+from bagassets.defs.builds.pending_work import open_project
+from bagassets.defs.records.events import recorded_partition
+from bagassets.defs.records.naming import Naming
+from bagassets.engine.execute import execute
+from bagassets.engine.first_pass import first_pass
+from bagassets.engine.graph import Graph
 from bagassets.formats.catalogue import recording_assets
 from bagassets.recipe import load_recipe
 from bagassets.recordings import decompress, digest, rosbag2

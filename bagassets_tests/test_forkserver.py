@@ -19,7 +19,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from bagassets.errors import BagAssetsError
+from bagassets.base.errors import BagAssetsError
+from bagassets.base.lock_files import is_locked
 from bagassets.forkserver.client import Client, ServerRefusedError, ServerStart
 from bagassets.forkserver.connection import Connection
 from bagassets.forkserver.process import ProcessId
@@ -27,7 +28,6 @@ from bagassets.forkserver.server import Server
 from bagassets.forkserver.server_files import ServerFiles
 from bagassets.forkserver.spec import ServerSpec
 from bagassets.forkserver.tasks import server_spec
-from bagassets.lock_files import is_locked
 
 pytestmark = pytest.mark.once
 

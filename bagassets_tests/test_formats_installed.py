@@ -5,12 +5,12 @@ import json
 import pytest
 from click.testing import CliRunner
 
-from bagassets.build.run_action import run_action
+from bagassets.base.errors import DatasetError, PluginError, RecipeError
+from bagassets.base.extensions import ASSETS, FORMATS
 from bagassets.cli.main import root
-from bagassets.defs.checks import recording_checks
-from bagassets.defs.naming import Naming
-from bagassets.errors import DatasetError, PluginError, RecipeError
-from bagassets.extensions import ASSETS, FORMATS
+from bagassets.defs.graph.checks import recording_checks
+from bagassets.defs.records.naming import Naming
+from bagassets.engine.run_action import run_action
 from bagassets.formats.assembly import assemble
 from bagassets.formats.catalogue import (
     MAIN,
@@ -65,7 +65,7 @@ GOOD = HEAD + "ACME = Format(**FIELDS)\n"
 def with_check(section):
     """The package, with a check of its asset that raises."""
     check = f'RecordingCheck("acme_sound", {section}, "Sound.", "it is not", lambda evidence: 1 / 0)'
-    return "from bagassets.quality.check import RecordingCheck\n" + GOOD.replace(
+    return "from bagassets.assets.quality.check import RecordingCheck\n" + GOOD.replace(
         "make=make,", f"make=make, checks=({check},),"
     )
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bagassets.assets.frames import FrameExtractor
-from bagassets.errors import LossLimitError
+from bagassets.base.errors import LossLimitError
 from bagassets.recordings.model import RawMessage
 from bagassets.store.artifact import ArtifactWriter
 from bagassets_tests.cameras import IMAGE, camera_use

@@ -9,14 +9,15 @@ from pathlib import Path
 
 import pytest
 
-from bagassets.build.plan import AssetState, BagPlan
-from bagassets.build.run_action import run_action
-from bagassets.freshness import decide, fingerprints
-from bagassets.freshness.artifacts import artifacts_fingerprint, packed
-from bagassets.freshness.cache import NAME, Cache, Changes
-from bagassets.freshness.decide import BuildLog, state_folder
-from bagassets.freshness.fingerprints import PlanNeeded, project_fingerprint, recipe_fingerprint, signature
-from bagassets.freshness.plan_cache import PlanCache, RecordingFingerprint, recording_fingerprint
+from bagassets.base import fingerprints
+from bagassets.base.cache import NAME, Cache, Changes
+from bagassets.base.fingerprints import PlanNeeded, project_fingerprint, recipe_fingerprint, signature
+from bagassets.engine.freshness import decide
+from bagassets.engine.freshness.artifacts import artifacts_fingerprint, packed
+from bagassets.engine.freshness.decide import BuildLog, state_folder
+from bagassets.engine.freshness.plan_cache import PlanCache, RecordingFingerprint, recording_fingerprint
+from bagassets.engine.plan import AssetState, BagPlan
+from bagassets.engine.run_action import run_action
 from bagassets.store.action import Action
 from bagassets.store.store import Store
 
@@ -439,7 +440,7 @@ class TestBuildLog:
 
 def test_nothing_but_the_standard_library_is_imported():
     code = (
-        "import sys; before = set(sys.modules); import bagassets.freshness.decide, bagassets.freshness.plan_cache; "
+        "import sys; before = set(sys.modules); import bagassets.engine.freshness.decide, bagassets.engine.freshness.plan_cache; "
         "print(*{name.partition('.')[0] for name in set(sys.modules) - before} - set(sys.stdlib_module_names) - {'_sysconfigdata'}); "
         "print(*[name for name in sys.modules if name.startswith('bagassets.') and 'freshness' not in name])"
     )

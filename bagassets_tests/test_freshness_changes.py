@@ -15,13 +15,13 @@ from pathlib import Path
 import dagster as dg
 import pytest
 
-from bagassets.defs.naming import Naming
-from bagassets.defs.runs import open_instance
+from bagassets.base import fingerprints
+from bagassets.base.cache import NAME, Cache, Changes
+from bagassets.defs.records.instances import open_instance
+from bagassets.defs.records.naming import Naming
+from bagassets.engine.freshness.decide import BuildLog, nothing_to_do
+from bagassets.engine.freshness.plan_cache import PlanCache
 from bagassets.forkserver.process import ProcessId
-from bagassets.freshness import fingerprints
-from bagassets.freshness.cache import NAME, Cache, Changes
-from bagassets.freshness.decide import BuildLog, nothing_to_do
-from bagassets.freshness.plan_cache import PlanCache
 from bagassets.propose.project import write_project
 from bagassets.recipe import load_recipe
 from bagassets_tests.in_process import QUICK, build, survey

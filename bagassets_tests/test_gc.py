@@ -12,11 +12,11 @@ import dagster as dg
 import pytest
 from click.testing import CliRunner
 
-from bagassets.build.run_action import run_action
+from bagassets.base.errors import DatasetError, StoreError
 from bagassets.cli.main import root as command_line
-from bagassets.defs.garbage import locks_of
-from bagassets.defs.naming import Naming
-from bagassets.errors import DatasetError, StoreError
+from bagassets.defs.builds.garbage import locks_of
+from bagassets.defs.records.naming import Naming
+from bagassets.engine.run_action import run_action
 from bagassets.formats.assembly import assemble
 from bagassets.formats.dataset_lock import locked_artifacts
 from bagassets.formats.format import Part

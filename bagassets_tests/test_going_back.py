@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from bagassets.defs.databases import read_settings
-from bagassets.errors import BagAssetsError
+from bagassets.base.errors import BagAssetsError
+from bagassets.defs.records.databases import read_settings
 from bagassets.forkserver.client import Client
 from bagassets_tests.services import BIN, bare_environment, make_project
 from bagassets_tests.small_drive import write_drive

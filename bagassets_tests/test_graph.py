@@ -7,13 +7,13 @@ import pytest
 
 from bagassets.assets.asset import Asset, Use, uses_of
 from bagassets.assets.inventory import INVENTORY
-from bagassets.build import execute as execution
-from bagassets.build.execute import BuildFailure, Skipped, execute, run_again
-from bagassets.build.graph import Graph
-from bagassets.build.plan import Recorded
-from bagassets.build.planner import Planner
-from bagassets.build.recording_assets import RecordingAssets
-from bagassets.errors import CalibrationError, PluginError, RecipeError
+from bagassets.base.errors import CalibrationError, PluginError, RecipeError
+from bagassets.engine import execute as execution
+from bagassets.engine.execute import BuildFailure, Skipped, execute, run_again
+from bagassets.engine.graph import Graph
+from bagassets.engine.plan import Recorded
+from bagassets.engine.planner import Planner
+from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.recipe import load_recipe
 from bagassets.recordings.digest import recording_digest, recording_stat
 from bagassets.recordings.discover import discover

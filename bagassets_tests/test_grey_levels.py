@@ -12,7 +12,7 @@ import pytest
 
 from bagassets.assets.frames import FrameExtractor
 from bagassets.assets.grey_survey import GreySurvey
-from bagassets.errors import DecodeError, StoreError
+from bagassets.base.errors import DecodeError, StoreError
 from bagassets.recipe.model import GreyRange
 from bagassets.recordings.model import RawMessage
 from bagassets.store.artifact import ArtifactWriter

@@ -17,7 +17,7 @@ from markdown_it import MarkdownIt
 from rosbags.rosbag1 import Writer
 
 import bagassets
-from bagassets.escaping import html, markdown, terminal, visible, yaml_scalar
+from bagassets.base.escaping import html, markdown, terminal, visible, yaml_scalar
 from bagassets.forkserver.client import Client
 from bagassets.recipe import parse_recipe
 from bagassets_tests.label_files import box_entries, box_json

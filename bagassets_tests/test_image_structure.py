@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from bagassets.assets.frames import FrameExtractor
+from bagassets.base.errors import DecodeError
 from bagassets.decode import image_structure
 from bagassets.decode.compressed_image import checked_size
-from bagassets.errors import DecodeError
-from bagassets.kernels import markers
-from bagassets.kernels.machine_code import MachineCode
+from bagassets.geometry.kernels import markers
+from bagassets.geometry.kernels.machine_code import MachineCode
 from bagassets.store.artifact import ArtifactWriter
 from bagassets_tests.cameras import camera_use
 from bagassets_tests.decoded_images import pixels_of

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from bagassets.assets.image_output import ImageOutput
+from bagassets.base.errors import DecodeError
 from bagassets.decode.compressed_image import checked_size, decode_compressed_image
 from bagassets.decode.image import decode_image, demosaic, to_bgr_or_grey
-from bagassets.errors import DecodeError
 from bagassets.geometry.calibration import CameraLens, RegionOfInterest
 from bagassets.geometry.camera import CameraModel
 from bagassets_tests.cameras import camera_use

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from sample_drives import build_sample
 
 from bagassets.assets.frames import _outlasts_the_call
-from bagassets.build.process import encoder_threads, encoders, keep_freed_memory
 from bagassets.decode.image import bayer_to_bgra, to_bgr_or_grey
+from bagassets.engine.process import encoder_threads, encoders, keep_freed_memory
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.undistortion import undistort
 from bagassets.recordings.open import open_recording

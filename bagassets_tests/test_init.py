@@ -16,8 +16,8 @@ import yaml
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from bagassets.base.errors import RecipeError
 from bagassets.cli.main import main
-from bagassets.errors import RecipeError
 from bagassets.propose.project import dagster_home
 from bagassets.recipe import load_recipe
 from bagassets.recordings.discover import discover

@@ -7,8 +7,8 @@ import pytest
 import zstandard
 from mcap.writer import Writer as McapWriter
 
+from bagassets.base.errors import RecipeError
 from bagassets.cli.main import main
-from bagassets.errors import RecipeError
 from bagassets.propose.poses import propose_pose
 from bagassets.propose.summary import RecordingSummary, TopicSummary
 from bagassets.recipe import load_recipe

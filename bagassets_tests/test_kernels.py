@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bagassets.geometry.camera import CameraModel
+from bagassets.geometry.kernels import bilinear, machine_code, markers, moving
+from bagassets.geometry.kernels.bilinear import BilinearLookup
+from bagassets.geometry.kernels.machine_code import MachineCode
 from bagassets.geometry.undistortion import Undistortion, undistort
-from bagassets.kernels import bilinear, machine_code, markers, moving
-from bagassets.kernels.bilinear import BilinearLookup
-from bagassets.kernels.machine_code import MachineCode
 
 LENSES = [(-0.3, 0.1, 0.0, 0.0, 0.0), (0.5, 0.2, 0.0, 0.0, 0.0), (0.0, 0.0, 0.05, -0.08, 0.0), (0.0,) * 5]
 

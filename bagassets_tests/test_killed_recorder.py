@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from bagassets.errors import ChangedWhileReadError, RecordingError
+from bagassets.base.errors import ChangedWhileReadError, RecordingError
 from bagassets.recipe.model import Bags
 from bagassets.recordings.digest import (
     assert_unchanged,

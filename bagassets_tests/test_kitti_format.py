@@ -10,9 +10,9 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
+from bagassets.base.errors import DatasetError
 from bagassets.cli.main import root as command_line
-from bagassets.defs.location import build_definitions
-from bagassets.errors import DatasetError
+from bagassets.defs.graph.location import build_definitions
 from bagassets.formats.catalogue import catalogue, installed_format, recording_assets
 from bagassets.formats.dataset_build import dataset_code_versions
 from bagassets.formats.dataset_lock import load_lock, locked_artifacts

@@ -44,9 +44,9 @@ from bagassets.assets.calibration import CALIBRATION, make_calibration
 from bagassets.assets.frames import FRAMES, FrameExtractor
 from bagassets.assets.image_output import ImageOutput, intrinsic_matrix
 from bagassets.assets.lidar_file import lidar_bytes, read_lidar_file
+from bagassets.base.errors import PoseError
 from bagassets.cli.main import root
 from bagassets.decode.model import ImageReading
-from bagassets.errors import PoseError
 from bagassets.formats.assembly import assemble
 from bagassets.formats.format import Part
 from bagassets.formats.nuscenes.format import NUSCENES

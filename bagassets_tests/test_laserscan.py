@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from bagassets.base.errors import DecodeError
 from bagassets.decode.laserscan import decode_laserscan
-from bagassets.errors import DecodeError
 from bagassets_tests.sweep_data import Scan, header
 
 STAMP = 1_600_000_000_000_000_000

@@ -22,12 +22,13 @@ from dagster._core.workspace.load_target import ModuleTarget
 from dagster._daemon.run_coordinator.queued_run_coordinator_daemon import QueuedRunCoordinatorDaemon
 from dagster_graphql.test.utils import execute_dagster_graphql
 
-from bagassets.defs.launcher import BagAssetsRunLauncher
-from bagassets.defs.naming import Naming
-from bagassets.defs.orphaned_runs import UNTAKEN_S, end_orphaned_runs
-from bagassets.defs.run_pool import RunPool
-from bagassets.defs.runs import CodeLocation, create_run, open_instance
-from bagassets.defs.worker_tag import WORKER_TAG, RunWorker
+from bagassets.defs.launchers.launcher import BagAssetsRunLauncher
+from bagassets.defs.records.instances import open_instance
+from bagassets.defs.records.naming import Naming
+from bagassets.defs.runs.execution import CodeLocation, create_run
+from bagassets.defs.runs.orphaned_runs import UNTAKEN_S, end_orphaned_runs
+from bagassets.defs.runs.run_pool import RunPool
+from bagassets.defs.runs.worker_tag import WORKER_TAG, RunWorker
 from bagassets.forkserver.client import Client
 from bagassets.forkserver.process import ProcessId
 from bagassets.forkserver.tasks import connect, server_spec, submit_run
@@ -169,7 +170,7 @@ def terminate_elsewhere(home, run_id):
     """Cancel a run from a process that did not launch it, as the web server does for the daemon's runs."""
     code = (
         "import sys\n"
-        "from bagassets.defs.runs import open_instance\n"
+        "from bagassets.defs.records.instances import open_instance\n"
         "with open_instance(sys.argv[1]) as instance:\n"
         "    print(instance.run_coordinator.cancel_run(sys.argv[2]))\n"
     )

@@ -13,42 +13,23 @@ ROOT = Path(bagassets.__file__).parent
 # From the ground up: each may import what stands in lines above it here, and nothing else. Those of one line do not
 # know each other, so there is no cycle between packages either.
 LAYERS = [
-    ("json_types",),
-    (
-        "__init__",
-        "freshness",
-        "escaping",
-        "lock_files",
-        "atomic",
-        "trace",
-        "kernels",
-        "quantities",
-        "alike",
-        "garbage",
-        "interrupts",
-        "unread_pipe",
-    ),
-    ("errors",),
-    ("extensions",),
-    ("plugins",),
+    ("__init__", "base"),
     ("geometry", "recipe"),
     ("store",),
-    ("splits", "forkserver", "recordings"),
+    ("recordings",),
     ("decode",),
-    ("timeline",),
-    ("annotations",),
-    ("quality",),
-    ("preview", "report"),
     ("assets",),
-    ("build",),
+    ("engine",),
+    ("forkserver", "report"),
     ("formats",),
-    ("reader",),
     ("view", "propose"),
     ("sample",),
     ("defs",),
     ("cli",),
     ("definitions", "__main__", "notebook"),
 ]
+# The rooms of `defs/`, likewise.
+ROOMS = ("records", "runs", "graph", "builds", "ui", "launchers")
 FACE = ROOT / "__init__.py"  # names what users import, and imports it when they use it (test_reader.py)
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
 
@@ -108,8 +89,22 @@ def test_nothing_imports_what_is_beside_or_above_it():
     assert upward == set()
 
 
+def test_the_rooms_of_defs_import_downwards():
+    rooms = ROOT / "defs"
+    assert {path.name for path in rooms.iterdir() if path.is_dir() and path.name != "__pycache__"} == {*ROOMS}
+    upward = {
+        f"{path.relative_to(ROOT)} -> {name.removeprefix('bagassets.')}"
+        for path in rooms.rglob("*.py")
+        if (room := path.relative_to(rooms).parts[0]) in ROOMS
+        for name in imports_of(path)
+        if name.startswith("bagassets.defs.") and name.split(".")[2] in ROOMS
+        if ROOMS.index(name.split(".")[2]) > ROOMS.index(room)
+    }
+    assert upward == set()
+
+
 def test_only_the_executor_runs_actions():
-    """What starts an action is `build.run_action`, by which all go, and the two passes over a recording."""
+    """What starts an action is `engine.run_action`, by which all go, and the two passes over a recording."""
     starting = {
         str(path.relative_to(ROOT))
         for path in ROOT.rglob("*.py")
@@ -118,8 +113,8 @@ def test_only_the_executor_runs_actions():
         and ast.unparse(node.func).endswith((".begin", "Pending"))
         and ast.unparse(node.func) != "builds.begin"  # the log of builds
     }
-    stores = {"store/store.py", "build/rebuild.py"}  # which are asked to
-    assert starting - stores == {"build/run_action.py", "build/execute.py", "build/first_pass.py"}
+    stores = {"store/store.py", "engine/rebuild.py"}  # which are asked to
+    assert starting - stores == {"engine/run_action.py", "engine/execute.py", "engine/first_pass.py"}
 
 
 def test_the_documentation_shows_the_layers_from_above():

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from bagassets.assets.lidar_file import lidar_bytes, read_lidar_file
 from bagassets.assets.radar_file import FIELDS, radar_bytes, read_radar_file
-from bagassets.errors import DatasetError
+from bagassets.base.errors import DatasetError
 
 DEVKIT = Path(
     os.environ.get("BAGASSETS_DEVKIT_PYTHON", Path(__file__).parents[1] / ".devkit-venv/bin/python")

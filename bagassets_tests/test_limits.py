@@ -15,8 +15,8 @@ from mcap.reader import make_reader
 
 from bagassets.assets import inventory
 from bagassets.assets.asset import as_json
-from bagassets.build.execute import BuildFailure
-from bagassets.errors import CalibrationError, DecodeError, RecordingError, SizeLimitError
+from bagassets.base.errors import CalibrationError, DecodeError, RecordingError, SizeLimitError
+from bagassets.engine.execute import BuildFailure
 from bagassets.formats.catalogue import recording_assets
 from bagassets.propose.project import write_project
 from bagassets.recipe import load_recipe

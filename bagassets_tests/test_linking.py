@@ -9,9 +9,9 @@ import sys
 
 import pytest
 
-from bagassets import atomic
-from bagassets.atomic import swap_in
-from bagassets.errors import DatasetError
+from bagassets.base import atomic
+from bagassets.base.atomic import swap_in
+from bagassets.base.errors import DatasetError
 from bagassets.formats import linking
 from bagassets.formats.assembly import remove_files
 from bagassets.formats.guard import GUARD, guarded, refuse_unexpected

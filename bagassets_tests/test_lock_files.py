@@ -12,15 +12,15 @@ from pathlib import Path
 
 import pytest
 
-from bagassets import lock_files
-from bagassets.build.build_report import BagOutcome, BuildReport
-from bagassets.build.plan import Plan
-from bagassets.build.summary_rows import summary_rows
+from bagassets.base import lock_files
+from bagassets.base.errors import RecipeError, RecordingError
+from bagassets.base.lock_files import LockFile, is_locked
 from bagassets.defs import project_build
-from bagassets.defs.exclusive import exclusive
-from bagassets.errors import RecipeError, RecordingError
+from bagassets.defs.runs.exclusive import exclusive
+from bagassets.engine.build_report import BagOutcome, BuildReport
+from bagassets.engine.plan import Plan
+from bagassets.engine.summary_rows import summary_rows
 from bagassets.formats.guard import GUARD, guarded
-from bagassets.lock_files import LockFile, is_locked
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Bags
 from bagassets.recordings.discover import discover, find_one
@@ -97,7 +97,7 @@ def test_a_lease_of_another_user_of_a_shared_store_counts(tmp_path, monkeypatch)
 HOLDER = """
 import sys, time
 from pathlib import Path
-from bagassets.lock_files import LockFile
+from bagassets.base.lock_files import LockFile
 lock = LockFile.open(Path(sys.argv[1]))
 getattr(lock, sys.argv[2])()
 print("held", flush=True)

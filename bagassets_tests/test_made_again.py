@@ -4,11 +4,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from bagassets.build.made_again import made_again
-from bagassets.build.plan import AssetState, BagPlan, Plan, Recorded
-from bagassets.build.planner import Planner
+from bagassets.base.quantities import readable_time
+from bagassets.engine.made_again import made_again
+from bagassets.engine.plan import AssetState, BagPlan, Plan, Recorded
+from bagassets.engine.planner import Planner
 from bagassets.formats.catalogue import known_assets, recording_assets
-from bagassets.quantities import readable_time
 from bagassets.recipe.load import parse_recipe
 from bagassets_tests.small_drive import RECIPE
 

@@ -12,10 +12,15 @@ import yaml
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
-from bagassets.build.build_report import BuildOptions
 from bagassets.defs import made_ahead, project_build
-from bagassets.defs.launcher import BagAssetsRunLauncher
-from bagassets.defs.made_ahead import make_ahead, make_first_inventories, make_inventories, making_ahead
+from bagassets.defs.builds.made_ahead import (
+    make_ahead,
+    make_first_inventories,
+    make_inventories,
+    making_ahead,
+)
+from bagassets.defs.launchers.launcher import BagAssetsRunLauncher
+from bagassets.engine.build_report import BuildOptions
 from bagassets.forkserver.client import Client
 from bagassets.forkserver.server_files import ServerFiles
 from bagassets.recipe import load_recipe
@@ -95,7 +100,7 @@ def test_a_cold_build_counts_what_was_made_ahead_as_built(project):
     [client] = Client.all_of(load_recipe(project).state)
     log = client.files.log.read_text()
     assert "job make_inventories: exit code 0" in log
-    assert "bagassets.defs.made_ahead:make_inventories" in log
+    assert "bagassets.defs.builds.made_ahead:make_inventories" in log
 
 
 # --- while a build plans ------------------------------------------------------------------

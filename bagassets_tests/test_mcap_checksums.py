@@ -7,8 +7,8 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import CompressionType
 
-from bagassets.build.execute import BuildFailure
-from bagassets.errors import RecordingError
+from bagassets.base.errors import RecordingError
+from bagassets.engine.execute import BuildFailure
 from bagassets.recordings.open import open_recording
 from bagassets_tests.recorded_bags import NOON_NS, text, write_ros2
 from bagassets_tests.small_drive import RECIPE

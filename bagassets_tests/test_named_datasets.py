@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bagassets.build.plan import AssetState, BagPlan, Plan
-from bagassets.errors import RecipeError
+from bagassets.base.errors import RecipeError
+from bagassets.engine.plan import AssetState, BagPlan, Plan
 from bagassets.formats.assembly import assemble
 from bagassets.formats.catalogue import recording_assets
 from bagassets.formats.dataset_build import Dataset, DatasetInputs, build_dataset, dataset_code_versions

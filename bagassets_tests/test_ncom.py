@@ -11,9 +11,9 @@ from rosbags.typesys import get_types_from_msg
 
 from bagassets.assets.ego_poses import load_trajectory
 from bagassets.assets.inventory import make_inventory
+from bagassets.base.errors import DecodeError, LossLimitError, PoseError
 from bagassets.decode.ncom import decode_ncom
 from bagassets.decode.packets import payload, sender
-from bagassets.errors import DecodeError, LossLimitError, PoseError
 from bagassets.geometry.euler import quaternions_from_rpy
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.wgs84 import LocalFrame

@@ -6,7 +6,7 @@ from importlib import import_module
 
 import pytest
 
-from bagassets.errors import RecipeError
+from bagassets.base.errors import RecipeError
 from bagassets_tests.services import BIN, bare_environment
 from bagassets_tests.small_drive import RECIPE
 

@@ -3,11 +3,11 @@
 import dagster as dg
 import pytest
 
-from bagassets.build.execute import BuildFailure
+from bagassets.base.errors import RecordingError
 from bagassets.defs import pending_work
-from bagassets.defs.making import make_assets, recorded_bag
-from bagassets.defs.not_made import observations_of
-from bagassets.errors import RecordingError
+from bagassets.defs.graph.making import make_assets, recorded_bag
+from bagassets.defs.records.not_made import observations_of
+from bagassets.engine.execute import BuildFailure
 from bagassets_tests.in_process import build, make_project, states, survey
 from bagassets_tests.small_drive import write_drive
 from bagassets_tests.test_batches import KEYS, batch_runs, partitions, stale

@@ -16,10 +16,10 @@ import pytest
 import yaml
 
 import bagassets
-from bagassets.build.summary_rows import losses
+from bagassets.base.errors import BagAssetsError, RecipeError, RecordingError
 from bagassets.cli.remote import end_servers
-from bagassets.defs.pending_work import open_project
-from bagassets.errors import BagAssetsError, RecipeError, RecordingError
+from bagassets.defs.builds.pending_work import open_project
+from bagassets.engine.summary_rows import losses
 from bagassets.sample.drive import Target, write_recordings
 from bagassets.sample.recipe import sample_recipe
 from bagassets_tests.services import eventually
@@ -203,7 +203,7 @@ def test_the_page_about_notebooks_runs(folder):
 
 def test_neither_dagster_nor_the_devkit_is_imported(folder):
     code = (
-        "import sys, bagassets, bagassets.build.plan; from bagassets import build; bagassets.build(sys.argv[1], progress=False); "
+        "import sys, bagassets, bagassets.engine.plan; from bagassets import build; bagassets.build(sys.argv[1], progress=False); "
         "print([name for name in sys.modules if name.startswith(('dagster', 'nuscenes'))])"
     )
     (folder / "recipe.yaml").write_text(text())

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from bagassets.assets.pose_outliers import overlaps, trusted_fixes
-from bagassets.errors import LossLimitError, PoseError
+from bagassets.assets.quality.check import Evidence
+from bagassets.assets.quality.pose_rules import poses_cover_sensors
+from bagassets.base.errors import LossLimitError, PoseError
 from bagassets.formats.nuscenes.part_checks import PART_CHECKS
 from bagassets.geometry.se3 import SE3
-from bagassets.quality.check import Evidence
-from bagassets.quality.pose_rules import poses_cover_sensors
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Limits
 from bagassets.recipe.model_checks import PosesCheck

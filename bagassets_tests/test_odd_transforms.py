@@ -2,7 +2,7 @@
 
 import pytest
 
-from bagassets.build.execute import BuildFailure
+from bagassets.engine.execute import BuildFailure
 from bagassets_tests.odd_drive import OddDrive
 
 

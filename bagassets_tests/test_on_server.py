@@ -10,12 +10,12 @@ import click
 import pytest
 
 from bagassets import __main__
+from bagassets.base.unread_pipe import outliving_reader
 from bagassets.cli import on_server
 from bagassets.cli.main import root
 from bagassets.forkserver.client import Client
 from bagassets.forkserver.tasks import find_server
 from bagassets.recipe import load_recipe
-from bagassets.unread_pipe import outliving_reader
 from bagassets_tests.in_process import make_project
 
 pytestmark = [pytest.mark.xdist_group("on_server"), pytest.mark.once]

@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from bagassets.cli.docs import all_commands
-from bagassets.defs.garbage import KEPT_LOCKS
+from bagassets.defs.builds.garbage import KEPT_LOCKS
 
 DOCS = Path(__file__).parents[1] / "docs"
 PAGE = (DOCS / "operations.md").read_text(encoding="utf-8")

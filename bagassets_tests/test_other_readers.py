@@ -17,7 +17,7 @@ from rosbags.rosbag2 import ReaderError, StoragePlugin
 from rosbags.rosbag2 import Writer as FolderWriter
 from rosbags.typesys import Stores, get_typestore
 
-from bagassets.errors import BagAssetsError
+from bagassets.base.errors import BagAssetsError
 from bagassets.recordings.open import open_recording
 
 REPOSITORY = Path(__file__).parent.parent

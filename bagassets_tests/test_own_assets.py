@@ -9,12 +9,13 @@ import dagster as dg
 import pytest
 import yaml
 
-from bagassets.build.choose import SelectionError
+from bagassets.base.errors import RecipeError
 from bagassets.cli.main import main
 from bagassets.defs import own_location
-from bagassets.defs.runs import create_run, open_instance
-from bagassets.errors import RecipeError
-from bagassets.freshness.decide import nothing_to_do
+from bagassets.defs.records.instances import open_instance
+from bagassets.defs.runs.execution import create_run
+from bagassets.engine.choose import SelectionError
+from bagassets.engine.freshness.decide import nothing_to_do
 from bagassets_tests.in_process import build, make_project
 from bagassets_tests.small_drive import write_drive
 

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from bagassets.build.execute import BuildFailure
+from bagassets.engine.execute import BuildFailure
 from bagassets.recipe import load_recipe
 from bagassets.recordings.digest import recording_digest, recording_stat
 from bagassets.recordings.discover import discover

@@ -9,15 +9,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bagassets.build.choose import SelectionError, choose_assets, choose_recordings
-from bagassets.build.differences import compare_actions, describe_changes, flatten
-from bagassets.build.plan import AssetState, BagPlan
-from bagassets.build.planner import Planner
-from bagassets.defs.pending_work import open_project
-from bagassets.errors import RecordingError
+from bagassets.base.cache import NAME
+from bagassets.base.errors import RecordingError
+from bagassets.defs.builds.pending_work import open_project
+from bagassets.engine.choose import SelectionError, choose_assets, choose_recordings
+from bagassets.engine.differences import compare_actions, describe_changes, flatten
+from bagassets.engine.freshness.plan_cache import PlanCache
+from bagassets.engine.plan import AssetState, BagPlan
+from bagassets.engine.planner import Planner
 from bagassets.formats.catalogue import recording_assets
-from bagassets.freshness.cache import NAME
-from bagassets.freshness.plan_cache import PlanCache
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Recipe
 from bagassets.recordings.model import RecordingFiles

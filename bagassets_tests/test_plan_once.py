@@ -6,10 +6,10 @@ import dagster as dg
 import pytest
 from click.testing import CliRunner
 
-from bagassets.build import planner
-from bagassets.build.planner import Planner
 from bagassets.cli.main import root
 from bagassets.defs import instance_plan, pending_work
+from bagassets.engine import planner
+from bagassets.engine.planner import Planner
 from bagassets.store.store import Store
 from bagassets_tests.in_process import QUICK, build, make_project
 from bagassets_tests.small_drive import write_drive

@@ -10,18 +10,18 @@ from pathlib import Path
 import cv2
 import pytest
 
+from bagassets.base import fingerprints
+from bagassets.base.errors import PluginError
+from bagassets.base.fingerprints import code_fingerprint
+from bagassets.base.plugins import FAMILIES as FAMILY_NAMES
+from bagassets.base.plugins import installed_decoders
 from bagassets.decode.boxes import BoxDecoder
 from bagassets.decode.loading import load_decoder
 from bagassets.decode.registry import BUILT_IN, families_of, find_decoder, own_types
-from bagassets.errors import PluginError
 from bagassets.formats.assembly import assemble
 from bagassets.formats.catalogue import recording_assets
 from bagassets.formats.format import Part
 from bagassets.formats.nuscenes.format import NUSCENES
-from bagassets.freshness import fingerprints
-from bagassets.freshness.fingerprints import code_fingerprint
-from bagassets.plugins import FAMILIES as FAMILY_NAMES
-from bagassets.plugins import installed_decoders
 from bagassets.store.store import Store
 from bagassets_tests.nuscenes_checks import check_dataset
 from bagassets_tests.plugin_build import build, channel, project
@@ -211,7 +211,7 @@ def test_a_server_imports_all_decoders_before_it_forks_workers():
     modules = {line.reference.partition(":")[0] for line in BUILT_IN}
     code = f"""
 import sys
-from bagassets.defs.run_worker import preload
+from bagassets.defs.launchers.run_worker import preload
 preload([])
 print({modules!r} - set(sys.modules))
 """
@@ -237,10 +237,10 @@ print(sorted(name for name in sys.modules if name.startswith(("bagassets.", "num
     assert set(ast.literal_eval(reported)) == {
         "bagassets.decode",
         "bagassets.decode.registry",
-        "bagassets.errors",
-        "bagassets.escaping",
-        "bagassets.extensions",
-        "bagassets.plugins",
+        "bagassets.base.errors",
+        "bagassets.base.escaping",
+        "bagassets.base.extensions",
+        "bagassets.base.plugins",
     }
 
 

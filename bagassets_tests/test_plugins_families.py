@@ -28,7 +28,7 @@ import numpy as np
 from bagassets.decode.boxes import BoxDecoder
 from bagassets.decode.fields import stamp_and_frame, stamp_ns
 from bagassets.decode.model import BoxReading, CloudReading, PoseReading, RadarReading
-from bagassets.errors import DecodeError
+from bagassets.base.errors import DecodeError
 from bagassets.geometry.se3 import SE3
 
 def cloud(message):

@@ -15,8 +15,8 @@ from dagster._core.loader import LoadingContextForTest
 from dagster._core.workspace.load import location_origins_from_yaml_paths
 
 from bagassets import defs
-from bagassets.defs.naming import Naming
-from bagassets.defs.partitions import add_partitions, remove_partition
+from bagassets.defs.records.naming import Naming
+from bagassets.defs.records.partitions import add_partitions, remove_partition
 from bagassets.propose.project import dagster_files, write_project
 from bagassets.recipe import load_recipe
 from bagassets_tests.small_drive import write_drive
@@ -298,7 +298,7 @@ def test_an_asset_without_code_version_is_refused(project):
 
 
 def test_errors_of_a_step_are_reported_in_sentences_and_leave_nothing_behind(project):
-    from bagassets.errors import DecodeError
+    from bagassets.base.errors import DecodeError
 
     def make(out):
         out.write("half.txt", b"half")

@@ -7,7 +7,7 @@ the sweeps end when they did, and a deskewed point is where it was seen from the
 import numpy as np
 import pytest
 
-from bagassets.errors import LossLimitError, RecipeError
+from bagassets.base.errors import LossLimitError, RecipeError
 from bagassets_tests.sweep_data import cloud, raw
 from bagassets_tests.sweep_run import CLOUD, PERIOD_NS, START_NS, Runner, driving, lidar, request
 

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bagassets.base.errors import DecodeError
 from bagassets.decode.pointcloud2 import NO_INTENSITY, NO_RING, decode_pointcloud2, point_fields
-from bagassets.errors import DecodeError
 from bagassets_tests.sweep_data import CODES, Cloud, Field, cloud, header
 
 STRUCT = {"i1": "b", "u1": "B", "i2": "h", "u2": "H", "i4": "i", "u4": "I", "f4": "f", "f8": "d"}

@@ -8,12 +8,12 @@ from contextlib import closing
 import psycopg2
 import pytest
 
-from bagassets.defs.naming import Naming
-from bagassets.defs.runs import open_instance
+from bagassets.base.cache import NAME
+from bagassets.base.fingerprints import PlanNeeded, records_fingerprint
+from bagassets.defs.records.instances import open_instance
+from bagassets.defs.records.naming import Naming
+from bagassets.engine.freshness.decide import nothing_to_do
 from bagassets.forkserver.client import Client
-from bagassets.freshness.cache import NAME
-from bagassets.freshness.decide import nothing_to_do
-from bagassets.freshness.fingerprints import PlanNeeded, records_fingerprint
 from bagassets.recipe import load_recipe
 from bagassets_tests.in_process import make_project
 from bagassets_tests.postgres_server import PORT, PROGRAMS, running_postgres, use_postgres

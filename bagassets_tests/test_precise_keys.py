@@ -10,8 +10,8 @@ import pytest
 
 from bagassets.assets import calibration, frames, sweeps
 from bagassets.assets.asset import Asset
-from bagassets.build.execute import BuildFailure
-from bagassets.build.recording_assets import RecordingAssets
+from bagassets.engine.execute import BuildFailure
+from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.formats.catalogue import known_assets
 from bagassets.recipe import load_recipe
 from bagassets.recordings.digest import recording_digest, recording_stat

@@ -9,17 +9,12 @@ import cv2
 import numpy as np
 import pytest
 
-from bagassets.annotations.table import BoxTable
+from bagassets.assets.boxes.table import BoxTable
 from bagassets.assets.ego_poses import load_trajectory
 from bagassets.assets.lidar_file import read_lidar_file
-from bagassets.defs.reporting import result_metadata
-from bagassets.errors import RecipeError
-from bagassets.geometry.calibration import Calibration
-from bagassets.geometry.camera import CameraModel
-from bagassets.geometry.se3 import SE3
-from bagassets.preview import future
-from bagassets.preview.birds_eye import BoxAt, birds_eye
-from bagassets.preview.canvas import (
+from bagassets.assets.pictures import future
+from bagassets.assets.pictures.birds_eye import BoxAt, birds_eye
+from bagassets.assets.pictures.canvas import (
     ACCENT,
     BACKGROUND,
     DIM,
@@ -33,12 +28,12 @@ from bagassets.preview.canvas import (
     text,
     turbo,
 )
-from bagassets.preview.channels import CameraImages, Clouds
-from bagassets.preview.contact_sheet import GAP_PX, HEADER_PX, contact_sheet
-from bagassets.preview.future import future_trajectory
-from bagassets.preview.lens import View
-from bagassets.preview.lidar_over_camera import lidar_over_camera
-from bagassets.preview.pictures import (
+from bagassets.assets.pictures.channels import CameraImages, Clouds
+from bagassets.assets.pictures.contact_sheet import GAP_PX, HEADER_PX, contact_sheet
+from bagassets.assets.pictures.future import future_trajectory
+from bagassets.assets.pictures.lens import View
+from bagassets.assets.pictures.lidar_over_camera import lidar_over_camera
+from bagassets.assets.pictures.pictures import (
     TITLES,
     best_moment,
     boxes_at,
@@ -46,7 +41,12 @@ from bagassets.preview.pictures import (
     reading_at,
     suitable_range_m,
 )
-from bagassets.preview.timeline import ROW_PX, TOP_PX, timeline, timeline_facts
+from bagassets.assets.pictures.timeline import ROW_PX, TOP_PX, timeline, timeline_facts
+from bagassets.base.errors import RecipeError
+from bagassets.defs.records.reporting import result_metadata
+from bagassets.geometry.calibration import Calibration
+from bagassets.geometry.camera import CameraModel
+from bagassets.geometry.se3 import SE3
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Preview
 from bagassets.recordings.inventory import Gap, TopicRecord

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bagassets.base.errors import RecipeError
+from bagassets.base.escaping import yaml_scalar
 from bagassets.decode.point_times import PointClock
-from bagassets.errors import RecipeError
-from bagassets.escaping import yaml_scalar
 from bagassets.geometry.se3 import SE3
 from bagassets.propose.grouping import match_globs
 from bagassets.propose.proposal import propose_recipe

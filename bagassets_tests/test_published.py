@@ -10,13 +10,13 @@ from pathlib import Path
 
 import pytest
 
+from bagassets.base.cache import Cache, Changes
+from bagassets.base.fingerprints import PlanNeeded, signature
+from bagassets.engine.freshness import decide
+from bagassets.engine.freshness.decide import BuildLog, nothing_to_do
+from bagassets.engine.freshness.published import Publication
 from bagassets.forkserver.process import ProcessId
 from bagassets.formats import after_crash
-from bagassets.freshness import decide
-from bagassets.freshness.cache import Cache, Changes
-from bagassets.freshness.decide import BuildLog, nothing_to_do
-from bagassets.freshness.fingerprints import PlanNeeded, signature
-from bagassets.freshness.published import Publication
 from bagassets.recipe import load_recipe
 from bagassets_tests.in_process import build, make_project, survey
 from bagassets_tests.small_drive import RECIPE

@@ -4,10 +4,10 @@ import os
 
 import pytest
 
-from bagassets.freshness import published
-from bagassets.freshness.cache import Cache, Changes
-from bagassets.freshness.fingerprints import PlanNeeded
-from bagassets.freshness.published import Publication
+from bagassets.base.cache import Cache, Changes
+from bagassets.base.fingerprints import PlanNeeded
+from bagassets.engine.freshness import published
+from bagassets.engine.freshness.published import Publication
 
 PARTS = ("a", "b", "c")
 

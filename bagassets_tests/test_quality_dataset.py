@@ -5,7 +5,7 @@ import shutil
 import pytest
 from handmade import Drive, make_tables
 
-from bagassets.errors import DatasetError
+from bagassets.base.errors import DatasetError
 from bagassets.formats.assembly import assemble
 from bagassets.formats.checking import check_dataset, dataset_checks
 from bagassets.formats.dataset_build import datasets_of

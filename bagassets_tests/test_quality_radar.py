@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from bagassets.assets.quality.radar_rules import radar_velocities
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
-from bagassets.quality.radar_rules import radar_velocities
 
 START_NS, READINGS = 1_750_000_000_000_000_000, 30
 MOUNT_YAW = 0.8

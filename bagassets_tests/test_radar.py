@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from bagassets.base.errors import DecodeError
 from bagassets.decode.radar import decode_radar, is_single_track
 from bagassets.decode.radar_fields import radar_reading
-from bagassets.errors import DecodeError
 from bagassets_tests.sweep_data import cloud
 
 STAMP = 1_700_000_000_500_000_000

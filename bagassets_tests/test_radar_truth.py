@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from sample_drives import build_recordings
 
+from bagassets.assets.quality.check import Evidence
 from bagassets.assets.radar_file import read_radar_file
-from bagassets.errors import RecipeError
+from bagassets.base.errors import RecipeError
 from bagassets.propose.proposal import propose_recipe
 from bagassets.propose.scan import scan_recording
-from bagassets.quality.check import Evidence
 from bagassets.recipe import load_recipe, parse_recipe
 from bagassets.recordings.open import open_recording
 from bagassets.sample.oddities.catalogue import ODDITIES

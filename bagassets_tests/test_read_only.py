@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from bagassets.base.errors import StoreError
 from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.main import main
-from bagassets.defs.databases import database_errors_explained
-from bagassets.errors import StoreError
+from bagassets.defs.records.databases import database_errors_explained
 from bagassets.store.writable import require_writable
 from bagassets_tests.in_process import make_project
 

@@ -17,8 +17,8 @@ import bagassets
 from bagassets.formats.assembly import assemble
 from bagassets.formats.format import Part
 from bagassets.formats.nuscenes.format import NUSCENES
+from bagassets.formats.reader.table_folder import TableFolder
 from bagassets.formats.vision.format import VISION
-from bagassets.reader.table_folder import TableFolder
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model_splits import Splits
 from bagassets.sample.drive import Target, write_recordings

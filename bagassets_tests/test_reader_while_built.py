@@ -14,7 +14,7 @@ import pytest
 from handmade import Drive, make_tables
 
 import bagassets
-from bagassets.errors import DatasetError
+from bagassets.base.errors import DatasetError
 from bagassets.formats.assembly import assemble
 from bagassets.formats.format import Part
 from bagassets.formats.nuscenes.format import NUSCENES

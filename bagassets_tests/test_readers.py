@@ -8,7 +8,7 @@ from mcap.stream_reader import MAGIC_SIZE
 from rosbags.rosbag1 import Reader as Rosbag1Reader
 from rosbags.rosbag1 import Writer as Rosbag1Writer
 
-from bagassets.errors import RecordingError
+from bagassets.base.errors import RecordingError
 from bagassets.recordings.mcap_index import walk
 from bagassets.recordings.open import open_recording
 from bagassets.recordings.topic import RefusedBytes

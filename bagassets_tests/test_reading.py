@@ -6,13 +6,13 @@ import dagster as dg
 import pytest
 from rich.console import Console
 
-from bagassets.build import reading
-from bagassets.build.build_report import Event
-from bagassets.build.reading import readings_told
-from bagassets.build.source import MessageSource
 from bagassets.cli.progress import LinesProgress, LiveProgress
 from bagassets.defs import run_pool
-from bagassets.defs.pending_work import open_project
+from bagassets.defs.builds.pending_work import open_project
+from bagassets.engine import reading
+from bagassets.engine.build_report import Event
+from bagassets.engine.reading import readings_told
+from bagassets.engine.source import MessageSource
 from bagassets.recipe import load_recipe
 from bagassets.recordings.digest import recording_stat
 from bagassets.recordings.discover import discover

@@ -15,7 +15,7 @@ import dagster as dg
 import pytest
 
 from bagassets.cli.main import COMMANDS
-from bagassets.defs.runs import open_instance
+from bagassets.defs.records.instances import open_instance
 from bagassets_tests.services import BIN, bare_environment, eventually, free_port, running
 
 ROOT = Path(__file__).parents[1]

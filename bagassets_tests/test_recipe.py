@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bagassets.errors import RecipeError
+from bagassets.base.errors import RecipeError
 from bagassets.recipe import load_recipe, parse_recipe
 
 GOOD = """\

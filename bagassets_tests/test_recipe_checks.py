@@ -5,7 +5,7 @@ import re
 import pytest
 import yaml
 
-from bagassets.errors import RecipeError
+from bagassets.base.errors import RecipeError
 from bagassets.recipe import parse_recipe
 
 CAMERA = {"modality": "camera", "topic": "/front"}

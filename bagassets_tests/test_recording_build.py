@@ -2,8 +2,8 @@
 
 import pytest
 
-from bagassets.build.execute import BuildFailure
-from bagassets.errors import CalibrationError, RecordingError, StoreError
+from bagassets.base.errors import CalibrationError, RecordingError, StoreError
+from bagassets.engine.execute import BuildFailure
 from bagassets.geometry.se3 import SE3
 from bagassets.recipe import load_recipe
 from bagassets.recordings.digest import recording_digest, recording_stat

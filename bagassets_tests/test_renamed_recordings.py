@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from bagassets.build.execute import BuildFailure
+from bagassets.engine.execute import BuildFailure
 from bagassets.store.action import Step
 from bagassets.store.store import Store
 from bagassets_tests.small_drive import RECIPE

@@ -9,9 +9,10 @@ from itertools import pairwise
 
 import pytest
 
-from bagassets.build.plan import AssetState, BagPlan, Plan
-from bagassets.build.track import track_of
-from bagassets.errors import DatasetError
+from bagassets.base.errors import DatasetError
+from bagassets.engine.plan import AssetState, BagPlan, Plan
+from bagassets.engine.splits import SplitShare, deal, shares_of
+from bagassets.engine.track import track_of
 from bagassets.formats.catalogue import recording_assets
 from bagassets.formats.report_data import build_map, map_path, report_data
 from bagassets.recipe import load_recipe
@@ -25,7 +26,6 @@ from bagassets.report.trajectory_map import MapRoute, trajectory_map_page
 from bagassets.report.write import write_page
 from bagassets.sample.drive import Target, write_recordings
 from bagassets.sample.recipe import sample_recipe
-from bagassets.splits import SplitShare, deal, shares_of
 from bagassets.store.store import Store
 from bagassets_tests.sample_drives import build_recordings
 

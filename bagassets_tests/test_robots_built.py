@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from bagassets.assets.ego_poses import load_trajectory
+from bagassets.assets.quality.topic_rules import channels_present
 from bagassets.geometry.se3 import SE3
 from bagassets.propose.proposal import propose_recipe
 from bagassets.propose.scan import scan_recording
-from bagassets.quality.topic_rules import channels_present
 from bagassets.recipe import parse_recipe
 from bagassets.recipe.model_checks import ChannelsCheck
 from bagassets.recordings.digest import recording_digest, recording_stat

@@ -13,10 +13,11 @@ import small_definitions
 from dagster._core.launcher import RunLauncher
 from dagster._serdes import ConfigurableClass
 
-from bagassets.defs.naming import Naming
-from bagassets.defs.run_pool import RunPool
-from bagassets.defs.runs import CodeLocation, open_instance
-from bagassets.defs.worker_tag import RunWorker
+from bagassets.defs.records.instances import open_instance
+from bagassets.defs.records.naming import Naming
+from bagassets.defs.runs.execution import CodeLocation
+from bagassets.defs.runs.run_pool import RunPool
+from bagassets.defs.runs.worker_tag import RunWorker
 from bagassets.forkserver.client import Client
 
 TESTS = Path(__file__).parent
@@ -67,7 +68,7 @@ def make_home(folder, launcher):
 @pytest.fixture(
     scope="module",
     params=[
-        "bagassets.defs.launcher.BagAssetsRunLauncher",
+        "bagassets.defs.launchers.launcher.BagAssetsRunLauncher",
         pytest.param("dagster.DefaultRunLauncher", marks=pytest.mark.long),
     ],
 )

@@ -9,20 +9,12 @@ import pytest
 import small_definitions
 from dagster._core.execution import compute_logs
 
+from bagassets.base.errors import BagAssetsError
 from bagassets.defs import runs
-from bagassets.defs.partitions import add_partitions
-from bagassets.defs.pending_work import open_project, rehearse
-from bagassets.defs.runs import (
-    CodeLocation,
-    StepError,
-    create_run,
-    dotenv_variables,
-    execute_run,
-    mark_canceling,
-    open_instance,
-    pack_instance,
-)
-from bagassets.errors import BagAssetsError
+from bagassets.defs.builds.pending_work import open_project, rehearse
+from bagassets.defs.records.instances import dotenv_variables, open_instance, pack_instance
+from bagassets.defs.records.partitions import add_partitions
+from bagassets.defs.runs.execution import CodeLocation, StepError, create_run, execute_run, mark_canceling
 from bagassets_tests.in_process import make_project
 
 TESTS = Path(__file__).parent
@@ -274,7 +266,7 @@ def test_preloading_starts_no_thread_and_opens_no_database():
     code = (
         "import sys, threading\n"
         "from pathlib import Path\n"
-        "from bagassets.defs.run_worker import preload\n"
+        "from bagassets.defs.launchers.run_worker import preload\n"
         "preload(['small_definitions'])\n"
         "databases = [file for file in Path('/proc/self/fd').glob('*') if '.db' in str(file.resolve())]\n"
         "print(threading.active_count(), databases, 'small_definitions' in sys.modules)"

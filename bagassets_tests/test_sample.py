@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from bagassets.base.errors import RecordingError
 from bagassets.cli.sample import sample
-from bagassets.errors import RecordingError
 from bagassets.recipe.model import Bags
 from bagassets.recordings.discover import discover, find_one
 from bagassets.recordings.open import open_recording

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from bagassets.assets import trajectory_map
 from bagassets.assets.selection import choose_rig, present_channels, skip_reason
+from bagassets.formats import trajectory_map
 from bagassets.formats.catalogue import OUR_ASSETS
 from bagassets.formats.nuscenes import selection
 from bagassets.recipe.model import Recipe

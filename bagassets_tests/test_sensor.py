@@ -14,17 +14,18 @@ from dagster._core.events import DagsterEvent, DagsterEventType
 from dagster._core.loader import LoadingContextForTest
 from dagster._core.storage.tags import PARTITION_NAME_TAG
 
+from bagassets.base.errors import RecordingError
 from bagassets.defs import sensor, sensor_scan
-from bagassets.defs.events import event_database, live_partitions
-from bagassets.defs.location import build_definitions
-from bagassets.defs.naming import Naming
-from bagassets.defs.orphaned_runs import UNTAKEN_S
-from bagassets.defs.partitions import add_partitions
-from bagassets.defs.runs import create_run, open_instance
-from bagassets.defs.sensor_cursor import MOST_TRIES, RETRY_S, Cursor
-from bagassets.defs.sensor_scan import Scan
-from bagassets.defs.workspace import Workspace
-from bagassets.errors import RecordingError
+from bagassets.defs.graph.location import build_definitions
+from bagassets.defs.graph.sensor_cursor import MOST_TRIES, RETRY_S, Cursor
+from bagassets.defs.graph.sensor_scan import Scan
+from bagassets.defs.records.events import event_database, live_partitions
+from bagassets.defs.records.instances import open_instance
+from bagassets.defs.records.naming import Naming
+from bagassets.defs.records.partitions import add_partitions
+from bagassets.defs.records.workspace import Workspace
+from bagassets.defs.runs.execution import create_run
+from bagassets.defs.runs.orphaned_runs import UNTAKEN_S
 from bagassets.formats.catalogue import recording_assets
 from bagassets.formats.dataset_build import dataset_code_versions
 from bagassets.recipe import load_recipe
@@ -219,7 +220,7 @@ def test_nothing_is_planned_when_nothing_has_changed(project, monkeypatch):
     def planned(*_args):
         raise AssertionError("the plan was made again")
 
-    monkeypatch.setattr("bagassets.defs.sensor_scan.plan_instance", planned)
+    monkeypatch.setattr("bagassets.defs.graph.sensor_scan.plan_instance", planned)
     assert project.scan() == {}
     assert project.cursor.said == "1 recording; up to date."
     project.instance.wipe_assets([dg.AssetKey("frames")])

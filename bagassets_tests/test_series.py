@@ -11,12 +11,13 @@ import pytest
 from mcap.writer import CompressionType, Writer
 from pydantic import TypeAdapter
 
-from bagassets.annotations.files.find import expand, find_labels
+from bagassets.assets.boxes.files.find import expand, find_labels
 from bagassets.assets.inventory import make_inventory
 from bagassets.assets.selection import choose_rig
-from bagassets.build.choose import choose_recordings
+from bagassets.base.errors import RecordingError
 from bagassets.cli.main import main
-from bagassets.errors import RecordingError
+from bagassets.engine.choose import choose_recordings
+from bagassets.engine.splits import Ties, deal
 from bagassets.recipe.model import Bags
 from bagassets.recipe.model_annotations import AnnotationFiles
 from bagassets.recipe.model_splits import Splits
@@ -29,7 +30,6 @@ from bagassets.recordings.part_facts import part_facts
 from bagassets.recordings.series import Part, PartFacts, candidates, judge
 from bagassets.recordings.topic import ForeignBytes
 from bagassets.sample.recorder import open_recorder
-from bagassets.splits import Ties, deal
 from bagassets.store.canonical import digest_bytes, digest_json
 from bagassets_tests.killed_recorder import leave_journal, leave_log
 from bagassets_tests.pose_data import Written

@@ -10,15 +10,15 @@ import dagster as dg
 import pytest
 from mcap.writer import Writer
 
-from bagassets.build.build_report import BuildOptions, BuildReport
+from bagassets.base.errors import RecordingError
 from bagassets.cli.build import _dry_run
 from bagassets.cli.dry_run import dry_run_lines, verdict
 from bagassets.cli.summary import print_summary
 from bagassets.defs import snapshot
-from bagassets.defs.naming import Naming
-from bagassets.defs.partitions import _no_such_recording, add_partitions
-from bagassets.defs.pending_work import expected_moves, open_project
-from bagassets.errors import RecordingError
+from bagassets.defs.builds.pending_work import expected_moves, open_project
+from bagassets.defs.records.naming import Naming
+from bagassets.defs.records.partitions import _no_such_recording, add_partitions
+from bagassets.engine.build_report import BuildOptions, BuildReport
 from bagassets.formats.dataset_lock import read_lock
 from bagassets.propose.project import write_project
 from bagassets.recipe import load_recipe

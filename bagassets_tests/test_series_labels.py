@@ -21,14 +21,14 @@ from label_files import (
     write_sustechpoints,
 )
 
-from bagassets.annotations.files import find
-from bagassets.annotations.files.find import LabelSet
-from bagassets.annotations.files.label import LabelFile
-from bagassets.annotations.table import BoxTable
 from bagassets.assets.annotation_frames import between_origins
 from bagassets.assets.annotations import ANNOTATIONS, make_annotations
-from bagassets.build.execute import BuildFailure
-from bagassets.errors import DecodeError
+from bagassets.assets.boxes.files import find
+from bagassets.assets.boxes.files.find import LabelSet
+from bagassets.assets.boxes.files.label import LabelFile
+from bagassets.assets.boxes.table import BoxTable
+from bagassets.base.errors import DecodeError
+from bagassets.engine.execute import BuildFailure
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.wgs84 import LocalFrame
 from bagassets.recipe.model import Rig

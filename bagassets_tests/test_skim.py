@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from bagassets.base.errors import DecodeError
 from bagassets.decode.fields import stamp_and_frame
 from bagassets.decode.packets import PAYLOADS, payload
-from bagassets.errors import DecodeError
 from bagassets.recordings.model import Definition
 from bagassets.recordings.topic import RefusedBytes, Topic, TopicSource
 

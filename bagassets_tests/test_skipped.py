@@ -5,16 +5,16 @@ import json
 import dagster as dg
 import pytest
 
-from bagassets.build.plan import is_skip
+from bagassets.base.errors import StoreError
 from bagassets.defs import making
-from bagassets.defs.events import recorded_partition
-from bagassets.defs.naming import Naming
-from bagassets.defs.own_assets import Read, Versions
-from bagassets.defs.pending_work import find_pending_work
-from bagassets.defs.sensor_cursor import Cursor
-from bagassets.defs.steps import all_recordings, skipped
-from bagassets.defs.workspace import Workspace
-from bagassets.errors import StoreError
+from bagassets.defs.builds.pending_work import find_pending_work
+from bagassets.defs.graph.own_assets import Read, Versions
+from bagassets.defs.graph.sensor_cursor import Cursor
+from bagassets.defs.graph.steps import all_recordings, skipped
+from bagassets.defs.records.events import recorded_partition
+from bagassets.defs.records.naming import Naming
+from bagassets.defs.records.workspace import Workspace
+from bagassets.engine.plan import is_skip
 from bagassets.formats.catalogue import MAIN
 from bagassets.formats.dataset_build import main_lock
 from bagassets.store.canonical import digest_json

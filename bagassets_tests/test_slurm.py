@@ -13,12 +13,13 @@ import dagster as dg
 import pytest
 import small_definitions
 
-from bagassets.defs.naming import Naming
-from bagassets.defs.run_pool import RunPool
-from bagassets.defs.runs import CodeLocation, create_run, open_instance
-from bagassets.defs.slurm import commands as slurm_commands
-from bagassets.defs.slurm.launcher import SlurmRunLauncher
-from bagassets.defs.slurm.spool import Spool
+from bagassets.defs.launchers.slurm import commands as slurm_commands
+from bagassets.defs.launchers.slurm.launcher import SlurmRunLauncher
+from bagassets.defs.launchers.slurm.spool import Spool
+from bagassets.defs.records.instances import open_instance
+from bagassets.defs.records.naming import Naming
+from bagassets.defs.runs.execution import CodeLocation, create_run
+from bagassets.defs.runs.run_pool import RunPool
 
 pytestmark = pytest.mark.once
 

@@ -17,7 +17,8 @@ import dagster as dg
 import pytest
 import yaml
 
-from bagassets.defs.runs import failure_of, open_instance
+from bagassets.defs.records.instances import open_instance
+from bagassets.defs.runs.execution import failure_of
 from bagassets.forkserver.client import Client
 from bagassets.propose.project import dagster_home
 from bagassets.recipe import load_recipe

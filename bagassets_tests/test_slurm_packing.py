@@ -5,13 +5,13 @@ import time
 
 import pytest
 
-from bagassets.defs.slurm import launcher as slurm_launcher
-from bagassets.defs.slurm.commands import JobState, SlurmError, submit_job
-from bagassets.defs.slurm.keeper import Packing
-from bagassets.defs.slurm.launcher import SlurmRunLauncher
-from bagassets.defs.slurm.options import JobOptions, Rule, options_for
-from bagassets.defs.slurm.spool import JobSpec, Spool, SpooledRun
-from bagassets.errors import BagAssetsError
+from bagassets.base.errors import BagAssetsError
+from bagassets.defs.launchers.slurm import launcher as slurm_launcher
+from bagassets.defs.launchers.slurm.commands import JobState, SlurmError, submit_job
+from bagassets.defs.launchers.slurm.keeper import Packing
+from bagassets.defs.launchers.slurm.launcher import SlurmRunLauncher
+from bagassets.defs.launchers.slurm.options import JobOptions, Rule, options_for
+from bagassets.defs.launchers.slurm.spool import JobSpec, Spool, SpooledRun
 from bagassets_tests.in_process import make_project
 from bagassets_tests.small_drive import write_drive
 

@@ -8,7 +8,7 @@ import dagster as dg
 import pytest
 from test_slurm_build import use_slurm
 
-from bagassets.defs.runs import open_instance
+from bagassets.defs.records.instances import open_instance
 from bagassets_tests.services import BIN, eventually, free_port, make_project, running
 from bagassets_tests.slurm_cluster import NODES
 from bagassets_tests.small_drive import write_drive

@@ -8,6 +8,7 @@ from handmade import Drive, make_tables
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bagassets.engine.splits import deal, moves, shares_of
 from bagassets.formats.assembly import assemble
 from bagassets.formats.dataset_lock import read_lock
 from bagassets.formats.format import Part
@@ -15,7 +16,6 @@ from bagassets.formats.nuscenes.format import NUSCENES
 from bagassets.formats.nuscenes.schema import DEVKIT_SPLITS, devkit_split_name
 from bagassets.recipe.model import NuScenes
 from bagassets.recipe.model_splits import Splits
-from bagassets.splits import deal, moves, shares_of
 from bagassets.store.store import Store
 
 pytestmark = pytest.mark.once

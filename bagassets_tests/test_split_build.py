@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
+from bagassets.engine.splits import deal, moves
 from bagassets.formats.dataset_build import DatasetInputs, deal_contents
 from bagassets.formats.format import Part
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model_splits import Splits
-from bagassets.splits import deal, moves
 from bagassets.store.store import Store
 from bagassets_tests.in_process import QUICK, build, make_project
 from bagassets_tests.small_drive import write_drive

@@ -10,12 +10,12 @@ from multiprocessing import get_context
 import dagster as dg
 import pytest
 
-from bagassets.defs.connections import Commits, kept_open
-from bagassets.defs.events import event_database
-from bagassets.defs.naming import Naming
-from bagassets.defs.run_pool import RunPool
-from bagassets.defs.runs import open_instance
-from bagassets.defs.sqlite_storage import ProjectEventLogStorage
+from bagassets.defs.records.connections import Commits, kept_open
+from bagassets.defs.records.events import event_database
+from bagassets.defs.records.instances import open_instance
+from bagassets.defs.records.naming import Naming
+from bagassets.defs.records.sqlite_storage import ProjectEventLogStorage
+from bagassets.defs.runs.run_pool import RunPool
 from bagassets.propose.project import dagster_files
 from bagassets.recipe import load_recipe
 from bagassets_tests.in_process import build, make_project

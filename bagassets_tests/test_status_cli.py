@@ -8,12 +8,12 @@ import sys
 import pytest
 from click.testing import CliRunner
 
-from bagassets.build.build_report import BuildReport
 from bagassets.cli.main import root
 from bagassets.cli.summary import print_summary
-from bagassets.defs.events import all_assets, event_database, latest_ids
-from bagassets.defs.naming import Naming
-from bagassets.defs.runs import open_instance
+from bagassets.defs.records.events import all_assets, event_database, latest_ids
+from bagassets.defs.records.instances import open_instance
+from bagassets.defs.records.naming import Naming
+from bagassets.engine.build_report import BuildReport
 from bagassets_tests.in_process import QUICK, build, make_project, survey
 
 pytestmark = pytest.mark.once
@@ -99,7 +99,7 @@ def test_a_closed_stream_is_no_defect(built, closed):
 
 @pytest.mark.parametrize("command", [["status"], ["build", "-n"], ["check"]])
 def test_long_plans_say_how_far_they_are(edited, monkeypatch, command):
-    monkeypatch.setattr("bagassets.build.planner.AT_A_TIME", 1)
+    monkeypatch.setattr("bagassets.engine.planner.AT_A_TIME", 1)
     assert run(*command, recipe=edited).stderr.startswith("Planned 1 of 3 recordings\n")
 
 
@@ -338,7 +338,7 @@ def test_fresh_is_what_dagster_calls_fresh(built):
     from dagster._core.definitions.data_version import CachingStaleStatusResolver, StaleStatus
     from dagster._core.loader import LoadingContextForTest
 
-    from bagassets.defs.location import build_definitions
+    from bagassets.defs.graph.location import build_definitions
 
     graph = build_definitions(built).resolve_asset_graph()
     with open_instance(str(built.parent)) as instance:

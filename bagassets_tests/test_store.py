@@ -17,9 +17,9 @@ from blake3 import blake3
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bagassets.build.run_action import run_action
-from bagassets.errors import BagAssetsError, DecodeError, StoreError
-from bagassets.freshness.artifacts import artifacts_fingerprint, packed
+from bagassets.base.errors import BagAssetsError, DecodeError, StoreError
+from bagassets.engine.freshness.artifacts import artifacts_fingerprint, packed
+from bagassets.engine.run_action import run_action
 from bagassets.store.action import Action, Step
 from bagassets.store.canonical import canonical_json, digest_bytes, digest_file, digest_json
 from bagassets.store.integrity import artifact_damage, check_store

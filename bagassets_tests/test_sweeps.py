@@ -6,7 +6,7 @@ import pytest
 from bagassets.assets.asset import as_json
 from bagassets.assets.sweeps import SWEEPS
 from bagassets.assets.topic_log import TopicLog
-from bagassets.errors import DecodeError, LossLimitError, RecipeError
+from bagassets.base.errors import DecodeError, LossLimitError, RecipeError
 from bagassets.recipe.model import RadarChannel, Recipe, Rig
 from bagassets.recordings.model import RawMessage
 from bagassets_tests.sweep_data import (

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from bagassets.assets import lidar_sweeps, packet_sweeps
+from bagassets.base.errors import LossLimitError, RecipeError
 from bagassets.decode.fields import stamp_ns
 from bagassets.decode.model import CloudReading
-from bagassets.errors import LossLimitError, RecipeError
 from bagassets.recordings.model import Definition, RawMessage
 from bagassets.recordings.topic import Topic, TopicSource
 from bagassets_tests.sweep_data import (

@@ -24,8 +24,8 @@ from handmade import (
     true_boxes,
 )  # fmt: skip
 
-from bagassets.annotations.table import BoxTable
-from bagassets.errors import DatasetError, PoseError
+from bagassets.assets.boxes.table import BoxTable
+from bagassets.base.errors import DatasetError, PoseError
 from bagassets.formats.nuscenes.schema import RECORDING_TABLES
 from bagassets.formats.nuscenes.tokens import category_token, sensor_token, visibility_token
 from bagassets.geometry.se3 import SE3

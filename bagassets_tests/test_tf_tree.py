@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bagassets.errors import CalibrationError
+from bagassets.base.errors import CalibrationError
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.tf_tree import Edge, TfTree, TransformLog, normalise_frame
 from bagassets_tests.pose_data import T0, S, about_z

@@ -5,14 +5,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bagassets.timeline.keyframes import (
+from bagassets.assets.timeline.keyframes import (
     choose_keyframes,
     match_readings,
     nearest,
     owning_keyframe,
     partner_readings,
 )
-from bagassets.timeline.scenes import cut_scenes, stretches
+from bagassets.assets.timeline.scenes import cut_scenes, stretches
 
 S = 1_000_000_000
 START = 1_700_000_000 * S

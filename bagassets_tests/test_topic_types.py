@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from bagassets.assets.frames import FRAMES
-from bagassets.errors import DecodeError
+from bagassets.base.errors import DecodeError
 from bagassets.recipe.model import CameraChannel, RadarChannel, Recipe, Rig
 from bagassets_tests.facts import MadeUpFacts, calibrated, use_of
 from bagassets_tests.sweep_run import inventory, lidar, request

@@ -8,14 +8,14 @@ import pytest
 from dagster._core.definitions.data_version import CachingStaleStatusResolver, StaleStatus
 from dagster._core.loader import LoadingContextForTest
 
-from bagassets.build.choose import SelectionError
-from bagassets.build.first_pass import first_pass
-from bagassets.build.planner import Planner
+from bagassets.base.errors import ChangedWhileReadError
 from bagassets.defs import instance_plan, pending_work, touched
-from bagassets.defs.events import DATA_VERSION, MADE_ALONG, STAT
-from bagassets.defs.location import build_definitions
-from bagassets.errors import ChangedWhileReadError
-from bagassets.freshness.plan_cache import PlanCache
+from bagassets.defs.graph.location import build_definitions
+from bagassets.defs.records.events import DATA_VERSION, MADE_ALONG, STAT
+from bagassets.engine.choose import SelectionError
+from bagassets.engine.first_pass import first_pass
+from bagassets.engine.freshness.plan_cache import PlanCache
+from bagassets.engine.planner import Planner
 from bagassets.recipe import load_recipe
 from bagassets.recordings import digest
 from bagassets.recordings.digest import DigestIndex

@@ -8,11 +8,11 @@ from itertools import pairwise
 import pytest
 from click.testing import CliRunner
 
-from bagassets import trace
-from bagassets.build.build_report import Event
-from bagassets.build.trace_file import recorded_trace, trace_recordings
+from bagassets.base import trace
+from bagassets.base.errors import BagAssetsError
 from bagassets.cli.main import root
-from bagassets.errors import BagAssetsError
+from bagassets.engine.build_report import Event
+from bagassets.engine.trace_file import recorded_trace, trace_recordings
 from bagassets.forkserver.client import Client
 from bagassets.sample.drive import Target, write_recordings
 from bagassets.sample.recipe import sample_recipe

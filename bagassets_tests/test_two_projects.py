@@ -10,18 +10,19 @@ from dagster._core.launcher import LaunchRunContext
 from dagster._core.loader import LoadingContextForTest
 from dagster._core.origin import JobPythonOrigin
 
+from bagassets.base.errors import RecipeError, StoreError
 from bagassets.defs import Workspace, build_definitions, follow_recordings, per_recording
-from bagassets.defs.events import live_partitions, recorded_partition
-from bagassets.defs.garbage import find_roots
-from bagassets.defs.naming import Naming
-from bagassets.defs.partitions import active_runs, add_partitions, remove_partition
-from bagassets.defs.projects import note_project, recipes_of
-from bagassets.defs.run_pool import RunPool
-from bagassets.defs.runs import CodeLocation, open_instance
-from bagassets.defs.slurm.launcher import SlurmRunLauncher
-from bagassets.defs.slurm.spool import Spool
-from bagassets.defs.worker_tag import RunWorker
-from bagassets.errors import RecipeError, StoreError
+from bagassets.defs.builds.garbage import find_roots
+from bagassets.defs.launchers.slurm.launcher import SlurmRunLauncher
+from bagassets.defs.launchers.slurm.spool import Spool
+from bagassets.defs.records.events import live_partitions, recorded_partition
+from bagassets.defs.records.instances import open_instance
+from bagassets.defs.records.naming import Naming
+from bagassets.defs.records.partitions import active_runs, add_partitions, remove_partition
+from bagassets.defs.records.projects import note_project, recipes_of
+from bagassets.defs.runs.execution import CodeLocation
+from bagassets.defs.runs.run_pool import RunPool
+from bagassets.defs.runs.worker_tag import RunWorker
 from bagassets.forkserver.client import Client
 from bagassets.formats.catalogue import recording_assets
 from bagassets.recipe import load_recipe

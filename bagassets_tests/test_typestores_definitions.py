@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 from mcap.writer import Writer as McapWriter
 
-from bagassets.errors import RecordingError
+from bagassets.base.errors import RecordingError
 from bagassets.recordings.layouts import Choice, choice_of
 from bagassets.recordings.model import Definition
 from bagassets.recordings.open import open_recording

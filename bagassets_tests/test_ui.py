@@ -22,8 +22,8 @@ from websockets.sync.client import connect
 
 from bagassets.cli.main import main
 from bagassets.cli.ui import ui
-from bagassets.defs.guard import Guard, own_names
-from bagassets.defs.services import end_servers
+from bagassets.defs.ui.guard import Guard, own_names
+from bagassets.defs.ui.services import end_servers
 from bagassets.forkserver.client import Client, ServerRefusedError
 from bagassets.forkserver.spec import ServerSpec
 from bagassets_tests.services import (

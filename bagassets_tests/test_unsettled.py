@@ -6,13 +6,14 @@ import dagster as dg
 import pytest
 
 from bagassets.assets.frames import FrameExtractor
-from bagassets.build.unsettled import Unsettled
+from bagassets.base.errors import DecodeError
 from bagassets.defs import batch_job, pending_work
-from bagassets.defs.batches import batch_config
-from bagassets.defs.location import build_definitions
-from bagassets.defs.naming import Naming
-from bagassets.defs.runs import failure_of, open_instance
-from bagassets.errors import DecodeError
+from bagassets.defs.graph.location import build_definitions
+from bagassets.defs.records.batches import batch_config
+from bagassets.defs.records.instances import open_instance
+from bagassets.defs.records.naming import Naming
+from bagassets.defs.runs.execution import failure_of
+from bagassets.engine.unsettled import Unsettled
 from bagassets.recipe import load_recipe
 from bagassets_tests.in_process import build, survey
 from bagassets_tests.test_batches import KEYS, checks, make, outcomes, partitions

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
+from bagassets.base.cache import _FORMAT
 from bagassets.forkserver.client import Client
 from bagassets.formats.catalogue import known_assets
-from bagassets.freshness.cache import _FORMAT
 from bagassets.recipe import load_recipe
 from bagassets_tests.services import BIN, bare_environment
 

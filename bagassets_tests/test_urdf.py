@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bagassets.errors import CalibrationError
+from bagassets.base.errors import CalibrationError
 from bagassets.geometry.euler import quaternions_from_rpy
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.tf_tree import TfTree

@@ -9,14 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bagassets.assets.revolutions import MOST_PACKETS, RevolutionCutter, packet_times_ns
+from bagassets.base.errors import DecodeError, RecipeError
 from bagassets.decode import velodyne
 from bagassets.decode.packets import packets_in
 from bagassets.decode.velodyne import PacketFilter, Packets, RevolutionDecoder
 from bagassets.decode.velodyne_lasers import head_of
-from bagassets.errors import DecodeError, RecipeError
-from bagassets.kernels import machine_code, returns
-from bagassets.kernels.machine_code import MachineCode
-from bagassets.kernels.returns import BANK_FLAGS, PACKET
+from bagassets.geometry.kernels import machine_code, returns
+from bagassets.geometry.kernels.machine_code import MachineCode
+from bagassets.geometry.kernels.returns import BANK_FLAGS, PACKET
 from bagassets_tests.sweep_data import (
     VLP16_ELEVATIONS,
     VLP16_PACKET_NS,

@@ -9,9 +9,9 @@ import pytest
 from click.testing import CliRunner
 
 from bagassets.assets import calibration
-from bagassets.build.rebuild import known_actions, rebuild
 from bagassets.cli.main import root
 from bagassets.cli.rebuild_process import other_environment
+from bagassets.engine.rebuild import known_actions, rebuild
 from bagassets.forkserver.client import Client
 from bagassets.formats.assembly import assemble
 from bagassets.formats.catalogue import recording_assets

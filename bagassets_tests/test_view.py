@@ -10,8 +10,8 @@ from mcap.reader import make_reader
 from bagassets import __version__
 from bagassets.assets.lidar_file import read_lidar_file
 from bagassets.assets.radar_file import FIELDS, read_radar_file
+from bagassets.base.errors import DatasetError
 from bagassets.cli.main import main
-from bagassets.errors import DatasetError
 from bagassets.geometry.se3 import SE3
 from bagassets.recipe.model import Bags
 from bagassets.recordings import own_files

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bagassets.base.errors import DatasetError, RecipeError
 from bagassets.decode.fields import stamp_ns
-from bagassets.errors import DatasetError, RecipeError
 from bagassets.formats.assembly import assemble
 from bagassets.formats.dataset_lock import read_lock
 from bagassets.formats.format import Part

@@ -5,12 +5,12 @@ import json
 import dagster as dg
 import pytest
 
-from bagassets.defs.dataset import dataset_is_current
-from bagassets.defs.instance_plan import plan_instance
-from bagassets.defs.location import build_definitions
-from bagassets.defs.naming import Naming
-from bagassets.defs.partitions import add_partitions
-from bagassets.defs.workspace import Workspace
+from bagassets.defs.graph.dataset import dataset_is_current
+from bagassets.defs.graph.location import build_definitions
+from bagassets.defs.records.instance_plan import plan_instance
+from bagassets.defs.records.naming import Naming
+from bagassets.defs.records.partitions import add_partitions
+from bagassets.defs.records.workspace import Workspace
 from bagassets.recipe import load_recipe
 from bagassets_tests.small_drive import RECIPE, write_drive
 
@@ -92,7 +92,7 @@ def test_a_recording_without_sequences_still_enters_the_nuscenes_dataset(project
     other.write_text(recipe_file.read_text().replace("frames: 5", "frames: 6"))
 
     def fail(*_args, **_options):
-        from bagassets.errors import DatasetError
+        from bagassets.base.errors import DatasetError
 
         raise DatasetError("this is a test")
 

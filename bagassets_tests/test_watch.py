@@ -13,7 +13,7 @@ from contextlib import contextmanager
 import pytest
 from blake3 import blake3
 
-from bagassets.errors import RecordingError
+from bagassets.base.errors import RecordingError
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Bags
 from bagassets.recordings import digest

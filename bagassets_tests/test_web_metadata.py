@@ -8,11 +8,11 @@ import pyarrow.parquet as pq
 import pytest
 
 from bagassets.defs import dataset, pending_work
-from bagassets.defs.artifact_files import page_file
-from bagassets.defs.check_records import findings_on_record
-from bagassets.defs.instance_plan import plan_instance
-from bagassets.defs.location import build_definitions
-from bagassets.defs.reporting import dataset_metadata, inputs_metadata
+from bagassets.defs.graph.check_records import findings_on_record
+from bagassets.defs.graph.location import build_definitions
+from bagassets.defs.records.artifact_files import page_file
+from bagassets.defs.records.instance_plan import plan_instance
+from bagassets.defs.records.reporting import dataset_metadata, inputs_metadata
 from bagassets.formats.assembly import DatasetSummary
 from bagassets.formats.checking import check_bag
 from bagassets.formats.dataset_build import DatasetInputs

@@ -179,7 +179,7 @@ def test_a_notebook_builds_and_reads_it(programs, project):
 
 
 def test_its_loops_are_compiled(programs, project):
-    code = "from bagassets.kernels import moving; print(moving._MOVE.function() is not None)"
+    code = "from bagassets.geometry.kernels import moving; print(moving._MOVE.function() is not None)"
     assert run(programs / "python", "-c", code, cwd=project).strip() == "True"
 
 

@@ -31,10 +31,10 @@ from typing import Any
 import dagster as dg  # noqa: TID251  (asks for its records, as a user's script would)
 from sqlalchemy import text
 
-from bagassets.build.build_report import BuildOptions
-from bagassets.defs.naming import Naming
-from bagassets.defs.partitions import add_partitions
-from bagassets.defs.pending_work import find_pending_work, open_project
+from bagassets.defs.builds.pending_work import find_pending_work, open_project
+from bagassets.defs.records.naming import Naming
+from bagassets.defs.records.partitions import add_partitions
+from bagassets.engine.build_report import BuildOptions
 from bagassets.forkserver.client import Client
 from bagassets.store.canonical import digest_json
 from bagassets_tests import doors as _doors

@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 from rosbags.typesys import get_types_from_msg
 
+from bagassets.geometry.kernels.returns import PACKET
 from bagassets.geometry.se3 import SE3
-from bagassets.kernels.returns import PACKET
 from bagassets.propose.project import write_project
 from bagassets.sample.drive import PROFILES, drive_start_ns
 from bagassets.sample.recipe import sample_recipe

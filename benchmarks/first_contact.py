@@ -21,7 +21,7 @@ from typing import Any
 
 import yaml
 
-from bagassets.quantities import count_text
+from bagassets.base.quantities import count_text
 from benchmarks.common import ROOT, markdown
 
 __all__ = ["first_contact_table"]

@@ -29,10 +29,10 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 
-from bagassets.build.execute import AssetResult, execute
-from bagassets.build.graph import Graph
+from bagassets.base.errors import BagAssetsError, DecodeError
 from bagassets.decode.compressed_image import checked_size
-from bagassets.errors import BagAssetsError, DecodeError
+from bagassets.engine.execute import AssetResult, execute
+from bagassets.engine.graph import Graph
 from bagassets.formats.catalogue import recording_assets
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Recipe

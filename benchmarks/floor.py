@@ -17,13 +17,13 @@ import cv2
 import numpy as np
 
 from bagassets.assets.lidar_file import lidar_bytes
-from bagassets.build.process import keep_freed_memory
 from bagassets.decode.image import decode_image
 from bagassets.decode.packets import packets_in
 from bagassets.decode.velodyne import Packets, RevolutionDecoder
+from bagassets.engine.process import keep_freed_memory
 from bagassets.geometry.camera import CameraModel
+from bagassets.geometry.kernels.returns import PACKET
 from bagassets.geometry.undistortion import Undistortion
-from bagassets.kernels.returns import PACKET
 from bagassets.recipe import load_recipe
 from bagassets.recordings.discover import discover
 from bagassets.recordings.open import open_recording
@@ -86,7 +86,7 @@ def floor(options: Options) -> None:
         for topic in cameras:
             _images(recording, topic, stages, out)
         _packets(recording, stages, out)
-    imports = "import bagassets.definitions, bagassets.defs.project_build"
+    imports = "import bagassets.definitions, bagassets.defs.builds.project_build"
     started = run_watched(
         [sys.executable, "-c", imports], cwd=ROOT, env={"BAGASSETS_RECIPE": str(made.recipe)}
     )

@@ -79,8 +79,8 @@ def convert_plainly(recipe_file: Path, bags: Path, out: Path) -> None:
     import bagassets.assets.topic_log
     import bagassets.formats.json_files
     import bagassets.store.artifact
-    from bagassets.build.execute import Skipped, execute
-    from bagassets.build.graph import Graph
+    from bagassets.engine.execute import Skipped, execute
+    from bagassets.engine.graph import Graph
     from bagassets.formats.assembly import assemble
     from bagassets.formats.catalogue import recording_assets
     from bagassets.formats.format import Part

@@ -24,19 +24,19 @@ import dagster as dg  # noqa: TID251  (records are made up here)
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from bagassets.build.plan import AssetState, BagPlan
-from bagassets.build.planner import Planner
-from bagassets.defs.events import all_assets, event_database, fetch_recorded, latest_ids
-from bagassets.defs.instance_plan import plan_instance, workspace_fingerprint
-from bagassets.defs.partitions import add_partitions
-from bagassets.defs.pending_work import open_project
-from bagassets.defs.workspace import Workspace
+from bagassets.defs.builds.pending_work import open_project
+from bagassets.defs.records.events import all_assets, event_database, fetch_recorded, latest_ids
+from bagassets.defs.records.instance_plan import plan_instance, workspace_fingerprint
+from bagassets.defs.records.partitions import add_partitions
+from bagassets.defs.records.workspace import Workspace
+from bagassets.engine.freshness.plan_cache import PlanCache, recording_fingerprint
+from bagassets.engine.freshness.published import Publication
+from bagassets.engine.plan import AssetState, BagPlan
+from bagassets.engine.planner import Planner
 from bagassets.formats.after_crash import noted_build
 from bagassets.formats.catalogue import recording_assets
 from bagassets.formats.dataset_build import dataset_code_versions, dataset_folders
 from bagassets.formats.dataset_lock import LOCK
-from bagassets.freshness.plan_cache import PlanCache, recording_fingerprint
-from bagassets.freshness.published import Publication
 from bagassets.propose.project import write_project
 from bagassets.recipe.model import Recipe
 from bagassets.store.canonical import digest_bytes

@@ -36,9 +36,9 @@ DRIVE_S = 2.0  # less is no scene, and a dataset of nothing costs nothing
 _TICK = """
 import sys, time
 from pathlib import Path
-from bagassets.defs.pending_work import open_project
-from bagassets.defs.sensor_cursor import Cursor
-from bagassets.defs.sensor_scan import Scan
+from bagassets.defs.builds.pending_work import open_project
+from bagassets.defs.graph.sensor_cursor import Cursor
+from bagassets.defs.graph.sensor_scan import Scan
 with open_project(Path(sys.argv[1])) as (instance, workspace):
     cursor = Cursor()
     for _ in range(2):

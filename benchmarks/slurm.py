@@ -25,9 +25,10 @@ import numpy as np
 import yaml
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
-from bagassets.defs.code_server import LaunchWorkspace
-from bagassets.defs.runs import CodeLocation, create_run, open_instance
-from bagassets.defs.slurm.spool import Spool
+from bagassets.defs.launchers.slurm.spool import Spool
+from bagassets.defs.records.instances import open_instance
+from bagassets.defs.runs.code_server import LaunchWorkspace
+from bagassets.defs.runs.execution import CodeLocation, create_run
 from bagassets.forkserver.client import Client
 from bagassets.propose.project import write_project
 from bagassets.recipe import load_recipe

@@ -19,9 +19,9 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from bagassets.build.execute import execute
-from bagassets.build.graph import Graph
-from bagassets.build.process import keep_freed_memory
+from bagassets.engine.execute import execute
+from bagassets.engine.graph import Graph
+from bagassets.engine.process import keep_freed_memory
 from bagassets.forkserver.client import Client
 from bagassets.formats.catalogue import recording_assets
 from bagassets.propose.project import write_project

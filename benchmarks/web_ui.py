@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from bagassets.defs.ports import free_port
+from bagassets.defs.ui.ports import free_port
 
 __all__ = ["wait_until", "web_ui"]
 

@@ -20,8 +20,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bagassets.defs.instance_plan import plan_instance
-from bagassets.defs.pending_work import open_project
+from bagassets.defs.builds.pending_work import open_project
+from bagassets.defs.records.instance_plan import plan_instance
 from bagassets.formats.report_data import report_data
 from bagassets.propose.project import write_project
 from bagassets.report.page import report_page

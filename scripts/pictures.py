@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 
 from bagassets.assets.lidar_file import read_lidar_file
+from bagassets.assets.pictures.canvas import jpeg, read_image
+from bagassets.assets.pictures.lens import View
+from bagassets.assets.pictures.lidar_over_camera import lidar_over_camera
 from bagassets.formats.nuscenes.table_file import read_table
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.se3 import SE3
-from bagassets.preview.canvas import jpeg, read_image
-from bagassets.preview.lens import View
-from bagassets.preview.lidar_over_camera import lidar_over_camera
 
 PICTURES = Path(__file__).parents[1] / "docs" / "pictures"
 

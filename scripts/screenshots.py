@@ -23,8 +23,8 @@ import cv2
 import numpy as np
 from browser import Browser
 
-from bagassets.defs.ports import free_port
-from bagassets.defs.services import Services
+from bagassets.defs.ui.ports import free_port
+from bagassets.defs.ui.services import Services
 from bagassets.propose.project import write_project
 from bagassets.sample.demo import missing_drives, write_drives
 from bagassets.sample.recipe import sample_recipe

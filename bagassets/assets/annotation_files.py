@@ -4,21 +4,21 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
-from bagassets.annotations.collect import BoxCollector, Place
-from bagassets.annotations.files.box_files import read_json_boxes, read_parquet_boxes
-from bagassets.annotations.files.find import LabelSet
-from bagassets.annotations.files.kitti import read_kitti_labels, read_kitti_tracklets
-from bagassets.annotations.files.label import Label, LabelFile, UnreadableLabelsError
-from bagassets.annotations.files.nuscenes_tables import TableSet, read_tables
-from bagassets.annotations.files.sustechpoints import read_sustechpoints
-from bagassets.annotations.files.times import FrameClock, named_frames, numbered_frames, read_times
-from bagassets.annotations.frames import DATASET_FRAME, BoxFrames
 from bagassets.assets.annotation_frames import ReadingParams, between_origins
 from bagassets.assets.asset import Facts, by_digest, inlined, omitted
+from bagassets.assets.boxes.collect import BoxCollector, Place
+from bagassets.assets.boxes.files.box_files import read_json_boxes, read_parquet_boxes
+from bagassets.assets.boxes.files.find import LabelSet
+from bagassets.assets.boxes.files.kitti import read_kitti_labels, read_kitti_tracklets
+from bagassets.assets.boxes.files.label import Label, LabelFile, UnreadableLabelsError
+from bagassets.assets.boxes.files.nuscenes_tables import TableSet, read_tables
+from bagassets.assets.boxes.files.sustechpoints import read_sustechpoints
+from bagassets.assets.boxes.files.times import FrameClock, named_frames, numbered_frames, read_times
+from bagassets.assets.boxes.frames import DATASET_FRAME, BoxFrames
 from bagassets.assets.channel import Counts
-from bagassets.errors import ChangedWhileReadError, DecodeError, RecipeError, RecordingError
+from bagassets.base.errors import ChangedWhileReadError, DecodeError, RecipeError, RecordingError
+from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.geometry.se3 import SE3
-from bagassets.json_types import JsonMapping, JsonObject
 from bagassets.recipe.model_annotations import (
     AnnotationFiles,
     BoxFiles,

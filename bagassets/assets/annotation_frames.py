@@ -3,15 +3,15 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from bagassets.annotations.frames import DATASET_FRAME, BoxFrames
 from bagassets.assets.asset import Facts
+from bagassets.assets.boxes.frames import DATASET_FRAME, BoxFrames
 from bagassets.assets.topic_log import MOST_FRAMES
 from bagassets.assets.transform_logs import read_transforms
+from bagassets.base.json_types import JsonMapping
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.tf_tree import TfTree
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.geometry.wgs84 import LocalFrame
-from bagassets.json_types import JsonMapping
 from bagassets.recipe.model_base import Clock, Vector3
 from bagassets.recordings.inventory import Inventory
 from bagassets.recordings.recording import Recording

@@ -6,9 +6,6 @@ Files: `annotations.parquet` and `annotations.json`, which counts messages, file
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
-from bagassets.annotations.collect import UNKNOWN_FRAME, BoxCollector, Place, SourceRules
-from bagassets.annotations.frames import BoxFrames
-from bagassets.annotations.table import BoxTable
 from bagassets.assets.annotation_files import Labels, add_labels, labels_of
 from bagassets.assets.annotation_frames import (
     BoxPlaces,
@@ -18,19 +15,22 @@ from bagassets.assets.annotation_frames import (
     frames_of_topic,
 )
 from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use, inlined, omitted
+from bagassets.assets.boxes.collect import UNKNOWN_FRAME, BoxCollector, Place, SourceRules
+from bagassets.assets.boxes.frames import BoxFrames
+from bagassets.assets.boxes.table import BoxTable
 from bagassets.assets.calibration import CALIBRATION
 from bagassets.assets.channel import Counts, settings_of
 from bagassets.assets.ego_poses import EGO_POSES
 from bagassets.assets.inventory import INVENTORY
+from bagassets.assets.quality.box_rules import boxes_plausible
+from bagassets.assets.quality.check import Evidence, RecordingCheck
+from bagassets.assets.quality.finding import Finding
+from bagassets.base.errors import DecodeError, LossLimitError, RecipeError
+from bagassets.base.json_types import JsonMapping
 from bagassets.decode.boxes import BoxDecoder
 from bagassets.decode.loading import keyed_decoder
 from bagassets.decode.registry import advice, decoder_key, own_types
-from bagassets.errors import DecodeError, LossLimitError, RecipeError
 from bagassets.geometry.trajectory import Trajectory
-from bagassets.json_types import JsonMapping
-from bagassets.quality.box_rules import boxes_plausible
-from bagassets.quality.check import Evidence, RecordingCheck
-from bagassets.quality.finding import Finding
 from bagassets.recipe.model import Recipe, Rig
 from bagassets.recipe.model_annotations import AnnotationFiles, AnnotationTopic
 from bagassets.recipe.model_base import Clock

@@ -1,7 +1,7 @@
 """What an asset of a recording is: one object, defined at the end of the asset's own module.
 
 An asset sees the recipe only through `Asset.params`, which returns its parameters: a frozen dataclass in normal form.
-Their digest over all rigs is part of Dagster's code version (see `bagassets.build.recording_assets`). `Asset.use` narrows
+Their digest over all rigs is part of Dagster's code version (see `bagassets.engine.recording_assets`). `Asset.use` narrows
 the parameters to one recording: the topics, upstream artifacts, single upstream facts and files that an action reads,
 from which the action's digest is computed. `Asset.make` gets just that. So the code version differs whenever an action
 does; it may also differ when no action does, for example for a rig that made none of the recordings.
@@ -17,13 +17,13 @@ from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 from pydantic import BaseModel
 
-from bagassets.annotations.files.find import LabelSet
+from bagassets.assets.boxes.files.find import LabelSet
 from bagassets.assets.channel import ChannelExtractor
+from bagassets.assets.quality.check import RecordingCheck
+from bagassets.base.json_types import Json, JsonObject
+from bagassets.base.plugins import Family
 from bagassets.geometry.calibration import Calibration
 from bagassets.geometry.trajectory import Trajectory
-from bagassets.json_types import Json, JsonObject
-from bagassets.plugins import Family
-from bagassets.quality.check import RecordingCheck
 from bagassets.recipe.model import Recipe, Rig
 from bagassets.recipe.model_annotations import AnnotationFiles
 from bagassets.recordings.inventory import Inventory

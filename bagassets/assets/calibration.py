@@ -13,14 +13,14 @@ from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use, as_json, 
 from bagassets.assets.calibration_files import FileContent, pose_in, read_file, short_names
 from bagassets.assets.intrinsics import camera_intrinsics, rounded
 from bagassets.assets.inventory import INVENTORY
+from bagassets.assets.quality.calibration_rules import calibration_plausible
+from bagassets.assets.quality.check import RecordingCheck
 from bagassets.assets.sensors import RecordedSensor, Sensor
 from bagassets.assets.transform_logs import RigFrames, read_urdf
-from bagassets.errors import CalibrationError
+from bagassets.base.errors import CalibrationError
 from bagassets.geometry.calibration import CalibratedSensor, Calibration
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.urdf import urdf_edges
-from bagassets.quality.calibration_rules import calibration_plausible
-from bagassets.quality.check import RecordingCheck
 from bagassets.recipe.model import Recipe, Rig
 from bagassets.recipe.model_calibration import ExtrinsicsFile
 from bagassets.recordings.inventory import Inventory

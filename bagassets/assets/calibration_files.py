@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
 from bagassets.assets.asset import Facts
+from bagassets.base.errors import CalibrationError, DecodeError
 from bagassets.decode.camera_info import check_lens, named_distortion
-from bagassets.errors import CalibrationError, DecodeError
 from bagassets.geometry.calibration import CameraCalibration
 from bagassets.geometry.calibration_files.model import FilePose
 from bagassets.geometry.calibration_files.read import MOST_BYTES, read_calibration_file

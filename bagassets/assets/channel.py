@@ -8,10 +8,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
+from bagassets.base.errors import DecodeError
+from bagassets.base.json_types import JsonObject
+from bagassets.base.plugins import Family
 from bagassets.decode.registry import AnyFamily, Decoder, advice, expected_types, find_decoder
-from bagassets.errors import DecodeError
-from bagassets.json_types import JsonObject
-from bagassets.plugins import Family
 from bagassets.recordings.model import RawMessage
 
 if TYPE_CHECKING:

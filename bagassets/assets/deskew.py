@@ -13,9 +13,9 @@ entry by entry, in between. That is exact for uniform motion; at 1 rad/s a point
 import numpy as np
 from numpy.typing import NDArray
 
+from bagassets.geometry.kernels.moving import KNOT_NS, move_points
 from bagassets.geometry.se3 import SE3, Floats, quaternion_multiply, rotate
 from bagassets.geometry.trajectory import Trajectory
-from bagassets.kernels.moving import KNOT_NS, move_points
 
 __all__ = ["deskew"]
 

@@ -14,15 +14,15 @@ from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.pose_outliers import Mask, Stamps, overlaps, strays
 from bagassets.assets.pose_samples import Joint, MovingRig, PoseSamples
 from bagassets.assets.pose_sources import read_samples
+from bagassets.assets.quality.counted import counted_in_poses
+from bagassets.assets.quality.finding import clock
 from bagassets.assets.transform_logs import read_urdf
+from bagassets.base.errors import LossLimitError, PoseError
+from bagassets.base.json_types import JsonObject
 from bagassets.decode.registry import decoder_key, types_of
-from bagassets.errors import LossLimitError, PoseError
 from bagassets.geometry.se3 import SE3, Floats
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.geometry.urdf import urdf_edges
-from bagassets.json_types import JsonObject
-from bagassets.quality.counted import counted_in_poses
-from bagassets.quality.finding import clock
 from bagassets.recipe.model import Recipe, Rig
 from bagassets.recipe.model_base import Clock
 from bagassets.recipe.model_poses import (

@@ -25,17 +25,17 @@ from bagassets.assets.image_output import (
     raw_pixels,
 )
 from bagassets.assets.inventory import INVENTORY
+from bagassets.assets.quality.channel_rules import channels_complete
+from bagassets.assets.quality.check import RecordingCheck
+from bagassets.base.errors import BagAssetsError, CalibrationError, DecodeError, LossLimitError
+from bagassets.base.json_types import JsonObject
+from bagassets.base.trace import span
 from bagassets.decode.loading import keyed_decoder
 from bagassets.decode.model import ImageReading
-from bagassets.errors import BagAssetsError, CalibrationError, DecodeError, LossLimitError
-from bagassets.json_types import JsonObject
-from bagassets.quality.channel_rules import channels_complete
-from bagassets.quality.check import RecordingCheck
 from bagassets.recipe.model import CameraChannel, Recipe, Rig
 from bagassets.recordings.model import Message, RawMessage
 from bagassets.recordings.recording import Recording
 from bagassets.store.artifact import ArtifactWriter, FileEntry
-from bagassets.trace import span
 
 __all__ = ["FRAMES", "INDEX_SCHEMA", "FrameExtractor"]
 

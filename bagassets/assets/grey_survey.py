@@ -13,8 +13,8 @@ from tempfile import TemporaryFile
 
 import numpy as np
 
+from bagassets.base.errors import StoreError
 from bagassets.decode.image import Pixels
-from bagassets.errors import StoreError
 from bagassets.recordings.model import RawMessage
 
 __all__ = ["GreySurvey"]

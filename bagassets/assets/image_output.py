@@ -13,10 +13,10 @@ import cv2
 import numpy as np
 
 from bagassets.assets.asset import for_messages, inlined, omitted
+from bagassets.base.errors import DecodeError, RecipeError
 from bagassets.decode.compressed_image import checked_size, decode_pixels
 from bagassets.decode.image import Pixels, bayer_to_bgra, check_pixels, to_bgr_or_grey
 from bagassets.decode.model import ImageReading
-from bagassets.errors import DecodeError, RecipeError
 from bagassets.geometry.calibration import CameraLens
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.undistortion import Undistortion

@@ -16,9 +16,9 @@ import numpy as np
 from bagassets.assets.calibration_files import FileContent, intrinsics_in
 from bagassets.assets.channel import Counts
 from bagassets.assets.sensors import CameraInfo, Lens, RecordedSensor
+from bagassets.base.errors import CalibrationError, DecodeError
 from bagassets.decode.camera_info import CameraInfoReading, check_lens
 from bagassets.decode.loading import own_decoder
-from bagassets.errors import CalibrationError, DecodeError
 from bagassets.geometry.calibration import CalibratedCamera, CameraCalibration
 from bagassets.geometry.se3 import SE3, quaternion_from_rotation
 from bagassets.recipe.model_calibration import Intrinsics, IntrinsicsFile

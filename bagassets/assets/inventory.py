@@ -16,17 +16,17 @@ import numpy as np
 from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use, inlined
 from bagassets.assets.kept_messages import KeptMessages
 from bagassets.assets.pose_outliers import trusted_fixes
+from bagassets.assets.quality.check import RecordingCheck
+from bagassets.assets.quality.finding import clock
+from bagassets.assets.quality.topic_rules import channels_present, stamps_monotonic, topic_rates
 from bagassets.assets.topic_log import TopicLog
+from bagassets.base.errors import DecodeError, RecordingError
+from bagassets.base.json_types import JsonObject
+from bagassets.base.quantities import count_text
 from bagassets.decode.loading import own_decoder
 from bagassets.decode.navsat import FixReading
 from bagassets.decode.registry import bulk_types, own_types
-from bagassets.errors import DecodeError, RecordingError
 from bagassets.geometry.sun import daylight
-from bagassets.json_types import JsonObject
-from bagassets.quality.check import RecordingCheck
-from bagassets.quality.finding import clock
-from bagassets.quality.topic_rules import channels_present, stamps_monotonic, topic_rates
-from bagassets.quantities import count_text
 from bagassets.recipe.model import READING_LIMITS, Recipe, Rig
 from bagassets.recordings.damage import advice_for
 from bagassets.recordings.model import Format, RawMessage

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bagassets.errors import DatasetError
+from bagassets.base.errors import DatasetError
 
 __all__ = ["COLUMNS", "lidar_bytes", "read_lidar_file"]
 

@@ -21,6 +21,7 @@ from bagassets.assets.asset import inlined, omitted
 from bagassets.assets.deskew import deskew
 from bagassets.assets.lidar_file import lidar_bytes
 from bagassets.assets.sweep_files import Motion, SensorSettings, SensorUse, SweepFiles
+from bagassets.base.errors import DecodeError, RecipeError
 from bagassets.decode.loading import keyed_decoder
 from bagassets.decode.model import CloudReading
 from bagassets.decode.point_times import (
@@ -33,7 +34,6 @@ from bagassets.decode.point_times import (
     time_of,
 )
 from bagassets.decode.pointcloud2 import POINTCLOUD2, read_pointcloud2, with_times, without_zero_points
-from bagassets.errors import DecodeError, RecipeError
 from bagassets.recipe.model import PointTimes
 from bagassets.recordings.model import Message, RawMessage
 

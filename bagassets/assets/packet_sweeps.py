@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 
 from bagassets.assets.lidar_sweeps import NO_STAMP, LidarUse, LidarWriter
 from bagassets.assets.revolutions import Revolution, RevolutionCutter
+from bagassets.base.errors import DecodeError
 from bagassets.decode.fields import stamp_and_frame
 from bagassets.decode.packets import PAYLOADS, VELODYNE_PACKET_SIZE, packets_in
 from bagassets.decode.velodyne import POSITION_PACKET_SIZE, PacketFilter, Packets, RevolutionDecoder
-from bagassets.errors import DecodeError
+from bagassets.geometry.kernels.returns import PACKET
 from bagassets.geometry.tf_tree import normalise_frame
-from bagassets.kernels.returns import PACKET
 from bagassets.recordings.model import Message, RawMessage
 from bagassets.recordings.topic import Topic
 

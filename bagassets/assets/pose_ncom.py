@@ -8,10 +8,10 @@ import numpy as np
 from bagassets.assets.pose_outliers import trusted_fixes
 from bagassets.assets.pose_samples import MovingRig, PoseSamples, mounted, stamp_of, wgs84_origin
 from bagassets.assets.transform_logs import RigFrames
+from bagassets.base.errors import DecodeError
 from bagassets.decode.fields import stamp_ns
 from bagassets.decode.ncom import PACKET_SIZE, NcomReading, decode_ncom
 from bagassets.decode.packets import payload, sender
-from bagassets.errors import DecodeError
 from bagassets.geometry.euler import quaternions_from_rpy
 from bagassets.geometry.wgs84 import LocalFrame
 from bagassets.recipe.model_base import Clock

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from bagassets.assets.asset import inlined, omitted
 from bagassets.assets.channel import Counts
 from bagassets.assets.transform_logs import RigFrames
-from bagassets.errors import CalibrationError
+from bagassets.base.errors import CalibrationError
+from bagassets.base.json_types import JsonObject
 from bagassets.geometry.se3 import SE3, Floats
 from bagassets.geometry.tf_tree import Edge
 from bagassets.geometry.wgs84 import LocalFrame, utm_track
-from bagassets.json_types import JsonObject
 from bagassets.recipe.model_base import Clock, Quaternion, Vector3
 from bagassets.recipe.model_poses import MovingPoseSource, TfSource
 from bagassets.recordings.model import RawMessage

@@ -12,10 +12,10 @@ from bagassets.assets.pose_gnss import poses_from_navsat
 from bagassets.assets.pose_ncom import poses_from_ncom
 from bagassets.assets.pose_samples import MovingRig, PoseSamples, stamp_of
 from bagassets.assets.transform_logs import RigFrames, read_transforms
+from bagassets.base.errors import CalibrationError, DecodeError, PoseError, UnsetError
 from bagassets.decode.loading import keyed_decoder
 from bagassets.decode.model import PoseReading
 from bagassets.decode.registry import advice, own_types
-from bagassets.errors import CalibrationError, DecodeError, PoseError, UnsetError
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.tf_tree import TfTree
 from bagassets.recipe.model_poses import (

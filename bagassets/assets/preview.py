@@ -10,22 +10,22 @@ from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
-from bagassets.annotations.table import BoxTable
 from bagassets.assets.annotations import ANNOTATIONS
 from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use, inlined
+from bagassets.assets.boxes.table import BoxTable
 from bagassets.assets.calibration import CALIBRATION
 from bagassets.assets.ego_poses import EGO_POSES
 from bagassets.assets.frames import FRAMES
 from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.lidar_file import read_lidar_file
+from bagassets.assets.pictures.canvas import Image, jpeg, jpeg_within
+from bagassets.assets.pictures.channels import CameraImages, Clouds
+from bagassets.assets.pictures.pictures import TITLES, CannotDrawError, Pictures, Style
+from bagassets.assets.pictures.timeline import timeline, timeline_facts
 from bagassets.assets.sweeps import SWEEPS
 from bagassets.assets.track import TRACK
 from bagassets.geometry.calibration import CalibratedCamera
 from bagassets.geometry.se3 import SE3
-from bagassets.preview.canvas import Image, jpeg, jpeg_within
-from bagassets.preview.channels import CameraImages, Clouds
-from bagassets.preview.pictures import TITLES, CannotDrawError, Pictures, Style
-from bagassets.preview.timeline import timeline, timeline_facts
 from bagassets.recipe.model import CameraChannel, LidarChannel, Recipe, Rig
 from bagassets.store.artifact import ArtifactWriter
 from bagassets.store.canonical import digest_json

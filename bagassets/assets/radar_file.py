@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bagassets.errors import DatasetError
+from bagassets.base.errors import DatasetError
 
 __all__ = ["FIELDS", "radar_bytes", "read_radar_file"]
 

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from bagassets.assets.asset import inlined, omitted
 from bagassets.assets.radar_file import radar_bytes
 from bagassets.assets.sweep_files import Motion, SensorSettings, SensorUse, SweepFiles
+from bagassets.base.errors import DecodeError
 from bagassets.decode.loading import keyed_decoder
 from bagassets.decode.model import RadarReading
 from bagassets.decode.radar import is_single_track, track_number
 from bagassets.decode.radar_fields import Side
-from bagassets.errors import DecodeError
 from bagassets.geometry.radar_motion import sensor_velocities
 from bagassets.recordings.model import Message, RawMessage
 

@@ -22,16 +22,16 @@ from bagassets.assets.lidar_sweeps import (
     LidarWriter,
 )
 from bagassets.assets.packet_sweeps import PacketSweeps, PacketUse
+from bagassets.assets.quality.channel_rules import channels_complete
+from bagassets.assets.quality.check import RecordingCheck
 from bagassets.assets.radar_sweeps import RadarSettings, RadarSweeps, RadarUse
 from bagassets.assets.sweep_files import SweepFiles
+from bagassets.base.errors import DecodeError, LossLimitError, RecipeError
+from bagassets.base.json_types import JsonObject
 from bagassets.decode.fields import check_points, stamp_ns
 from bagassets.decode.point_times import Moment
 from bagassets.decode.pointcloud2 import POINTCLOUD2
 from bagassets.decode.radar import measures_relative
-from bagassets.errors import DecodeError, LossLimitError, RecipeError
-from bagassets.json_types import JsonObject
-from bagassets.quality.channel_rules import channels_complete
-from bagassets.quality.check import RecordingCheck
 from bagassets.recipe.model import LidarChannel, PointTimes, RadarChannel, Recipe, Rig
 from bagassets.recordings.inventory import Inventory
 from bagassets.recordings.model import Message, RawMessage

@@ -7,7 +7,7 @@ import numpy as np
 from blake3 import blake3
 from numpy.typing import NDArray
 
-from bagassets.json_types import JsonObject
+from bagassets.base.json_types import JsonObject
 from bagassets.recordings.model import RawMessage
 
 __all__ = ["TopicLog"]

@@ -14,9 +14,9 @@ from bagassets.assets.asset import Asset, StoredFacts, StoredInputs, Summary, Us
 from bagassets.assets.ego_poses import EGO_POSES
 from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.pose_outliers import trusted_fixes
+from bagassets.base.errors import DecodeError
 from bagassets.decode.loading import own_decoder
 from bagassets.decode.registry import own_types
-from bagassets.errors import DecodeError
 from bagassets.geometry.wgs84 import LocalFrame
 from bagassets.recipe.model import Recipe, Rig
 from bagassets.recipe.model_base import Clock

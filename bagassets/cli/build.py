@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING
 
 import click
 
+from bagassets.base.json_types import JsonObject
+from bagassets.base.quantities import count_text
+from bagassets.base.trace import span
 from bagassets.cli.early import JOBS_PER_PROCESSOR, MOST_ROWS, HandedOver
 from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.options import recipe_option
 from bagassets.cli.progress import planning_shown, progress_for
 from bagassets.cli.terminal import echo, echo_json, echo_lines
-from bagassets.json_types import JsonObject
-from bagassets.quantities import count_text
-from bagassets.trace import span
 
 if TYPE_CHECKING:
-    from bagassets.build.build_report import BuildOptions, Event
+    from bagassets.engine.build_report import BuildOptions, Event
 
 __all__ = ["build", "build_with_progress"]
 
@@ -80,9 +80,9 @@ def build(
     Only what is stale runs; a recording that fails does not stop the others. Assets of your own that read these and would
     run by themselves come last.
     """
-    from bagassets.build.build_report import BuildOptions
-    from bagassets.build.choose import SelectionError
     from bagassets.cli.remote import InterruptedBuildError
+    from bagassets.engine.build_report import BuildOptions
+    from bagassets.engine.choose import SelectionError
 
     recipe = recipe.absolute()
     options = BuildOptions(_limited(jobs), retry_failed, bags, select, allow_empty, ignore_disk_space)
@@ -105,8 +105,8 @@ def _limited(jobs: int) -> int:
 
 
 def _build(recipe: Path, options: "BuildOptions", trace: Path | None, *, as_json: bool) -> int:
-    from bagassets.build.build_report import BuildReport, SummaryRow
     from bagassets.cli.summary import print_summary
+    from bagassets.engine.build_report import BuildReport, SummaryRow
 
     handed_over = click.get_current_context().find_object(HandedOver)
     value = build_with_progress(recipe, options, trace, None if as_json else MOST_ROWS, handed_over)
@@ -133,7 +133,7 @@ def build_with_progress(
     with ExitStack() as stack:
         listeners: list[Callable[[Event], None]] = [stack.enter_context(progress_for())]
         if trace is not None:
-            from bagassets.build.trace_file import recorded_trace, trace_recordings
+            from bagassets.engine.trace_file import recorded_trace, trace_recordings
             from bagassets.recipe import load_recipe
 
             stack.enter_context(recorded_trace(trace, load_recipe(recipe).state))
@@ -159,8 +159,8 @@ def _dry_run(recipe: Path, options: "BuildOptions", *, check: bool, as_json: boo
     """Show what a build would do; return the exit status of --check, or 0 for a dry run."""
     from bagassets.cli.dry_run import dry_run_json, dry_run_lines, verdict
     from bagassets.cli.summary import move_text, print_remarks, summary_console
-    from bagassets.defs.own_build import load_own
-    from bagassets.defs.pending_work import expected_moves, find_pending_work, open_project
+    from bagassets.defs.builds.own_build import load_own
+    from bagassets.defs.builds.pending_work import expected_moves, find_pending_work, open_project
     from bagassets.formats.checking import remarks_on_record
     from bagassets.formats.emptiness import why_empty
 

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 
 import click
 
-from bagassets.alike import told_once
+from bagassets.base.alike import told_once
+from bagassets.base.escaping import visible
+from bagassets.base.quantities import count_text
 from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.options import recipe_option
 from bagassets.cli.terminal import echo, echo_json, echo_lines
-from bagassets.escaping import visible
-from bagassets.quantities import count_text
 
 if TYPE_CHECKING:
     from bagassets.formats.checking import Verdict
@@ -44,10 +44,10 @@ def check(recipe: Path, bags: tuple[str, ...], as_json: bool) -> int:
     These are the asset checks of the web UI, with the current thresholds of the recipe. Nothing is built, and nothing
     is recorded in Dagster.
     """
-    from bagassets.build.build_report import BuildOptions
-    from bagassets.build.choose import SelectionError
     from bagassets.cli.progress import planning_shown
-    from bagassets.defs.pending_work import find_pending_work, open_project
+    from bagassets.defs.builds.pending_work import find_pending_work, open_project
+    from bagassets.engine.build_report import BuildOptions
+    from bagassets.engine.choose import SelectionError
     from bagassets.formats.checking import check_bag, check_datasets
 
     try:

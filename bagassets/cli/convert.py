@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import click
 
+from bagassets.base.errors import DatasetError, RecipeError, RecordingError
+from bagassets.base.quantities import count_text
 from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.terminal import echo, echo_lines, quoted
-from bagassets.errors import DatasetError, RecipeError, RecordingError
-from bagassets.quantities import count_text
 
 if TYPE_CHECKING:
-    from bagassets.build.build_report import BuildReport, SummaryRow
+    from bagassets.engine.build_report import BuildReport, SummaryRow
     from bagassets.formats.format import AnyFormat
     from bagassets.propose.proposal import Proposal
     from bagassets.recipe.model import Bags, Recipe
@@ -229,11 +229,11 @@ def _write_beside(path: Path, text: str) -> None:
 
 def _build(recipe: "Recipe", bags: "Bags", kind: "AnyFormat", out: Path, text: str) -> int:
     """Build the dataset, move it to `out`, and return the exit status."""
-    from bagassets.build.build_report import BuildOptions, BuildReport, SummaryRow
     from bagassets.cli.build import build_with_progress
     from bagassets.cli.remote import InterruptedBuildError
     from bagassets.cli.summary import print_remarks, summary_console
     from bagassets.cli.throw_away import signals_handled, throw_away_project
+    from bagassets.engine.build_report import BuildOptions, BuildReport, SummaryRow
     from bagassets.formats.dataset_lock import read_lock
 
     options = BuildOptions(jobs=1, select=(kind.asset,))

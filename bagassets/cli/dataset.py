@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import click
 
+from bagassets.base.json_types import JsonObject
 from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.options import recipe_option
 from bagassets.cli.terminal import echo, echo_json
-from bagassets.json_types import JsonObject
 
 if TYPE_CHECKING:
     from bagassets.formats.dataset_diff import BagDiff, DatasetDiff, SceneDiff

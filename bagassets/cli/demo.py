@@ -34,10 +34,10 @@ def demo(ctx: click.Context, folder: Path, seconds: float) -> None:
     nuScenes dataset. FOLDER defaults to build/demo. Existing files are kept: a second call only checks that everything
     is up to date.
     """
+    from bagassets.base.quantities import count_text, readable_time
     from bagassets.cli.build import build
     from bagassets.cli.terminal import echo
     from bagassets.propose.project import FILES, write_project
-    from bagassets.quantities import count_text, readable_time
     from bagassets.recipe import load_recipe
     from bagassets.sample.demo import missing_drives, write_drives
     from bagassets.sample.recipe import sample_recipe

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 import click
 
+from bagassets.base.errors import BagAssetsError, RecordingError
+from bagassets.base.json_types import JsonObject
+from bagassets.base.quantities import count_text, readable_bytes
 from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.options import index_option
 from bagassets.cli.terminal import echo, echo_json, echo_lines
-from bagassets.errors import BagAssetsError, RecordingError
-from bagassets.json_types import JsonObject
-from bagassets.quantities import count_text, readable_bytes
 
 if TYPE_CHECKING:
     from bagassets.recipe.model import Bags

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import click
 
 import bagassets
+from bagassets.base.errors import BagAssetsError
 from bagassets.cli.terminal import echo, echo_lines
-from bagassets.errors import BagAssetsError
 
 if TYPE_CHECKING:
     from bagassets.assets.asset import AnyAsset

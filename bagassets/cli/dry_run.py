@@ -3,15 +3,15 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from bagassets.alike import names_text, told_once
-from bagassets.build.build_report import Remark
-from bagassets.escaping import visible
-from bagassets.json_types import JsonObject
-from bagassets.quantities import count_text
+from bagassets.base.alike import names_text, told_once
+from bagassets.base.escaping import visible
+from bagassets.base.json_types import JsonObject
+from bagassets.base.quantities import count_text
+from bagassets.engine.build_report import Remark
 
 if TYPE_CHECKING:
-    from bagassets.defs.own_build import OwnWork
-    from bagassets.defs.pending_work import PendingWork
+    from bagassets.defs.builds.own_build import OwnWork
+    from bagassets.defs.builds.pending_work import PendingWork
 
 __all__ = ["dry_run_json", "dry_run_lines", "verdict"]
 

@@ -5,12 +5,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from bagassets.errors import BagAssetsError
+from bagassets.base.errors import BagAssetsError
+from bagassets.base.fingerprints import PlanNeeded
+from bagassets.base.json_types import Json
+from bagassets.engine.freshness.decide import state_folder
 from bagassets.forkserver.client import Client, ServerStart
 from bagassets.forkserver.tasks import find_server, server_spec
-from bagassets.freshness.decide import state_folder
-from bagassets.freshness.fingerprints import PlanNeeded
-from bagassets.json_types import Json
 from bagassets.store.writable import require_writable
 
 __all__ = [
@@ -27,8 +27,8 @@ __all__ = [
 JOBS_PER_PROCESSOR = 2
 # Of the table that a build prints; beyond this number, only recordings where something happened are shown.
 MOST_ROWS = 60
-_JOB = "bagassets.defs.project_build:build_project_in_worker"
-_FIRST_JOB = "bagassets.defs.made_ahead:make_inventories"
+_JOB = "bagassets.defs.builds.project_build:build_project_in_worker"
+_FIRST_JOB = "bagassets.defs.builds.made_ahead:make_inventories"
 # A build that is cancelled waits this long for its runs, which have less time to end.
 GRACE_S = 40.0
 

@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING
 
 import click
 
-from bagassets.alike import names_text, told_once
+from bagassets.base.alike import names_text, told_once
+from bagassets.base.errors import RecipeError
+from bagassets.base.escaping import visible
+from bagassets.base.quantities import count_text
 from bagassets.cli.options import recipe_option
 from bagassets.cli.terminal import echo, echo_json, echo_lines
-from bagassets.errors import RecipeError
-from bagassets.escaping import visible
-from bagassets.quantities import count_text
 
 if TYPE_CHECKING:
-    from bagassets.build.explain import ActionPair, Explanation
-    from bagassets.build.plan import Recorded
-    from bagassets.defs.own_states import OwnState
-    from bagassets.defs.pending_work import PendingWork
+    from bagassets.defs.builds.own_states import OwnState
+    from bagassets.defs.builds.pending_work import PendingWork
+    from bagassets.engine.explain import ActionPair, Explanation
+    from bagassets.engine.plan import Recorded
     from bagassets.recipe.model import Recipe
 
 __all__ = ["explain"]
@@ -51,14 +51,14 @@ def explain(bag: str | None, asset: str | None, recipe: Path, as_json: bool) -> 
     are printed beside those of the action that Dagster recorded last. ASSET may be one of your own, too: what it read
     last is printed beside what it would read now. For a dataset, BAG may be left out.
     """
-    from bagassets.build.build_report import BuildOptions
-    from bagassets.build.choose import SelectionError, choose_assets, choose_recordings
-    from bagassets.build.explain import explain_asset
-    from bagassets.build.planner import Planner
-    from bagassets.defs.events import recorded_whole
-    from bagassets.defs.instance_plan import recorded_assets
-    from bagassets.defs.own_build import load_own
-    from bagassets.defs.pending_work import find_pending_work, open_project
+    from bagassets.defs.builds.own_build import load_own
+    from bagassets.defs.builds.pending_work import find_pending_work, open_project
+    from bagassets.defs.records.events import recorded_whole
+    from bagassets.defs.records.instance_plan import recorded_assets
+    from bagassets.engine.build_report import BuildOptions
+    from bagassets.engine.choose import SelectionError, choose_assets, choose_recordings
+    from bagassets.engine.explain import explain_asset
+    from bagassets.engine.planner import Planner
     from bagassets.formats.dataset_build import dataset_code_versions
 
     wanted, asset = ([bag], asset) if bag and asset else ([], bag or "")
@@ -122,7 +122,7 @@ def _explain_dataset(
     as_json: bool,
 ) -> None:
     """Print why a dataset is in its state, and what it has of all recordings, or of those named by `keys`."""
-    from bagassets.build.explain import SHOWN
+    from bagassets.engine.explain import SHOWN
     from bagassets.formats.dataset_build import dataset_code_versions, dataset_contents
 
     state, version = pending.dataset_states[asset], dataset_code_versions(recipe)[asset]
@@ -206,7 +206,7 @@ def explanation_lines(explanation: "Explanation") -> Iterator[str]:
 
 
 def _action_lines(pair: "ActionPair") -> Iterator[str]:
-    from bagassets.build.differences import flatten
+    from bagassets.engine.differences import flatten
 
     value = pair.as_json()
     # If one of them is not known, there is nothing to compare, and the other is printed alone.

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import click
 
+from bagassets.base.quantities import count_text, readable_bytes
 from bagassets.cli.options import recipe_option
 from bagassets.cli.terminal import echo, echo_json
-from bagassets.quantities import count_text, readable_bytes
 
 __all__ = ["gc"]
 
@@ -79,11 +79,11 @@ def gc(
     Dagster keeps every run for ever; --keep-runs-days deletes old ones that say nothing of the present.
     """
     from bagassets.assets.track import TRACK
-    from bagassets.defs.garbage import find_roots
-    from bagassets.defs.naming import Naming
-    from bagassets.defs.old_runs import delete_runs, superseded_runs
-    from bagassets.defs.projects import noted_prefix
-    from bagassets.defs.runs import open_instance
+    from bagassets.defs.builds.garbage import find_roots
+    from bagassets.defs.builds.old_runs import delete_runs, superseded_runs
+    from bagassets.defs.records.instances import open_instance
+    from bagassets.defs.records.naming import Naming
+    from bagassets.defs.records.projects import noted_prefix
     from bagassets.propose.project import dagster_home
     from bagassets.recipe import load_recipe
     from bagassets.store.collect import Collected, collect, find_garbage

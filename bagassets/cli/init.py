@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, TypeVar
 
 import click
 
+from bagassets.base.errors import BagAssetsError, RecipeError
+from bagassets.base.escaping import visible
+from bagassets.base.quantities import count_text
 from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.terminal import echo
-from bagassets.errors import BagAssetsError, RecipeError
-from bagassets.escaping import visible
-from bagassets.quantities import count_text
 
 if TYPE_CHECKING:
     from bagassets.propose.proposal import Proposal

@@ -6,13 +6,13 @@ from itertools import groupby
 from pathlib import Path
 from textwrap import wrap
 
+from bagassets.base.escaping import visible
+from bagassets.base.quantities import count_text
 from bagassets.cli.terminal import echo
-from bagassets.escaping import visible
 from bagassets.propose.commented_yaml import Question
 from bagassets.propose.proposal import Proposal
 from bagassets.propose.sensors import shown_type
 from bagassets.propose.summary import USES, TopicUse
-from bagassets.quantities import count_text
 
 __all__ = ["print_found", "print_next_steps", "print_questions"]
 

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import click
 
+from bagassets.base.escaping import visible
 from bagassets.cli.terminal import echo_lines
-from bagassets.escaping import visible
 
 __all__ = ["inspect"]
 

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 import click
 
 from bagassets import __version__
+from bagassets.base.errors import BagAssetsError
 from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.terminal import echo, status_of_unwritten
-from bagassets.errors import BagAssetsError
 
 if TYPE_CHECKING:
     from bagassets.cli.early import HandedOver

@@ -13,12 +13,12 @@ from contextlib import suppress
 from pathlib import Path
 from stat import S_ISREG
 
-from bagassets.errors import BagAssetsError
+from bagassets.base.errors import BagAssetsError
+from bagassets.base.json_types import JsonObject
+from bagassets.base.unread_pipe import outliving_reader
 from bagassets.forkserver.client import Client, ServerRefusedError
 from bagassets.forkserver.process import ProcessId
 from bagassets.forkserver.tasks import find_server
-from bagassets.json_types import JsonObject
-from bagassets.unread_pipe import outliving_reader
 
 __all__ = ["COMMANDS", "answer", "run_on_server"]
 

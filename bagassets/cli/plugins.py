@@ -5,9 +5,9 @@ from collections.abc import Sequence
 
 import click
 
+from bagassets.base.json_types import JsonObject
 from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.terminal import echo, echo_lines
-from bagassets.json_types import JsonObject
 
 __all__ = ["decoders", "formats"]
 
@@ -29,9 +29,9 @@ def decoders(as_json: bool) -> None:
     A package adds a decoder with an entry point of the group bagassets.decoders; see `bagassets docs page decoders`. The
     packages are not imported. The exit status is 1 if a decoder cannot be used.
     """
+    from bagassets.base.errors import PluginError
+    from bagassets.base.plugins import installed_decoders
     from bagassets.decode.registry import find_decoder
-    from bagassets.errors import PluginError
-    from bagassets.plugins import installed_decoders
 
     installed = installed_decoders()
     problems = list(installed.unusable)

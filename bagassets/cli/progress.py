@@ -7,9 +7,9 @@ from contextlib import ExitStack, contextmanager
 from functools import cache
 from typing import TYPE_CHECKING, Self
 
-from bagassets.build.build_report import Event
+from bagassets.base.quantities import count_text
 from bagassets.cli.terminal import echo, print_lines
-from bagassets.quantities import count_text
+from bagassets.engine.build_report import Event
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

@@ -15,8 +15,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from bagassets.errors import BagAssetsError
-from bagassets.json_types import JsonObject
+from bagassets.base.errors import BagAssetsError
+from bagassets.base.json_types import JsonObject
 
 __all__ = ["other_environment", "rebuild_elsewhere"]
 
@@ -75,7 +75,7 @@ def rebuild_elsewhere(
 
 
 def _main() -> None:
-    from bagassets.build.rebuild import rebuild
+    from bagassets.engine.rebuild import rebuild
     from bagassets.formats.catalogue import recording_assets
     from bagassets.recipe import load_recipe
     from bagassets.store.store import Store

@@ -9,17 +9,17 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bagassets.build.build_report import BuildOptions, Event
+from bagassets.base.errors import BagAssetsError
+from bagassets.base.fingerprints import PlanNeeded
+from bagassets.base.interrupts import deferred_interrupts
+from bagassets.base.json_types import JsonObject
+from bagassets.base.lock_files import is_locked
 from bagassets.cli.early import GRACE_S, begin_server, submit_build
-from bagassets.errors import BagAssetsError
+from bagassets.engine.build_report import BuildOptions, Event
+from bagassets.engine.freshness.decide import state_folder
 from bagassets.forkserver.client import Client, ServerRefusedError, ServerStart
 from bagassets.forkserver.server_files import ServerFiles
 from bagassets.forkserver.tasks import find_server, server_spec
-from bagassets.freshness.decide import state_folder
-from bagassets.freshness.fingerprints import PlanNeeded
-from bagassets.interrupts import deferred_interrupts
-from bagassets.json_types import JsonObject
-from bagassets.lock_files import is_locked
 
 if TYPE_CHECKING:
     from bagassets.recipe.model import Recipe
@@ -159,8 +159,8 @@ def _end_of(client: Client, job: str, on_event: Callable[[Event], None]) -> Json
 
 
 def _raised(error: dict[str, str]) -> BagAssetsError:
-    from bagassets import errors
-    from bagassets.build.choose import SelectionError
+    from bagassets.base import errors
+    from bagassets.engine.choose import SelectionError
 
     kind, message = error["type"], error["message"]
     if kind == "KeyboardInterrupt":

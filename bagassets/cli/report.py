@@ -5,9 +5,9 @@ from pathlib import Path
 
 import click
 
+from bagassets.base.quantities import count_text, readable_bytes
 from bagassets.cli.options import recipe_option
 from bagassets.cli.terminal import echo, echo_json
-from bagassets.quantities import count_text, readable_bytes
 
 __all__ = ["report"]
 
@@ -39,8 +39,8 @@ def report(recipe: Path, output: Path | None, no_checks: bool, as_json: bool) ->
 
     The page is self-contained, pictures included, and loads nothing. Nothing is built: the page shows the present state.
     """
-    from bagassets.defs.instance_plan import plan_instance
-    from bagassets.defs.pending_work import open_project
+    from bagassets.defs.builds.pending_work import open_project
+    from bagassets.defs.records.instance_plan import plan_instance
     from bagassets.formats.report_data import report_data
     from bagassets.report.page import report_json, report_page
     from bagassets.report.write import write_page

@@ -8,19 +8,19 @@ from typing import TYPE_CHECKING
 
 import click
 
-from bagassets.alike import names_text, told_once
+from bagassets.base.alike import names_text, told_once
+from bagassets.base.escaping import visible
+from bagassets.base.json_types import JsonMapping, JsonObject
+from bagassets.base.quantities import count_text
 from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.options import recipe_option
 from bagassets.cli.terminal import echo_json, echo_lines, print_lines
-from bagassets.escaping import visible
-from bagassets.json_types import JsonMapping, JsonObject
-from bagassets.quantities import count_text
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from bagassets.defs.own_build import OwnWork
-    from bagassets.defs.pending_work import PendingWork
+    from bagassets.defs.builds.own_build import OwnWork
+    from bagassets.defs.builds.pending_work import PendingWork
 
 __all__ = ["status"]
 
@@ -71,11 +71,11 @@ def status(recipe: Path, bags: tuple[str, ...], show_all: bool, as_json: bool) -
     Every asset of every recording has a state, with the reason, traced back to the first change. Nothing is run and no
     recording is read: changes are found by sizes, times and stored digests.
     """
-    from bagassets.build.build_report import BuildOptions
-    from bagassets.build.choose import SelectionError
     from bagassets.cli.progress import planning_shown
-    from bagassets.defs.own_build import load_own
-    from bagassets.defs.pending_work import find_pending_work, open_project
+    from bagassets.defs.builds.own_build import load_own
+    from bagassets.defs.builds.pending_work import find_pending_work, open_project
+    from bagassets.engine.build_report import BuildOptions
+    from bagassets.engine.choose import SelectionError
     from bagassets.formats.catalogue import problems_of
 
     try:

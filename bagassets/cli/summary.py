@@ -5,13 +5,13 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bagassets.alike import Told, told_once
-from bagassets.build.build_report import BuildReport, Remark, SummaryRow, remark_lines
+from bagassets.base.alike import Told, told_once
+from bagassets.base.escaping import visible
+from bagassets.base.json_types import JsonMapping
+from bagassets.base.quantities import count_text, span_text
 from bagassets.cli.terminal import print_lines, quoted
-from bagassets.escaping import visible
+from bagassets.engine.build_report import BuildReport, Remark, SummaryRow, remark_lines
 from bagassets.formats.nuscenes.schema import devkit_split_name
-from bagassets.json_types import JsonMapping
-from bagassets.quantities import count_text, span_text
 
 if TYPE_CHECKING:
     from rich.console import Console

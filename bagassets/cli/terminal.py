@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from bagassets.base.escaping import terminal, visible
 from bagassets.cli.exit_status import ExitStatus
-from bagassets.escaping import terminal, visible
 
 if TYPE_CHECKING:
     from pathlib import Path

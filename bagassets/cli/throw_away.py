@@ -10,9 +10,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from bagassets.atomic import replacing
+from bagassets.base.atomic import replacing
+from bagassets.base.errors import DatasetError
 from bagassets.cli.remote import end_servers
-from bagassets.errors import DatasetError
 from bagassets.formats.format import AnyFormat
 from bagassets.formats.guard import GUARD
 from bagassets.recipe.model import Bags, Recipe

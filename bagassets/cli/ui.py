@@ -9,9 +9,9 @@ from pathlib import Path
 
 import click
 
+from bagassets.base.errors import BagAssetsError
 from bagassets.cli.options import recipe_option
 from bagassets.cli.terminal import echo
-from bagassets.errors import BagAssetsError
 
 __all__ = ["ui"]
 
@@ -63,7 +63,7 @@ def ui(
             "the web UI needs dagster-webserver, which is not installed here, or not with all that it requires: "
             f"`pip install dagster-webserver=={version('dagster')}`. Builds, the sensor and all other commands do without."
         )
-    from bagassets.defs.services import Services
+    from bagassets.defs.ui.services import Services
 
     received: list[int] = []  # from now on no signal ends the process by itself
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):

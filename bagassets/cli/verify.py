@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING
 
 import click
 
-from bagassets.alike import names_text
+from bagassets.base.alike import names_text
+from bagassets.base.errors import BagAssetsError
+from bagassets.base.json_types import JsonObject
+from bagassets.base.quantities import count_text, readable_bytes
 from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.options import recipe_option
 from bagassets.cli.terminal import echo, echo_json, echo_lines
-from bagassets.errors import BagAssetsError
-from bagassets.json_types import JsonObject
-from bagassets.quantities import count_text, readable_bytes
 
 if TYPE_CHECKING:
-    from bagassets.build.rebuild import KnownAction
+    from bagassets.engine.rebuild import KnownAction
     from bagassets.recipe.model import Recipe
     from bagassets.store.integrity import Damage
     from bagassets.store.store import Store
@@ -139,7 +139,7 @@ def _check(recipe: "Recipe", store: "Store", *, report_only: bool, as_json: bool
 
 
 def _check_recordings(recipe: "Recipe", store: "Store", *, as_json: bool) -> int:
-    from bagassets.build.recordings_check import check_recordings
+    from bagassets.engine.recordings_check import check_recordings
     from bagassets.formats.catalogue import recording_assets
 
     checked = []
@@ -196,7 +196,7 @@ def _damages(store: "Store") -> list["Damage"]:
 
 def _names(recipe: "Recipe", store: "Store") -> dict[str, str]:
     """Return digest of artifact or action -> recording, asset and channel, as far as they are known."""
-    from bagassets.build.rebuild import known_actions
+    from bagassets.engine.rebuild import known_actions
     from bagassets.formats.catalogue import recording_assets
 
     names = {}
@@ -209,8 +209,8 @@ def _names(recipe: "Recipe", store: "Store") -> dict[str, str]:
 def _rebuild(
     recipe_file: Path, recipe: "Recipe", store: "Store", number: int, seed: int | None, *, as_json: bool
 ) -> int:
-    from bagassets.build.rebuild import known_actions
     from bagassets.cli.rebuild_process import other_environment, rebuild_elsewhere
+    from bagassets.engine.rebuild import known_actions
     from bagassets.formats.catalogue import recording_assets
 
     by_action: dict[str, KnownAction] = {}

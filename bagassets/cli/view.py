@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING
 
 import click
 
+from bagassets.base.escaping import visible
+from bagassets.base.quantities import count_text, readable_bytes
 from bagassets.cli.options import recipe_option
 from bagassets.cli.terminal import echo, echo_json, echo_lines
-from bagassets.escaping import visible
-from bagassets.quantities import count_text, readable_bytes
 
 if TYPE_CHECKING:
     from bagassets.recipe.model import Recipe
@@ -95,8 +95,8 @@ def _place(recipe: "Recipe", dataset: str | None) -> tuple[Path, str]:
 
 def _fixes(recipe: Path, key: str) -> list[tuple[int, float, float]]:
     """Return GNSS fixes of the recording, if the store has them."""
-    from bagassets.defs.instance_plan import plan_instance
-    from bagassets.defs.pending_work import open_project
+    from bagassets.defs.builds.pending_work import open_project
+    from bagassets.defs.records.instance_plan import plan_instance
     from bagassets.formats.report_data import track_on_record
 
     with open_project(recipe) as (instance, workspace):

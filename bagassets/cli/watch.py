@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import click
 
+from bagassets.base.quantities import readable_bytes
 from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.options import index_option
 from bagassets.cli.terminal import echo_lines
-from bagassets.quantities import readable_bytes
 
 if TYPE_CHECKING:
     from bagassets.recordings.watch import WatchEvent

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 from math import isfinite
 
+from bagassets.base.errors import DecodeError
 from bagassets.decode.model import BoxReading
-from bagassets.errors import DecodeError
 from bagassets.geometry.se3 import SE3
 from bagassets.recordings.model import Message
 

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite
 
+from bagassets.base.errors import DecodeError
 from bagassets.decode.fields import stamp_and_frame
-from bagassets.errors import DecodeError
 from bagassets.geometry.calibration import COEFFICIENTS, IDENTITY, CameraCalibration, RegionOfInterest
 from bagassets.recordings.model import Message
 

@@ -16,11 +16,11 @@ import re
 import cv2
 import numpy as np
 
+from bagassets.base.errors import DecodeError
 from bagassets.decode.fields import stamp_and_frame
 from bagassets.decode.image import Pixels, demosaic
 from bagassets.decode.image_structure import JPEG, PNG, check_jpeg, check_png
 from bagassets.decode.model import ImageReading
-from bagassets.errors import DecodeError
 from bagassets.recordings.model import Message
 
 __all__ = ["checked_size", "decode_compressed_image", "decode_pixels"]

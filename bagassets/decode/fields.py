@@ -9,7 +9,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from bagassets.errors import DecodeError, UnsetError
+from bagassets.base.errors import DecodeError, UnsetError
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.tf_tree import normalise_frame
 from bagassets.recordings.model import Message

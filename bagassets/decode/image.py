@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from bagassets.base.errors import DecodeError
 from bagassets.decode.fields import stamp_and_frame
 from bagassets.decode.model import ImageReading
-from bagassets.errors import DecodeError
 from bagassets.geometry.undistortion import Pixels
 from bagassets.recordings.model import Message
 

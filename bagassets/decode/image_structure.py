@@ -10,8 +10,8 @@ import re
 import struct
 import zlib
 
-from bagassets.errors import DecodeError
-from bagassets.kernels.markers import markers_from
+from bagassets.base.errors import DecodeError
+from bagassets.geometry.kernels.markers import markers_from
 
 __all__ = ["JPEG", "PNG", "check_jpeg", "check_png"]
 

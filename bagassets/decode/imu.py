@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
+from bagassets.base.errors import DecodeError
 from bagassets.decode.fields import stamp_and_frame, unit_quaternion
-from bagassets.errors import DecodeError
 from bagassets.recordings.model import Message
 
 __all__ = ["ImuReading", "decode_imu"]

@@ -5,11 +5,11 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from bagassets.base.errors import DecodeError
 from bagassets.decode.fields import stamp_and_frame
 from bagassets.decode.model import CloudReading
 from bagassets.decode.point_times import LONGEST_REVOLUTION_NS, Moment, time_of
 from bagassets.decode.pointcloud2 import NO_INTENSITY
-from bagassets.errors import DecodeError
 from bagassets.geometry.portable import sin_cos
 from bagassets.geometry.se3 import Floats
 from bagassets.recordings.model import Message

@@ -11,6 +11,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
+from bagassets.base.errors import DecodeError, PluginError
+from bagassets.base.plugins import DecoderPlugin
 from bagassets.decode.boxes import BoxDecoder
 from bagassets.decode.model import BoxReading, CloudReading, ImageReading, PoseReading, RadarReading
 from bagassets.decode.registry import (
@@ -21,8 +23,6 @@ from bagassets.decode.registry import (
     expected_types,
     find_decoder,
 )
-from bagassets.errors import DecodeError, PluginError
-from bagassets.plugins import DecoderPlugin
 from bagassets.recordings.model import Message
 
 __all__ = ["keyed_decoder", "load_built_in", "load_decoder", "own_decoder"]

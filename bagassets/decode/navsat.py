@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from math import isfinite, nan
 
+from bagassets.base.errors import DecodeError
 from bagassets.decode.fields import stamp_and_frame
-from bagassets.errors import DecodeError
 from bagassets.recordings.model import Message
 
 __all__ = ["FixReading", "decode_navsat"]

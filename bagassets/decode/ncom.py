@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from math import isfinite, pi
 from struct import Struct
 
-from bagassets.errors import DecodeError
+from bagassets.base.errors import DecodeError
 
 __all__ = ["PACKET_SIZE", "NcomPose", "NcomReading", "decode_ncom", "holds_ncom"]
 

@@ -2,10 +2,10 @@
 
 from operator import attrgetter
 
+from bagassets.base.errors import DecodeError
 from bagassets.decode.boxes import NO_EXTENT, BoxDecoder, box_around
 from bagassets.decode.fields import rigid_transform, stamp_and_frame
 from bagassets.decode.model import BoxReading
-from bagassets.errors import DecodeError
 from bagassets.geometry.se3 import SE3
 from bagassets.recordings.model import Message
 

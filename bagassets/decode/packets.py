@@ -8,9 +8,9 @@ from struct import Struct
 import numpy as np
 from numpy.typing import NDArray
 
+from bagassets.base.errors import DecodeError
 from bagassets.decode.fields import stamp_ns
-from bagassets.errors import DecodeError
-from bagassets.kernels.returns import ALL_AZIMUTHS, BANK_FLAGS, PACKET
+from bagassets.geometry.kernels.returns import ALL_AZIMUTHS, BANK_FLAGS, PACKET
 from bagassets.recordings.model import Message
 
 __all__ = ["PAYLOADS", "VELODYNE_PACKET_SIZE", "is_velodyne_packet", "packets_in", "payload", "sender"]

@@ -28,8 +28,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from bagassets.base.errors import DecodeError
 from bagassets.decode.fields import Column
-from bagassets.errors import DecodeError
 from bagassets.geometry.se3 import Floats
 from bagassets.recipe.model import PointTimes
 

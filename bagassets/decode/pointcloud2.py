@@ -18,10 +18,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from bagassets.base.errors import DecodeError
 from bagassets.decode.fields import Column, stamp_and_frame
 from bagassets.decode.model import CloudReading
 from bagassets.decode.point_times import Moment, PointClock, point_times_ns, recorded_times, survey
-from bagassets.errors import DecodeError
 from bagassets.recordings.model import Message
 
 __all__ = [

@@ -22,11 +22,11 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
+from bagassets.base.errors import DecodeError
 from bagassets.decode.fields import members, stamp_and_frame
 from bagassets.decode.model import RadarReading
 from bagassets.decode.pointcloud2 import point_fields
 from bagassets.decode.radar_fields import TRACK_NUMBERS, Side, radar_reading
-from bagassets.errors import DecodeError
 from bagassets.recordings.model import Message
 
 __all__ = ["decode_radar", "is_single_track", "measures_relative", "track_number"]

@@ -13,9 +13,9 @@ from typing import Literal
 
 import numpy as np
 
+from bagassets.base.errors import DecodeError
 from bagassets.decode.fields import Column
 from bagassets.decode.model import RadarReading
-from bagassets.errors import DecodeError
 from bagassets.geometry.portable import sin_cos
 from bagassets.geometry.se3 import Floats
 

@@ -13,8 +13,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from bagassets.errors import PluginError
-from bagassets.plugins import DecoderPlugin, Family, installed_decoders
+from bagassets.base.errors import PluginError
+from bagassets.base.plugins import DecoderPlugin, Family, installed_decoders
 
 __all__ = [
     "BUILT_IN",
@@ -32,7 +32,7 @@ __all__ = [
 ]
 
 AnyFamily = Family | Literal["packets", "fix", "imu", "camera_info", "transforms"]
-"""The kinds of results of decoders; packages may add decoders to the families in `bagassets.plugins.Family`."""
+"""The kinds of results of decoders; packages may add decoders to the families in `bagassets.base.plugins.Family`."""
 
 Bulk = Literal["no", "large", "yes"]
 ANY = "*"

@@ -2,9 +2,9 @@
 
 from operator import attrgetter
 
+from bagassets.base.errors import DecodeError
 from bagassets.decode.fields import rigid_transform, stamp_and_frame
 from bagassets.decode.model import PoseReading
-from bagassets.errors import DecodeError
 from bagassets.geometry.tf_tree import normalise_frame
 from bagassets.recordings.model import Message
 

@@ -7,7 +7,7 @@ return mode and the product id (VLP-16 User Manual 63-9243 Rev. E, section 9.3).
 as `ethernet_msgs/Packet`.
 
 The arithmetic is that of velodyne-decoder, which brings factory calibrations and firing times; where there is machine
-code (`bagassets.kernels.returns`) it does the same in a tenth of the time. Both use times of our own: what the library
+code (`bagassets.geometry.kernels.returns`) it does the same in a tenth of the time. Both use times of our own: what the library
 would make of the packets' microseconds and a floating-point host time is a quarter of a microsecond off, and follows the
 lidar's clock instead of the recipe's. Its tables of sines are the C library's in single precision: the one thing here
 that another library or processor might round differently.
@@ -22,9 +22,9 @@ import velodyne_decoder
 from numpy.typing import NDArray
 from velodyne_decoder.velodyne_decoder_pylib import TimePair
 
+from bagassets.base.errors import DecodeError, RecipeError
 from bagassets.decode.velodyne_lasers import Head, all_azimuths, head_of
-from bagassets.errors import DecodeError, RecipeError
-from bagassets.kernels.returns import ALL_AZIMUTHS, BANK_FLAGS, PACKET, RETURNS, Angles, take_returns
+from bagassets.geometry.kernels.returns import ALL_AZIMUTHS, BANK_FLAGS, PACKET, RETURNS, Angles, take_returns
 
 __all__ = [
     "POSITION_PACKET_SIZE",

@@ -14,7 +14,7 @@ import yaml
 from numpy.typing import NDArray
 from velodyne_decoder.velodyne_decoder_pylib import TimePair
 
-from bagassets.kernels.returns import (
+from bagassets.geometry.kernels.returns import (
     ALL_AZIMUTHS,
     BANK_FLAGS,
     DUAL,

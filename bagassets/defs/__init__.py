@@ -11,9 +11,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from bagassets.defs.location import build_definitions
-    from bagassets.defs.reporting import errors_explained
-    from bagassets.defs.steps import (
+    from bagassets.defs.graph.location import build_definitions
+    from bagassets.defs.graph.steps import (
         all_recordings,
         channels,
         follow_recordings,
@@ -22,7 +21,8 @@ if TYPE_CHECKING:
         recipe_beside,
         skipped,
     )
-    from bagassets.defs.workspace import Workspace
+    from bagassets.defs.records.reporting import errors_explained
+    from bagassets.defs.records.workspace import Workspace
 
 __all__ = [
     "Workspace",

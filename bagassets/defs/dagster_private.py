@@ -10,7 +10,7 @@ Dagster's inner workings are relied upon in these places, too:
 - `missing_partition` replaces `AssetSelection` in the module of `dagster asset materialize`, and does nothing if it is unused there;
 - `dataset` has a step look up once more what it reads;
 - `runs` replaces `tail_to_stream` in `compute_logs` while a run is executed;
-- `databases` knows the files and the tables in which Dagster keeps its records, and `bagassets.freshness` reads four of the tables;
+- `databases` knows the files and the tables in which Dagster keeps its records, and `bagassets.engine.freshness` reads four of the tables;
 - `code_server` starts `dagster api grpc`, with the variables that `dagster dev` sets;
 - `daemon` has backfills looked at more often: their loop reads the interval when it begins;
 - the project's `dagster.yaml` names classes by the modules that Dagster's documentation gives.

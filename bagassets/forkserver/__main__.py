@@ -12,12 +12,12 @@ import sys
 import time
 from pathlib import Path
 
-from bagassets.errors import BagAssetsError, StoreError
+from bagassets.base.errors import BagAssetsError, StoreError
+from bagassets.base.lock_files import LockFile
 from bagassets.forkserver.protocol import FirstJob
 from bagassets.forkserver.server import Server
 from bagassets.forkserver.server_files import ServerFiles
 from bagassets.forkserver.spec import SOURCE_CHANGED, ServerSpec
-from bagassets.lock_files import LockFile
 
 _LOG = logging.getLogger(__name__)
 _POLL_S = 0.05

@@ -13,12 +13,12 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Self
 
-from bagassets.errors import BagAssetsError
+from bagassets.base.errors import BagAssetsError
+from bagassets.base.json_types import JsonMapping
 from bagassets.forkserver.process import ProcessId
 from bagassets.forkserver.protocol import FirstJob, Lines, Message, encode
 from bagassets.forkserver.server_files import ServerFiles, last_lines
 from bagassets.forkserver.spec import SOURCE_CHANGED, ServerSpec
-from bagassets.json_types import JsonMapping
 
 __all__ = ["Client", "ServerRefusedError", "ServerStart"]
 

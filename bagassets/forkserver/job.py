@@ -10,10 +10,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
 
+from bagassets.base.json_types import JsonObject
 from bagassets.forkserver.process import ProcessId
 from bagassets.forkserver.protocol import Lines, Message, encode
 from bagassets.forkserver.worker import run_job
-from bagassets.json_types import JsonObject
 
 __all__ = ["Job"]
 

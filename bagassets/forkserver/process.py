@@ -11,8 +11,8 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple, Self
 
-from bagassets.freshness.fingerprints import boot_id
-from bagassets.json_types import JsonObject
+from bagassets.base.fingerprints import boot_id
+from bagassets.base.json_types import JsonObject
 
 __all__ = ["ProcessId"]
 

@@ -7,7 +7,7 @@ object with `reply`; objects with `event` (started, note, finished, killed) are 
 import json
 import socket
 
-from bagassets.json_types import JsonObject
+from bagassets.base.json_types import JsonObject
 
 __all__ = ["FirstJob", "Lines", "Message", "encode"]
 

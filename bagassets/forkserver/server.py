@@ -14,7 +14,9 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from bagassets.errors import BagAssetsError
+from bagassets.base.errors import BagAssetsError
+from bagassets.base.fingerprints import signature
+from bagassets.base.lock_files import LockFile
 from bagassets.forkserver.connection import Connection
 from bagassets.forkserver.job import Job
 from bagassets.forkserver.process import ProcessId
@@ -22,8 +24,6 @@ from bagassets.forkserver.protocol import FirstJob, Message
 from bagassets.forkserver.server_files import ServerFiles
 from bagassets.forkserver.spec import ServerSpec
 from bagassets.forkserver.worker import load_function
-from bagassets.freshness.fingerprints import signature
-from bagassets.lock_files import LockFile
 
 __all__ = ["Server"]
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from bagassets.errors import BagAssetsError
+from bagassets.base.errors import BagAssetsError
 
 __all__ = ["ServerFiles", "last_lines"]
 

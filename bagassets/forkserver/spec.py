@@ -17,9 +17,9 @@ from types import MappingProxyType
 from typing import NamedTuple, Self
 
 import bagassets
-from bagassets.errors import BagAssetsError
-from bagassets.freshness.fingerprints import code_fingerprint, digest_lines, recipe_fingerprint, site_folders
-from bagassets.json_types import JsonObject
+from bagassets.base.errors import BagAssetsError
+from bagassets.base.fingerprints import code_fingerprint, digest_lines, recipe_fingerprint, site_folders
+from bagassets.base.json_types import JsonObject
 
 __all__ = ["IDLE_TIMEOUT_S", "SOURCE_CHANGED", "ServerSpec"]
 

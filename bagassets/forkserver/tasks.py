@@ -1,6 +1,6 @@
 """The jobs that this project submits to its fork server, by name, so that no client imports Dagster.
 
-`instance` is the Dagster home of the recipe, or text from `bagassets.defs.runs.pack_instance`.
+`instance` is the Dagster home of the recipe, or text from `bagassets.defs.records.instances.pack_instance`.
 The label of a run's job is the run id, so the worker's output is in `ServerFiles.job_log(run_id)`.
 """
 
@@ -8,18 +8,18 @@ import hashlib
 import os
 from pathlib import Path
 
-from bagassets.errors import BagAssetsError
+from bagassets.base.errors import BagAssetsError
+from bagassets.base.fingerprints import PlanNeeded
+from bagassets.base.lock_files import RUN_LOCKS
+from bagassets.engine.freshness.decide import state_folder
 from bagassets.forkserver.client import Client
 from bagassets.forkserver.server_files import ServerFiles
 from bagassets.forkserver.spec import IDLE_TIMEOUT_S, ServerSpec
-from bagassets.freshness.decide import state_folder
-from bagassets.freshness.fingerprints import PlanNeeded
-from bagassets.lock_files import RUN_LOCKS
 
 __all__ = ["DEFINITIONS", "END_WORKER", "connect", "find_server", "server_spec", "submit_run"]
 
 DEFINITIONS = "bagassets.definitions"
-_WORKER = "bagassets.defs.run_worker"
+_WORKER = "bagassets.defs.launchers.run_worker"
 END_WORKER = f"{_WORKER}:end_worker"
 _MINUTES = "BAGASSETS_SERVER_MINUTES"
 _LEAST_S = 1.0

@@ -19,9 +19,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, NoReturn
 
-from bagassets.errors import BagAssetsError
+from bagassets.base.errors import BagAssetsError
+from bagassets.base.json_types import JsonMapping
 from bagassets.forkserver.protocol import Lines, Message, encode
-from bagassets.json_types import JsonMapping
 
 __all__ = ["cancel_requested", "load_function", "note", "run_job"]
 

@@ -15,12 +15,12 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from bagassets.base.cache import Cache
+from bagassets.base.fingerprints import PlanNeeded, boot_id, booted_at_s
+from bagassets.engine.freshness.decide import BuildLog
+from bagassets.engine.freshness.published import Publication
 from bagassets.forkserver.process import ProcessId
 from bagassets.formats.dataset_build import dataset_code_versions
-from bagassets.freshness.cache import Cache
-from bagassets.freshness.decide import BuildLog
-from bagassets.freshness.fingerprints import PlanNeeded, boot_id, booted_at_s
-from bagassets.freshness.published import Publication
 from bagassets.recipe.model import Recipe
 from bagassets.store.artifact import MANIFEST, Artifact
 from bagassets.store.integrity import artifact_damage

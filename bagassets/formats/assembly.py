@@ -15,17 +15,17 @@ from pathlib import Path
 from typing import TypeVar
 from uuid import uuid4
 
-from bagassets.atomic import swap_in, write_atomically
-from bagassets.errors import DatasetError
+from bagassets.base.atomic import swap_in, write_atomically
+from bagassets.base.errors import DatasetError
+from bagassets.base.json_types import JsonMapping, JsonObject
+from bagassets.engine.splits import SplitShare, deal, moves, shares_of
 from bagassets.formats.dataset_lock import FORMAT, LOCK, DatasetLock, read_lock
 from bagassets.formats.format import FACTS, Entry, Format, Joined, Link, LooseFiles, Member, Part, UnitFolders
 from bagassets.formats.guard import GUARD, guarded, refuse_unexpected
 from bagassets.formats.json_files import json_bytes
 from bagassets.formats.linking import Linker
-from bagassets.json_types import JsonMapping, JsonObject
 from bagassets.recipe.model_base import DatasetSettings
 from bagassets.recipe.model_splits import Splits
-from bagassets.splits import SplitShare, deal, moves, shares_of
 from bagassets.store.canonical import digest_bytes, digest_file, digest_json
 from bagassets.store.store import Store
 

@@ -18,15 +18,15 @@ from bagassets.assets.ego_poses import EGO_POSES
 from bagassets.assets.frames import FRAMES
 from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.preview import PREVIEW
+from bagassets.assets.quality.check import RecordingCheck
 from bagassets.assets.sweeps import SWEEPS
-from bagassets.build.recording_assets import RecordingAssets
-from bagassets.errors import BagAssetsError, DatasetError, PluginError
-from bagassets.extensions import ASSETS, FORMATS, Extension, installed_extensions
+from bagassets.base.errors import BagAssetsError, DatasetError, PluginError
+from bagassets.base.extensions import ASSETS, FORMATS, Extension, installed_extensions
+from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.formats.dataset_lock import DatasetLock
 from bagassets.formats.format import AnyFormat, DatasetCheck, Format, LooseFiles, UnitFolders
 from bagassets.formats.nuscenes.format import NUSCENES
 from bagassets.formats.vision.format import VISION
-from bagassets.quality.check import RecordingCheck
 from bagassets.recipe.format_settings import settings_model
 from bagassets.recipe.model import Recipe, Rig
 from bagassets.recipe.model_checks import Checks

@@ -5,16 +5,16 @@ from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from functools import partial
 
+from bagassets.assets.quality.check import Evidence, severity_of
+from bagassets.assets.quality.finding import Finding
 from bagassets.assets.selection import choose_rig
-from bagassets.build.build_report import Remark
-from bagassets.build.plan import BagPlan
-from bagassets.errors import PluginError, StoreError
+from bagassets.base.errors import PluginError, StoreError
+from bagassets.base.json_types import JsonObject
+from bagassets.engine.build_report import Remark
+from bagassets.engine.plan import BagPlan
 from bagassets.formats.catalogue import known_assets, recording_assets
 from bagassets.formats.dataset_build import Dataset, datasets_of
 from bagassets.formats.format import AnyFormat
-from bagassets.json_types import JsonObject
-from bagassets.quality.check import Evidence, severity_of
-from bagassets.quality.finding import Finding
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_checks import Checks, Severity
 from bagassets.recordings.discover import Discovery

@@ -6,24 +6,24 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from bagassets.assets import trajectory_map
-from bagassets.build.plan import BagPlan, Plan
-from bagassets.errors import BagAssetsError, DatasetError
+from bagassets.base.errors import BagAssetsError, DatasetError
+from bagassets.base.json_types import JsonObject
+from bagassets.base.trace import span
+from bagassets.engine.freshness.published import Publication
+from bagassets.engine.plan import BagPlan, Plan
+from bagassets.engine.splits import Ties, deal
+from bagassets.formats import trajectory_map
 from bagassets.formats.assembly import DatasetSummary, assemble, without_copies
 from bagassets.formats.catalogue import MAIN, formats
 from bagassets.formats.dataset_lock import DatasetLock, read_lock
 from bagassets.formats.format import FACTS, AnyFormat, Part, Selection
-from bagassets.freshness.published import Publication
-from bagassets.json_types import JsonObject
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_base import DatasetSettings
 from bagassets.recipe.model_datasets import NamedDataset
 from bagassets.recipe.model_splits import Splits
-from bagassets.splits import Ties, deal
 from bagassets.store.canonical import digest_file, digest_json
 from bagassets.store.lease import in_use
 from bagassets.store.store import Store
-from bagassets.trace import span
 
 __all__ = [
     "Dataset",

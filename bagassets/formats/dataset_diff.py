@@ -4,12 +4,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal, TypeVar
 
-from bagassets.build.differences import flatten
-from bagassets.errors import DatasetError, StoreError
+from bagassets.base.errors import DatasetError, StoreError
+from bagassets.base.json_types import Json, JsonObject
+from bagassets.engine.differences import flatten
 from bagassets.formats.catalogue import installed_format
 from bagassets.formats.dataset_lock import DatasetLock, LockedBag
 from bagassets.formats.format import AnyFormat
-from bagassets.json_types import Json, JsonObject
 from bagassets.store.store import Store
 
 __all__ = ["BagDiff", "DatasetDiff", "SceneDiff", "diff_datasets"]

@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import NoReturn
 from uuid import uuid4
 
-from bagassets.errors import DatasetError, StoreError
+from bagassets.base.errors import DatasetError, StoreError
+from bagassets.base.quantities import count_text
+from bagassets.engine.freshness.published import Publication
 from bagassets.formats.catalogue import format_of
 from bagassets.formats.dataset_build import dataset_folders
 from bagassets.formats.dataset_lock import LOCK, DatasetLock, load_lock
 from bagassets.formats.format import AnyFormat, Entry, Part, UnitFolders
-from bagassets.freshness.published import Publication
-from bagassets.quantities import count_text
 from bagassets.recipe.model import Recipe
 from bagassets.store.artifact import Artifact, FileEntry
 from bagassets.store.canonical import digest_file

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
-from bagassets.errors import DatasetError
-from bagassets.json_types import JsonMapping
+from bagassets.base.errors import DatasetError
+from bagassets.base.json_types import JsonMapping
 
 __all__ = ["LOCK", "DatasetLock", "LockedBag", "load_lock", "locked_artifacts", "read_lock"]
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from bagassets.errors import DatasetError, StoreError
+from bagassets.base.errors import DatasetError, StoreError
 from bagassets.formats.assembly import assemble
 from bagassets.formats.catalogue import format_of
 from bagassets.formats.dataset_lock import LOCK, DatasetLock, LockedBag

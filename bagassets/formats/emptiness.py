@@ -3,12 +3,12 @@
 from collections.abc import Collection
 from pathlib import Path
 
+from bagassets.assets.quality.scene_rules import enough_s, too_short_s
+from bagassets.base.quantities import count_text
 from bagassets.formats.catalogue import MAIN
 from bagassets.formats.dataset_build import datasets_of
 from bagassets.formats.dataset_lock import LockedBag
 from bagassets.formats.format import FACTS
-from bagassets.quality.scene_rules import enough_s, too_short_s
-from bagassets.quantities import count_text
 from bagassets.recipe.load import where_in
 from bagassets.recipe.model import Recipe
 from bagassets.store.store import Store

@@ -19,13 +19,13 @@ from pathlib import Path
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from bagassets.assets.asset import AnyAsset
-from bagassets.build.plan import Plan
-from bagassets.json_types import JsonMapping
-from bagassets.quality.finding import Finding
+from bagassets.assets.quality.finding import Finding
+from bagassets.base.json_types import JsonMapping
+from bagassets.engine.plan import Plan
+from bagassets.engine.splits import SplitShare
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_base import DatasetSettings
 from bagassets.recipe.model_datasets import NamedDataset
-from bagassets.splits import SplitShare
 from bagassets.store.artifact import Artifact
 from bagassets.store.store import Store
 

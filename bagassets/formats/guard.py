@@ -5,8 +5,8 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from bagassets.errors import DatasetError
-from bagassets.lock_files import LockFile
+from bagassets.base.errors import DatasetError
+from bagassets.base.lock_files import LockFile
 
 __all__ = ["GUARD", "guarded", "refuse_unexpected"]
 

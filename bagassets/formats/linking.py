@@ -8,8 +8,8 @@ from collections import Counter
 from fcntl import ioctl
 from pathlib import Path
 
-from bagassets.atomic import replacing
-from bagassets.errors import DatasetError
+from bagassets.base.atomic import replacing
+from bagassets.base.errors import DatasetError
 
 __all__ = ["Linker"]
 

@@ -5,28 +5,28 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from bagassets.assets import trajectory_map
 from bagassets.assets.annotations import TABLE
+from bagassets.assets.pictures.pictures import TITLES
 from bagassets.assets.preview import FACTS, THUMBNAIL
-from bagassets.build.plan import BagPlan, Plan
-from bagassets.build.run_action import run_action
-from bagassets.build.track import Track, track_of
-from bagassets.errors import StoreError
+from bagassets.assets.quality.counted import counted_in_channel
+from bagassets.base.errors import StoreError
+from bagassets.base.json_types import JsonMapping, JsonObject
+from bagassets.base.quantities import count_text
+from bagassets.engine.freshness.published import Publication
+from bagassets.engine.plan import BagPlan, Plan
+from bagassets.engine.run_action import run_action
+from bagassets.engine.splits import shares_of
+from bagassets.engine.track import Track, track_of
+from bagassets.formats import trajectory_map
 from bagassets.formats.catalogue import formats
 from bagassets.formats.checking import Verdict, check_bag, check_datasets
 from bagassets.formats.dataset_build import deal_contents, recordings_without_scenes
-from bagassets.freshness.published import Publication
-from bagassets.json_types import JsonMapping, JsonObject
-from bagassets.preview.pictures import TITLES
-from bagassets.quality.counted import counted_in_channel
-from bagassets.quantities import count_text
 from bagassets.recipe.model import Recipe
 from bagassets.recordings.discover import Discovery
 from bagassets.report.grid_map import colour_of_split
 from bagassets.report.model import Gaps, Problem, RecordingFacts, ReportData, Route
 from bagassets.report.trajectory_map import MapRoute
 from bagassets.report.write import write_page
-from bagassets.splits import shares_of
 from bagassets.store.artifact import Artifact
 from bagassets.store.canonical import digest_bytes
 from bagassets.store.store import Outcome, Store

@@ -9,8 +9,8 @@ from typing import Self
 
 from pydantic import TypeAdapter
 
+from bagassets.base.json_types import JsonMapping
 from bagassets.geometry.se3 import SE3
-from bagassets.json_types import JsonMapping
 
 __all__ = [
     "COEFFICIENTS",

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from bagassets.errors import CalibrationError
+from bagassets.base.errors import CalibrationError
 from bagassets.geometry.calibration import CameraLens
 from bagassets.geometry.portable import arctan_unit, sin_cos
 from bagassets.geometry.se3 import Floats

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bagassets.geometry.camera import CameraModel
-from bagassets.kernels.bilinear import BilinearLookup
+from bagassets.geometry.kernels.bilinear import BilinearLookup
 
 __all__ = ["Undistortion", "undistort"]
 

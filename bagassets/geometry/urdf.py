@@ -11,7 +11,7 @@ from xml.parsers import expat
 
 import numpy as np
 
-from bagassets.errors import CalibrationError
+from bagassets.base.errors import CalibrationError
 from bagassets.geometry.euler import quaternions_from_rpy
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.tf_tree import Edge, normalise_frame

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
-from bagassets.errors import CalibrationError
+from bagassets.base.errors import CalibrationError
 from bagassets.geometry.calibration_files.model import CalibrationFile
 from bagassets.geometry.calibration_files.read import MOST_BYTES, read_calibration_file
 from bagassets.propose.naming import sensor_of, tokens

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from bagassets.escaping import visible
+from bagassets.base.escaping import visible
 
 __all__ = ["Question", "Sheet"]
 

@@ -4,8 +4,8 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from math import cos, hypot, radians, sin
 
+from bagassets.base.errors import CalibrationError
 from bagassets.decode.registry import types_of
-from bagassets.errors import CalibrationError
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.tf_tree import Edge as TfEdge
 from bagassets.geometry.tf_tree import TfTree

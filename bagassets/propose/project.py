@@ -14,8 +14,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 
-from bagassets.atomic import write_atomically
-from bagassets.errors import RecipeError
+from bagassets.base.atomic import write_atomically
+from bagassets.base.errors import RecipeError
 from bagassets.recipe.model import Recipe
 
 __all__ = ["FILES", "dagster_files", "dagster_home", "write_project"]

@@ -5,7 +5,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from bagassets.escaping import yaml_scalar
+from bagassets.base.escaping import yaml_scalar
+from bagassets.base.quantities import count_text
 from bagassets.propose.calibration_files import FoundCalibration
 from bagassets.propose.commented_yaml import Question, Sheet
 from bagassets.propose.grouping import group_recordings, match_globs
@@ -14,7 +15,6 @@ from bagassets.propose.rig_text import urdf_name, write_rig
 from bagassets.propose.rigs import RigProposal, propose_rig, uses_of
 from bagassets.propose.sensors import find_sensors, lacks_definition, shown_type
 from bagassets.propose.summary import RecordingSummary, TopicUse
-from bagassets.quantities import count_text
 from bagassets.recipe.model import Scenes
 
 __all__ = ["Bare", "Proposal", "propose_recipe"]

@@ -5,11 +5,11 @@ from typing import Any, Literal
 
 import numpy as np
 
+from bagassets.base.errors import DecodeError, PluginError
 from bagassets.decode.loading import load_decoder
 from bagassets.decode.radar import measures_relative
 from bagassets.decode.registry import AnyFamily, families_of, find_decoder
 from bagassets.decode.tf import decode_transform
-from bagassets.errors import DecodeError, PluginError
 from bagassets.geometry.radar_motion import Velocities, what_velocities_are
 from bagassets.geometry.se3 import Floats
 from bagassets.geometry.wgs84 import ecef

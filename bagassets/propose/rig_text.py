@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from bagassets.escaping import yaml_scalar
+from bagassets.base.escaping import yaml_scalar
 from bagassets.propose.calibration_files import FoundCalibration, ProposedCalibration, calibration_of
 from bagassets.propose.commented_yaml import Sheet
 from bagassets.propose.frames import connected, contradiction, is_optical, mounting

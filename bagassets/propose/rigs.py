@@ -5,8 +5,8 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from bagassets.base.errors import CalibrationError
 from bagassets.decode.registry import types_of
-from bagassets.errors import CalibrationError
 from bagassets.geometry.urdf import urdf_edges
 from bagassets.propose.frames import EgoFrame, connected, propose_ego_frame
 from bagassets.propose.grouping import Group

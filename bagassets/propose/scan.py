@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from bagassets.base.errors import DecodeError, PluginError
 from bagassets.decode.fields import check_points, stamp_and_frame
 from bagassets.decode.loading import load_decoder
 from bagassets.decode.model import CloudReading, ImageReading, PoseReading, RadarReading
@@ -24,7 +25,6 @@ from bagassets.decode.pointcloud2 import POINTCLOUD2, read_pointcloud2, without_
 from bagassets.decode.registry import AnyFamily, bulk_types, families_of, find_decoder
 from bagassets.decode.robots import robot_of, robots_of
 from bagassets.decode.tf import decode_transform
-from bagassets.errors import DecodeError, PluginError
 from bagassets.geometry.se3 import SE3
 from bagassets.propose.naming import is_radar_list
 from bagassets.propose.poses import propose_pose

@@ -5,7 +5,7 @@ from pathlib import Path, PurePosixPath
 
 from pydantic import BaseModel
 
-from bagassets.json_types import JsonObject
+from bagassets.base.json_types import JsonObject
 from bagassets.recipe.model import CameraChannel, LidarChannel, Recipe, Rig
 from bagassets.recipe.model_calibration import Intrinsics
 from bagassets.recipe.model_poses import FixedPose, NavSatSource, TfSource

@@ -3,9 +3,9 @@
 import json
 from pathlib import Path
 
-from bagassets.atomic import write_atomically
-from bagassets.errors import RecipeError, StoreError
-from bagassets.json_types import JsonObject
+from bagassets.base.atomic import write_atomically
+from bagassets.base.errors import RecipeError, StoreError
+from bagassets.base.json_types import JsonObject
 from bagassets.recipe.load import parse_recipe
 from bagassets.recipe.model import Recipe
 

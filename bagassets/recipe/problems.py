@@ -6,7 +6,7 @@ from typing import Any, get_args
 
 from pydantic import BaseModel
 
-from bagassets.json_types import Json, JsonMapping, JsonObject
+from bagassets.base.json_types import Json, JsonMapping, JsonObject
 from bagassets.recipe.format_settings import section_model
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_base import FieldValueError, Transform

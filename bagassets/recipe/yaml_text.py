@@ -12,8 +12,8 @@ from pathlib import Path
 
 import yaml
 
-from bagassets.errors import RecipeError
-from bagassets.json_types import Json, JsonObject
+from bagassets.base.errors import RecipeError
+from bagassets.base.json_types import Json, JsonObject
 
 __all__ = ["Place", "read_yaml"]
 

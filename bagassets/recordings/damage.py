@@ -4,7 +4,7 @@ import re
 import sqlite3
 from pathlib import Path
 
-from bagassets.errors import RecordingError
+from bagassets.base.errors import RecordingError
 
 __all__ = ["DamageError", "advice_for", "refuse_pointer", "unreadable"]
 

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
 
-from bagassets.escaping import visible
-from bagassets.json_types import JsonMapping
-from bagassets.quantities import count_text, readable_bytes
+from bagassets.base.escaping import visible
+from bagassets.base.json_types import JsonMapping
+from bagassets.base.quantities import count_text, readable_bytes
 
 __all__ = ["describe_inventory"]
 

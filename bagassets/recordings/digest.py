@@ -9,8 +9,9 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Self
 
-from bagassets.errors import ChangedWhileReadError, RecordingError
-from bagassets.json_types import Json
+from bagassets.base.errors import ChangedWhileReadError, RecordingError
+from bagassets.base.json_types import Json
+from bagassets.base.trace import span
 from bagassets.recordings.digest_record import (
     DigestIndex,
     Kept,
@@ -21,7 +22,6 @@ from bagassets.recordings.digest_record import (
 from bagassets.recordings.journals import journals_of
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.canonical import FileHasher, digest_file, digest_json
-from bagassets.trace import span
 
 __all__ = [
     "DigestIndex",

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Self
 
-from bagassets.errors import StoreError
+from bagassets.base.errors import StoreError
 
 if TYPE_CHECKING:
     from bagassets.recipe.model import Recipe

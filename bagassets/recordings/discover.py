@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 from operator import attrgetter
 from pathlib import Path
 
-from bagassets.alike import names_text
-from bagassets.errors import RecordingError
-from bagassets.garbage import uncollected
+from bagassets.base.alike import names_text
+from bagassets.base.errors import RecordingError
+from bagassets.base.garbage import uncollected
 from bagassets.recipe.model import Bags
 from bagassets.recordings.globs import literal_glob, matches, may_match_within
 from bagassets.recordings.join_parts import Joined, join_parts

@@ -10,7 +10,7 @@ from struct import Struct, error
 from rosbags.interfaces import Nodetype
 from rosbags.interfaces.typing import Fielddefs
 
-from bagassets.errors import DecodeError
+from bagassets.base.errors import DecodeError
 from bagassets.recordings.known_types import FieldType, Types
 from bagassets.recordings.model import Serialization
 

@@ -10,9 +10,9 @@ from functools import cached_property
 from types import MappingProxyType
 from typing import Literal, Self
 
-from bagassets.errors import RecordingError
-from bagassets.json_types import JsonMapping
-from bagassets.quantities import count_text
+from bagassets.base.errors import RecordingError
+from bagassets.base.json_types import JsonMapping
+from bagassets.base.quantities import count_text
 from bagassets.recordings.model import Definition, Format
 
 __all__ = ["Gap", "GnssFix", "HeaderOffset", "Inventory", "TopicRecord"]

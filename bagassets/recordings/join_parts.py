@@ -6,7 +6,7 @@ from itertools import chain
 from operator import attrgetter
 from pathlib import Path, PurePosixPath
 
-from bagassets.quantities import count_text
+from bagassets.base.quantities import count_text
 from bagassets.recipe.model import Bags
 from bagassets.recordings.model import RecordingFiles
 from bagassets.recordings.series import Candidate, Part, Verdict, candidates, judge, odd_number

@@ -14,8 +14,8 @@ from os import SEEK_END, stat_result
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from bagassets.errors import RecordingError, ScratchError
-from bagassets.quantities import readable_bytes
+from bagassets.base.errors import RecordingError, ScratchError
+from bagassets.base.quantities import readable_bytes
 from bagassets.recordings.damage import DamageError
 
 __all__ = ["journals_of", "scratch_folder", "without_journals"]

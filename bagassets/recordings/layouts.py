@@ -21,7 +21,7 @@ from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_
 from rosbags.typesys.base import normalize_fieldname
 from rosbags.typesys.store import Typestore
 
-from bagassets.errors import BagAssetsError, DecodeError, RecordingError
+from bagassets.base.errors import BagAssetsError, DecodeError, RecordingError
 from bagassets.recipe.model import Limits
 from bagassets.recordings.elements import announced_elements, check_elements, fewest_bytes_of
 from bagassets.recordings.known_types import FieldType, Types, known_versions

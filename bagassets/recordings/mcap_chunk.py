@@ -10,7 +10,7 @@ from zlib import crc32
 import numpy as np
 from mcap.opcode import Opcode
 
-from bagassets.errors import RecordingError
+from bagassets.base.errors import RecordingError
 from bagassets.recordings.damage import DamageError
 from bagassets.recordings.decompress import TooLargeError, decompress
 from bagassets.recordings.sizes import Sizes

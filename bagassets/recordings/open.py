@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from bagassets.errors import BagAssetsError, RecordingError
+from bagassets.base.errors import BagAssetsError, RecordingError
 from bagassets.recipe.model import Limits
 from bagassets.recordings.damage import advice_for, refuse_pointer, unreadable
 from bagassets.recordings.database_file import Database

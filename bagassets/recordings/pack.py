@@ -7,7 +7,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from bagassets.json_types import JsonMapping
+from bagassets.base.json_types import JsonMapping
 from bagassets.recipe.model import Limits
 from bagassets.recordings.model import Definition, RawMessage, Serialization
 from bagassets.recordings.recording import Recording

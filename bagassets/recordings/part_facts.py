@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bagassets.errors import BagAssetsError
-from bagassets.freshness.cache import Cache, Changes
-from bagassets.freshness.fingerprints import PlanNeeded
+from bagassets.base.cache import Cache, Changes
+from bagassets.base.errors import BagAssetsError
+from bagassets.base.fingerprints import PlanNeeded
 from bagassets.recipe.model import Bags, Limits
 from bagassets.recordings.damage import refuse_pointer, unreadable
 from bagassets.recordings.database_file import Database

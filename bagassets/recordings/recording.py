@@ -9,7 +9,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Generic, Protocol, Self, TypeVar
 
-from bagassets.errors import BagAssetsError
+from bagassets.base.errors import BagAssetsError
 from bagassets.recipe.model import Limits
 from bagassets.recordings.damage import DamageError, unreadable
 from bagassets.recordings.model import Format, Message, RawMessage

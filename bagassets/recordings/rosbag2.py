@@ -10,8 +10,8 @@ from pathlib import Path, PurePosixPath
 
 import yaml
 
-from bagassets.errors import RecordingError
-from bagassets.json_types import JsonMapping, JsonObject
+from bagassets.base.errors import RecordingError
+from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.recipe.model import Limits
 from bagassets.recordings.damage import DamageError, refuse_pointer
 from bagassets.recordings.database_file import Database, serialization_problem

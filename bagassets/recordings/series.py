@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
-from bagassets.alike import names_text
+from bagassets.base.alike import names_text
 
 __all__ = [
     "Candidate",

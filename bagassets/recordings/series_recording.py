@@ -5,7 +5,7 @@ from contextlib import AbstractContextManager, ExitStack, nullcontext
 from operator import attrgetter
 from pathlib import Path
 
-from bagassets.errors import RecordingError
+from bagassets.base.errors import RecordingError
 from bagassets.recipe.model import Limits
 from bagassets.recordings.model import Format, RawMessage
 from bagassets.recordings.recording import Recording, merged

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from bagassets.errors import SizeLimitError
-from bagassets.quantities import readable_bytes
+from bagassets.base.errors import SizeLimitError
+from bagassets.base.quantities import readable_bytes
 from bagassets.recipe.model import Limits
 
 __all__ = ["GIGABYTE", "Sizes"]

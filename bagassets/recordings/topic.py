@@ -14,7 +14,7 @@ from typing import Literal, Self
 
 from rosbags.interfaces import Nodetype
 
-from bagassets.errors import DecodeError, SizeLimitError
+from bagassets.base.errors import DecodeError, SizeLimitError
 from bagassets.recipe.model import Limits
 from bagassets.recordings.known_types import FieldType
 from bagassets.recordings.layouts import TF_NAMES, Choice, Layout, choice_of

@@ -13,8 +13,8 @@ from os import stat_result
 from pathlib import Path
 from typing import Literal
 
-from bagassets.errors import BagAssetsError, ChangedWhileReadError, RecordingError
-from bagassets.freshness.fingerprints import Signature, signature_of
+from bagassets.base.errors import BagAssetsError, ChangedWhileReadError, RecordingError
+from bagassets.base.fingerprints import Signature, signature_of
 from bagassets.recipe.model import Bags
 from bagassets.recordings.digest import hash_file
 from bagassets.recordings.digest_check import disagreements

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import count, takewhile
 from math import cos, floor, log10, radians
 
-from bagassets.escaping import html
+from bagassets.base.escaping import html
 
 __all__ = ["COLOURS", "NamedRoute", "colour_of_split", "grid_map", "legend", "thinned"]
 

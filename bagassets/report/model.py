@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from bagassets.splits import SplitShare
+from bagassets.engine.splits import SplitShare
 
 __all__ = ["Gaps", "Problem", "RecordingFacts", "ReportData", "Route"]
 

@@ -7,14 +7,14 @@ from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 
-from bagassets.alike import Told, told_once, without_path
-from bagassets.escaping import html
-from bagassets.json_types import JsonObject
-from bagassets.quantities import count_text, readable_length, span_text
+from bagassets.base.alike import Told, told_once, without_path
+from bagassets.base.escaping import html
+from bagassets.base.json_types import JsonObject
+from bagassets.base.quantities import count_text, readable_length, span_text
+from bagassets.engine.splits import SplitShare
 from bagassets.report.grid_map import colour_of_split, grid_map, legend
 from bagassets.report.model import RecordingFacts, ReportData
 from bagassets.report.style import LEGEND_SCRIPT, PAGE_CSS, TABLE_SCRIPT
-from bagassets.splits import SplitShare
 
 __all__ = ["PICTURE_BYTES", "report_json", "report_page"]
 

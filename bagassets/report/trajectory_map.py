@@ -8,7 +8,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from bagassets.json_types import JsonObject
+from bagassets.base.json_types import JsonObject
 from bagassets.report.grid_map import NamedRoute, grid_map, legend, thinned
 from bagassets.report.map_shell import FALLBACK_MARK, WAYS_MARK
 from bagassets.report.style import LEGEND_SCRIPT, MAP_CSS

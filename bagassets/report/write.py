@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from bagassets.atomic import write_atomically
-from bagassets.errors import DatasetError
+from bagassets.base.atomic import write_atomically
+from bagassets.base.errors import DatasetError
 
 __all__ = ["write_page"]
 

@@ -1,6 +1,6 @@
 """The recipe of sample drives, as a person would write it for the sample car."""
 
-from bagassets.escaping import yaml_scalar
+from bagassets.base.escaping import yaml_scalar
 from bagassets.sample.rig import Camera, cameras
 from bagassets.sample.throughput import throughput_cameras
 

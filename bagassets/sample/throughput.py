@@ -17,8 +17,8 @@ import velodyne_decoder
 import yaml
 from numpy.typing import NDArray
 
+from bagassets.geometry.kernels.returns import BANK_FLAGS, PACKET
 from bagassets.geometry.se3 import Floats
-from bagassets.kernels.returns import BANK_FLAGS, PACKET
 from bagassets.recordings.model import Message
 from bagassets.sample.messages import Messages
 from bagassets.sample.recorder import Recorder

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import version
 
-from bagassets.json_types import JsonMapping, JsonObject
+from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.store.canonical import digest_json
 
 __all__ = ["Action", "Step"]

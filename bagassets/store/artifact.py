@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bagassets.errors import StoreError
-from bagassets.json_types import Json, JsonObject
+from bagassets.base.errors import StoreError
+from bagassets.base.json_types import Json, JsonObject
 from bagassets.store.canonical import canonical_json, digest_bytes
 
 if TYPE_CHECKING:

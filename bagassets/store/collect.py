@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from uuid import uuid4
 
-from bagassets.errors import StoreError
+from bagassets.base.errors import StoreError
 from bagassets.store.store import Store
 
 __all__ = ["Collected", "Garbage", "collect", "find_garbage"]

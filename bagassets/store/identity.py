@@ -7,7 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 from uuid import uuid4
 
-from bagassets.atomic import create_atomically
+from bagassets.base.atomic import create_atomically
 
 __all__ = ["id_of_store", "identify"]
 

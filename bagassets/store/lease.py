@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from uuid import uuid4
 
-from bagassets.errors import StoreError
-from bagassets.lock_files import LockFile, is_locked
+from bagassets.base.errors import StoreError
+from bagassets.base.lock_files import LockFile, is_locked
 
 __all__ = ["HOLDERS", "action_lock", "in_use", "in_use_since_s"]
 

@@ -24,9 +24,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from uuid import uuid4
 
-from bagassets.atomic import create_atomically, write_atomically
-from bagassets.errors import StoreError
-from bagassets.json_types import Json, JsonObject
+from bagassets.base.atomic import create_atomically, write_atomically
+from bagassets.base.errors import StoreError
+from bagassets.base.json_types import Json, JsonObject
 from bagassets.store.action import Action
 from bagassets.store.artifact import MANIFEST, Artifact, ArtifactWriter
 from bagassets.store.lease import action_lock

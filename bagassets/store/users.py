@@ -10,8 +10,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from bagassets.atomic import write_atomically
-from bagassets.errors import StoreError
+from bagassets.base.atomic import write_atomically
+from bagassets.base.errors import StoreError
 from bagassets.store.canonical import digest_json
 
 __all__ = ["User", "forget_user", "note_user", "users_of"]

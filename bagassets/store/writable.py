@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 
-from bagassets.errors import StoreError
+from bagassets.base.errors import StoreError
 
 __all__ = ["nearest_existing", "require_writable"]
 

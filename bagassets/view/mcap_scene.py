@@ -19,10 +19,10 @@ from google.protobuf.message import Message
 from mcap.writer import CompressionType, Writer
 
 from bagassets import __version__
-from bagassets.atomic import replacing
-from bagassets.errors import DatasetError
+from bagassets.base.atomic import replacing
+from bagassets.base.errors import DatasetError
+from bagassets.formats.reader.source import Reading
 from bagassets.geometry.wgs84 import LocalFrame
-from bagassets.reader.source import Reading
 from bagassets.recordings.own_files import VIEW_LIBRARY
 from bagassets.view import messages
 from bagassets.view.scene import DatasetScene

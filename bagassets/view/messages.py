@@ -26,9 +26,9 @@ from numpy.typing import NDArray
 
 from bagassets.assets.lidar_file import COLUMNS, read_lidar_file
 from bagassets.assets.radar_file import FIELDS, read_radar_file
+from bagassets.base.json_types import JsonMapping
+from bagassets.formats.reader.source import Reading
 from bagassets.geometry.se3 import SE3
-from bagassets.json_types import JsonMapping
-from bagassets.reader.source import Reading
 
 __all__ = [
     "EGO",

@@ -6,11 +6,11 @@ from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
 
-from bagassets.errors import DatasetError
+from bagassets.base.errors import DatasetError
+from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.formats.nuscenes.table_file import read_table
-from bagassets.json_types import JsonMapping, JsonObject
-from bagassets.reader.nuscenes import pose_in, reading_in
-from bagassets.reader.source import Reading
+from bagassets.formats.reader.nuscenes import pose_in, reading_in
+from bagassets.formats.reader.source import Reading
 
 __all__ = ["DatasetScene", "load_scene", "scene_names"]
 

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from bagassets.base.errors import DecodeError
 from bagassets.decode.fields import stamp_and_frame
 from bagassets.decode.model import ImageReading
-from bagassets.errors import DecodeError
 
 __all__ = ["decode_raw_frame"]
 

@@ -27,15 +27,15 @@ from bagassets.assets.calibration import CALIBRATION
 from bagassets.assets.ego_poses import EGO_POSES
 from bagassets.assets.frames import FRAMES
 from bagassets.assets.lidar_file import read_lidar_file
+from bagassets.assets.quality.finding import Finding
 from bagassets.assets.sweeps import SWEEPS
-from bagassets.errors import DatasetError
+from bagassets.base.errors import DatasetError
+from bagassets.engine.splits import SplitShare
 from bagassets.formats.format import FACTS, DatasetCheck, Entry, Format, Joined, Link, Member, Samples
 from bagassets.formats.json_files import json_bytes, write_hashed
 from bagassets.geometry.se3 import SE3, Floats
-from bagassets.quality.finding import Finding
 from bagassets.recipe.model import CameraChannel, LidarChannel, Recipe, Rig
 from bagassets.recipe.model_base import ChannelName, DatasetSettings
-from bagassets.splits import SplitShare
 from bagassets.store.artifact import Artifact, ArtifactWriter
 from bagassets.store.canonical import digest_json
 

@@ -6,11 +6,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from bagassets.annotations.motion import MotionRule, has_attributes, motion_attributes, speeds_of
-from bagassets.annotations.table import BoxTable
-from bagassets.annotations.tracks import Messages, Track, messages_of, tracks_of
+from bagassets.assets.boxes.motion import MotionRule, has_attributes, motion_attributes, speeds_of
+from bagassets.assets.boxes.table import BoxTable
+from bagassets.assets.boxes.tracks import Messages, Track, messages_of, tracks_of
 from bagassets.assets.lidar_file import read_lidar_file
 from bagassets.assets.radar_file import read_radar_file
+from bagassets.assets.timeline.keyframes import Stamps
+from bagassets.base.json_types import JsonObject
 from bagassets.formats.nuscenes.points import count_points, hits_of
 from bagassets.formats.nuscenes.readings import ChannelReadings
 from bagassets.formats.nuscenes.scene_plan import SceneParams, ScenePlan
@@ -22,8 +24,6 @@ from bagassets.formats.nuscenes.tokens import (
     visibility_token,
 )
 from bagassets.formats.nuscenes.visibility import CameraView, share_in_images, share_open, visibility_levels
-from bagassets.json_types import JsonObject
-from bagassets.timeline.keyframes import Stamps
 
 __all__ = ["AnnotationRows", "annotation_rows"]
 

@@ -4,6 +4,8 @@ from collections.abc import Callable, Mapping
 from collections.abc import Set as AbstractSet
 from itertools import chain, starmap
 
+from bagassets.assets.quality.finding import Finding
+from bagassets.base.garbage import uncollected
 from bagassets.formats.format import DatasetCheck
 from bagassets.formats.nuscenes.dataset_rows import DatasetRows, read_dataset, repeated_tokens
 from bagassets.formats.nuscenes.devkit_rules import devkit_ready
@@ -15,8 +17,6 @@ from bagassets.formats.nuscenes.table_integrity import (
     repeated_tokens_sentence,
     sentence,
 )
-from bagassets.garbage import uncollected
-from bagassets.quality.finding import Finding
 from bagassets.recipe.model import NuScenes
 
 __all__ = ["CHECKS", "check", "dataset_files_match", "dataset_references_intact", "dataset_tokens_unique"]

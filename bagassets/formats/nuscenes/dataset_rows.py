@@ -14,12 +14,12 @@ from stat import S_ISREG
 
 import numpy as np
 
+from bagassets.base.json_types import JsonObject
 from bagassets.formats.dataset_lock import read_lock
 from bagassets.formats.json_files import column_texts, row_blocks
 from bagassets.formats.nuscenes.schema import RECORDING_TABLES, SHARED_TABLES, TABLES, Row
 from bagassets.formats.nuscenes.subset import rows_of_scenes
 from bagassets.formats.nuscenes.table_file import errors_explained, read_table
-from bagassets.json_types import JsonObject
 
 __all__ = ["DatasetRows", "file_sizes", "read_dataset", "repeated_tokens"]
 

@@ -9,9 +9,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from pathlib import Path
 
+from bagassets.assets.quality.finding import Finding
 from bagassets.formats.nuscenes.dataset_rows import DatasetRows
 from bagassets.formats.nuscenes.schema import DEVKIT_SPLITS, SPLITS, Row
-from bagassets.quality.finding import Finding
 
 __all__ = ["devkit_ready"]
 

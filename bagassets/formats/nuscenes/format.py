@@ -8,6 +8,7 @@ from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 
+from bagassets.base.json_types import JsonObject
 from bagassets.formats.format import Entry, Format, Link, LooseFiles, Samples
 from bagassets.formats.json_files import column_texts, row_blocks
 from bagassets.formats.nuscenes.dataset_checks import CHECKS, check
@@ -15,7 +16,6 @@ from bagassets.formats.nuscenes.filenames import recording_of
 from bagassets.formats.nuscenes.join import join
 from bagassets.formats.nuscenes.selection import select
 from bagassets.formats.nuscenes.tables import FILES, NUSCENES_TABLES
-from bagassets.json_types import JsonObject
 from bagassets.recipe.model import NuScenes
 from bagassets.store.artifact import Artifact
 from bagassets.store.canonical import digest_json

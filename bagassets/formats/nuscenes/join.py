@@ -4,15 +4,15 @@ import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
+from bagassets.base.json_types import JsonObject
+from bagassets.engine.splits import SplitShare
 from bagassets.formats.format import Joined, Member
 from bagassets.formats.json_files import json_bytes, rows_text, write_hashed, write_joined
 from bagassets.formats.nuscenes import shared_rows
 from bagassets.formats.nuscenes.schema import RECORDING_TABLES, SPLITS, TABLES, devkit_split_name
 from bagassets.formats.nuscenes.table_file import table_bytes
 from bagassets.formats.nuscenes.tokens import attribute_token, category_token
-from bagassets.json_types import JsonObject
 from bagassets.recipe.model import NuScenes
-from bagassets.splits import SplitShare
 
 __all__ = ["join"]
 

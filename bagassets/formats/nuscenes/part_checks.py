@@ -9,21 +9,21 @@ from numpy.typing import NDArray
 
 from bagassets.assets.ego_poses import load_trajectory
 from bagassets.assets.lidar_file import read_lidar_file
+from bagassets.assets.quality.check import Evidence, RecordingCheck
+from bagassets.assets.quality.counted import counted_in_poses
+from bagassets.assets.quality.file_rules import files_match
+from bagassets.assets.quality.finding import Finding
+from bagassets.assets.quality.pose_rules import poses_complete, poses_cover_sensors
+from bagassets.assets.quality.radar_rules import RadarReadings, radar_velocities
+from bagassets.assets.quality.scene_rules import keyframes_complete, scenes_made
+from bagassets.assets.quality.sweep_rules import Sweeps, sweeps_timed
 from bagassets.assets.radar_file import read_radar_file
-from bagassets.errors import DatasetError
+from bagassets.base.errors import DatasetError
+from bagassets.base.json_types import JsonObject
 from bagassets.formats.nuscenes.schema import RECORDING_TABLES, Row
 from bagassets.formats.nuscenes.table_integrity import broken_references, duplicate_tokens
 from bagassets.geometry.se3 import SE3, Floats
 from bagassets.geometry.trajectory import Trajectory
-from bagassets.json_types import JsonObject
-from bagassets.quality.check import Evidence, RecordingCheck
-from bagassets.quality.counted import counted_in_poses
-from bagassets.quality.file_rules import files_match
-from bagassets.quality.finding import Finding
-from bagassets.quality.pose_rules import poses_complete, poses_cover_sensors
-from bagassets.quality.radar_rules import RadarReadings, radar_velocities
-from bagassets.quality.scene_rules import keyframes_complete, scenes_made
-from bagassets.quality.sweep_rules import Sweeps, sweeps_timed
 from bagassets.recipe.model import LidarChannel, RadarChannel
 from bagassets.store.artifact import Artifact
 

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
+from bagassets.assets.timeline.keyframes import Stamps
+from bagassets.base.json_types import JsonObject
 from bagassets.formats.nuscenes.table_file import quaternion, rounded
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
-from bagassets.json_types import JsonObject
 from bagassets.store.artifact import Artifact
-from bagassets.timeline.keyframes import Stamps
 
 __all__ = ["ChannelReadings", "load_readings"]
 

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
 
-from bagassets.alike import names_text
-from bagassets.errors import RecipeError
-from bagassets.json_types import JsonMapping
+from bagassets.base.alike import names_text
+from bagassets.base.errors import RecipeError
+from bagassets.base.json_types import JsonMapping
 from bagassets.recipe.model_datasets import NamedDataset, moment_ns
 
 __all__ = ["inside", "require_own_scenes", "unmet_condition"]

@@ -12,15 +12,15 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from bagassets.recipe.model import Scenes
-from bagassets.timeline.keyframes import (
+from bagassets.assets.timeline.keyframes import (
     Stamps,
     choose_keyframes,
     match_readings,
     owning_keyframe,
     partner_readings,
 )
-from bagassets.timeline.scenes import SceneSpan, cut_scenes, stretches
+from bagassets.assets.timeline.scenes import SceneSpan, cut_scenes, stretches
+from bagassets.recipe.model import Scenes
 
 __all__ = ["ChannelPlan", "RecordingPlan", "SceneParams", "ScenePlan", "Shortage", "plan_scenes"]
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
-from bagassets.json_types import JsonMapping
+from bagassets.base.json_types import JsonMapping
 
 __all__ = [
     "DEVKIT_SPLITS",

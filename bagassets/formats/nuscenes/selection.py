@@ -14,10 +14,11 @@ from math import sqrt
 import numpy as np
 
 from bagassets.assets.ego_poses import load_trajectory
-from bagassets.build.plan import Plan
-from bagassets.build.run_action import run_action
-from bagassets.build.track import track_of
-from bagassets.errors import StoreError
+from bagassets.base.errors import StoreError
+from bagassets.base.json_types import JsonMapping, JsonObject
+from bagassets.engine.plan import Plan
+from bagassets.engine.run_action import run_action
+from bagassets.engine.track import track_of
 from bagassets.formats.format import FACTS, Part, Selection
 from bagassets.formats.nuscenes.scene_conditions import require_own_scenes, unmet_condition
 from bagassets.formats.nuscenes.schema import RECORDING_TABLES
@@ -26,7 +27,6 @@ from bagassets.formats.nuscenes.table_file import table_bytes
 from bagassets.formats.nuscenes.tokens import category_token
 from bagassets.geometry.sun import daylight
 from bagassets.geometry.trajectory import Trajectory
-from bagassets.json_types import JsonMapping, JsonObject
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_datasets import NamedDataset
 from bagassets.store.action import Step

@@ -5,13 +5,13 @@ import zlib
 from collections.abc import Callable, Iterable, Sequence
 from collections.abc import Set as AbstractSet
 
+from bagassets.base.json_types import JsonObject
 from bagassets.formats.nuscenes.tokens import (
     VISIBILITY_LEVELS,
     sensor_token,
     token,
     visibility_token,
 )
-from bagassets.json_types import JsonObject
 from bagassets.recipe.model import NamedText
 
 __all__ = [

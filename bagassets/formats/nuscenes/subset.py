@@ -4,8 +4,8 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from typing import TypeVar
 
+from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.formats.nuscenes.tokens import attribute_token, category_token
-from bagassets.json_types import JsonMapping, JsonObject
 
 __all__ = ["rows_of_scenes", "subset_facts", "subset_tables"]
 

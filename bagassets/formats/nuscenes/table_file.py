@@ -13,10 +13,10 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
-from bagassets.errors import DatasetError
+from bagassets.base.errors import DatasetError
+from bagassets.base.json_types import JsonObject
 from bagassets.formats.json_files import rows_bytes
 from bagassets.formats.nuscenes.schema import TABLES, Row
-from bagassets.json_types import JsonObject
 
 __all__ = [
     "errors_explained",

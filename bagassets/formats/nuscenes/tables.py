@@ -14,16 +14,17 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 
-from bagassets.annotations.motion import MotionRule
-from bagassets.annotations.table import BoxTable
 from bagassets.assets.annotations import ANNOTATIONS
 from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use
+from bagassets.assets.boxes.motion import MotionRule
+from bagassets.assets.boxes.table import BoxTable
 from bagassets.assets.calibration import CALIBRATION
 from bagassets.assets.ego_poses import EGO_POSES
 from bagassets.assets.frames import FRAMES
 from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.sweeps import SWEEPS
-from bagassets.errors import CalibrationError, DatasetError, PoseError
+from bagassets.base.errors import CalibrationError, DatasetError, PoseError
+from bagassets.base.json_types import JsonObject
 from bagassets.formats.format import FACTS
 from bagassets.formats.nuscenes.annotation_rows import annotation_rows
 from bagassets.formats.nuscenes.part_checks import PART_CHECKS
@@ -36,7 +37,6 @@ from bagassets.formats.nuscenes.tokens import RecordingTokens
 from bagassets.geometry.calibration import Calibration
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
-from bagassets.json_types import JsonObject
 from bagassets.recipe.model import AttributesByMotion, CameraChannel, Recipe, Rig, Scenes
 from bagassets.store.artifact import Artifact, ArtifactWriter
 

@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from bagassets.base.json_types import JsonObject
+from bagassets.engine.splits import SplitShare
 from bagassets.formats.format import Joined, Member
 from bagassets.formats.json_files import json_bytes, rows_text, write_hashed, write_joined
-from bagassets.json_types import JsonObject
 from bagassets.recipe.model_datasets import Vision
-from bagassets.splits import SplitShare
 
 __all__ = ["RECORDINGS", "SEQUENCES", "join"]
 

@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 
 from bagassets.assets.asset import as_json
+from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.geometry.calibration import Mounts
 from bagassets.geometry.sun import sun_elevation_deg
-from bagassets.json_types import JsonMapping, JsonObject
 from bagassets.recordings.inventory import Inventory
 
 __all__ = ["recording_metadata", "transforms_json"]

@@ -15,7 +15,8 @@ from bagassets.assets.ego_poses import EGO_POSES
 from bagassets.assets.frames import FRAMES
 from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.transform_logs import read_transforms
-from bagassets.errors import CalibrationError, DatasetError
+from bagassets.base.errors import CalibrationError, DatasetError
+from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.formats.format import FACTS
 from bagassets.formats.json_files import rows_bytes
 from bagassets.formats.vision.join import SEQUENCES
@@ -26,7 +27,6 @@ from bagassets.formats.vision.trajectories import Bodies, csv_bytes, tf_poses, t
 from bagassets.geometry.calibration import Mounts
 from bagassets.geometry.tf_tree import TfTree
 from bagassets.geometry.trajectory import Trajectory
-from bagassets.json_types import JsonMapping, JsonObject
 from bagassets.recipe.model import CameraChannel, Recipe, Rig
 from bagassets.recipe.model_base import Clock
 from bagassets.recipe.model_poses import FixedPose

@@ -8,14 +8,14 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from bagassets.errors import CalibrationError
+from bagassets.base.errors import CalibrationError
+from bagassets.base.json_types import JsonMapping
 from bagassets.formats.vision.relative import roll_pitch_yaw
 from bagassets.geometry.calibration import Mounts
 from bagassets.geometry.se3 import SE3, Floats, quaternion_multiply, rotate
 from bagassets.geometry.tf_tree import TfTree
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.geometry.wgs84 import LocalFrame, utm_track
-from bagassets.json_types import JsonMapping
 
 __all__ = ["Bodies", "TimedPoses", "csv_bytes", "geodetic_columns", "trajectory_table"]
 

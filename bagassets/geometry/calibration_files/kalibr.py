@@ -7,10 +7,10 @@ to the one before it, `cam1_SE3_cam0`. A file of cameras alone relates them to `
 import re
 from collections.abc import Mapping
 
-from bagassets.errors import CalibrationError
+from bagassets.base.errors import CalibrationError
+from bagassets.base.json_types import Json
 from bagassets.geometry.calibration_files.model import CalibrationFile, Fields, FileLens, FilePose
 from bagassets.geometry.se3 import SE3
-from bagassets.json_types import Json
 
 __all__ = ["CamchainFile", "is_camchain"]
 

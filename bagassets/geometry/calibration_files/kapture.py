@@ -6,7 +6,7 @@ COLMAP. Principal points are taken as they are: kapture's importers of ROS calib
 
 import re
 
-from bagassets.errors import CalibrationError
+from bagassets.base.errors import CalibrationError
 from bagassets.geometry.calibration_files.model import CalibrationFile, FileLens, FilePose, finite
 from bagassets.geometry.se3 import SE3
 

@@ -9,10 +9,10 @@ that the calibration program of its tutorials writes with `FileStorage`
 
 from collections.abc import Mapping
 
+from bagassets.base.json_types import Json
+from bagassets.base.quantities import count_text
 from bagassets.geometry.calibration import COEFFICIENTS
 from bagassets.geometry.calibration_files.model import CalibrationFile, Fields, FileLens
-from bagassets.json_types import Json
-from bagassets.quantities import count_text
 
 __all__ = ["MatrixFile"]
 

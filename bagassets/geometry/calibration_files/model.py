@@ -7,9 +7,9 @@ from math import isfinite
 
 import numpy as np
 
-from bagassets.errors import CalibrationError
+from bagassets.base.errors import CalibrationError
+from bagassets.base.json_types import Json
 from bagassets.geometry.se3 import SE3, Floats, quaternion_from_rotation
-from bagassets.json_types import Json
 
 __all__ = ["CalibrationFile", "Fields", "FileLens", "FilePose", "finite"]
 

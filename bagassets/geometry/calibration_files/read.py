@@ -5,12 +5,12 @@ from collections.abc import Mapping
 
 import yaml
 
-from bagassets.errors import CalibrationError
+from bagassets.base.errors import CalibrationError
+from bagassets.base.json_types import Json
 from bagassets.geometry.calibration_files.kalibr import CamchainFile, is_camchain
 from bagassets.geometry.calibration_files.kapture import KaptureFile, is_kapture
 from bagassets.geometry.calibration_files.matrices import MatrixFile
 from bagassets.geometry.calibration_files.model import CalibrationFile
-from bagassets.json_types import Json
 
 __all__ = ["MOST_BYTES", "read_calibration_file"]
 

@@ -1,0 +1,141 @@
+"""Images and clouds of a recording for pictures: by time, and with the pose of the sensor."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bagassets.assets.pictures.canvas import Image, read_image, read_reduced
+from bagassets.assets.pictures.lens import View
+from bagassets.geometry.calibration import CameraLens
+from bagassets.geometry.camera import CameraModel
+from bagassets.geometry.se3 import SE3, Floats
+from bagassets.geometry.trajectory import Trajectory
+from bagassets.store.artifact import Artifact
+
+__all__ = ["CameraImages", "Clouds"]
+
+
+@dataclass(frozen=True, eq=False)
+class _Readings:
+    """The readings of one channel.
+
+    Attributes:
+        channel: its name.
+        artifact: artifact with the files.
+        stamps_ns: (N,) increasing.
+        files: names in the artifact.
+        ego_SE3_sensor: extrinsics.
+    """
+
+    channel: str
+    artifact: Artifact
+    stamps_ns: NDArray[np.int64]
+    files: Sequence[str]
+    ego_SE3_sensor: SE3
+
+    def path(self, reading: int) -> Path:
+        """Return the file of a reading."""
+        return self.artifact.path(self.files[reading])
+
+    def global_SE3_sensor(self, reading: int, trajectory: Trajectory) -> SE3 | None:
+        """Return where the sensor was at the time of a reading; None without an ego pose at that time."""
+        global_SE3_ego = trajectory.pose_at(int(self.stamps_ns[reading]))
+        return None if global_SE3_ego is None else global_SE3_ego @ self.ego_SE3_sensor
+
+
+@dataclass(frozen=True, eq=False)
+class CameraImages(_Readings):
+    """The images of one camera.
+
+    Attributes:
+        widths: (N,) of the images, in pixels.
+        camera: model of the images as written; None if unknown.
+    """
+
+    widths: NDArray[np.int32]
+    camera: CameraModel | None
+
+    @classmethod
+    def of(
+        cls, channel: str, artifact: Artifact, ego_SE3_cam: SE3, lens: CameraLens | None
+    ) -> "CameraImages":
+        """Return the images in an artifact.
+
+        Args:
+            channel: its name.
+            artifact: artifact of the channel.
+            ego_SE3_cam: extrinsics as calibrated.
+            lens: that of the images, if they were written with their distortion, else None.
+        """
+        index = artifact.read_table("index.parquet", ["stamp_ns", "file", "width", "height"])
+        intrinsic = artifact.read_json("channel.json")["camera_intrinsic"]
+        camera = None
+        if lens is not None:
+            camera = CameraModel.from_calibration(lens)
+        elif intrinsic and index.num_rows:
+            (fx, _, cx), (_, fy, cy) = intrinsic[:2]
+            size = index.column("width")[0].as_py(), index.column("height")[0].as_py()
+            camera = CameraModel("none", *size, fx, fy, cx, cy)
+        return cls(
+            channel,
+            artifact,
+            index.column("stamp_ns").to_numpy(),
+            index.column("file").to_pylist(),
+            ego_SE3_cam.normalised(),
+            index.column("width").to_numpy(),
+            camera,
+        )
+
+    def read(self, image: int) -> Image:
+        """Return an image; see `read_image`."""
+        return read_image(self.path(image))
+
+    def read_reduced(self, image: int, least_width: int) -> Image:
+        """Return an image, smaller if it is much wider than `least_width`; see `read_reduced`."""
+        return read_reduced(self.path(image), int(self.widths[image]), least_width)
+
+    def view(self, image: int, trajectory: Trajectory) -> View | None:
+        """Return the camera at the time of an image; None without intrinsics, or without an ego pose at that time."""
+        global_SE3_cam = self.global_SE3_sensor(image, trajectory)
+        return None if self.camera is None or global_SE3_cam is None else View(self.camera, global_SE3_cam)
+
+
+@dataclass(frozen=True, eq=False)
+class Clouds(_Readings):
+    """The revolutions of one lidar.
+
+    Attributes:
+        read: reads (N, >=3) points of a file, x, y and z in the lidar frame first, metres.
+    """
+
+    read: Callable[[Path], NDArray[np.float32]]
+
+    @classmethod
+    def of(
+        cls,
+        channel: str,
+        artifact: Artifact,
+        ego_SE3_lidar: SE3,
+        read: Callable[[Path], NDArray[np.float32]],
+    ) -> "Clouds":
+        """Return the revolutions in an artifact, of a lidar with these extrinsics."""
+        index = artifact.read_table("index.parquet", ["stamp_ns", "file"])
+        return cls(
+            channel,
+            artifact,
+            index.column("stamp_ns").to_numpy(),
+            index.column("file").to_pylist(),
+            ego_SE3_lidar.normalised(),
+            read,
+        )
+
+    def points_global(self, revolution: int, trajectory: Trajectory) -> Floats | None:
+        """Return the (N, 3) points of a revolution in the global frame, metres; None without an ego pose at its time."""
+        global_SE3_lidar = self.global_SE3_sensor(revolution, trajectory)
+        if global_SE3_lidar is None:
+            return None
+        points_lidar = self.read(self.path(revolution))[:, :3]
+        return global_SE3_lidar.transform_points(points_lidar.astype(np.float64))

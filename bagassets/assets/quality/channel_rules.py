@@ -1,0 +1,82 @@
+"""Rules about extracted channels: each has files, and not too many messages were lost."""
+
+from collections.abc import Callable, Mapping
+
+from bagassets.assets.quality.counted import counted_in_channel
+from bagassets.assets.quality.finding import Finding
+from bagassets.base.json_types import JsonMapping
+from bagassets.base.quantities import count_text
+from bagassets.recipe.model_base import Clock
+
+__all__ = ["channels_complete"]
+
+_DUPLICATE = "duplicate stamp"
+# Reasons that are not clauses, as texts after `because`; messages of errors are clauses.
+_BECAUSE = {
+    _DUPLICATE: "of duplicate stamps",
+    "zero stamp": "their header stamps are zero",
+    "incomplete revolution": "they belong to incomplete revolutions",
+    "position packet": "they are position packets",
+    "no point in it": "they hold no points",
+    "no ego pose to deskew with": "there is no ego pose to deskew them with",
+    "no ego pose to compensate with": "there is no ego pose to compensate their velocities with",
+}
+
+
+def channels_complete(channels: JsonMapping, max_lost: float, clock_of: Callable[[str], Clock]) -> Finding:
+    """Check the counts of the channels of one asset.
+
+    Args:
+        channels: content of `channels.json`: channel -> `counts` (read, written, merged, lost).
+        max_lost: share of a channel's messages that may be lost.
+        clock_of: channel -> its clock.
+    """
+    problems = []
+    lost: dict[str, int] = {}
+    for name, entry in sorted(channels.items()):
+        counts = entry["counts"]
+        number = sum(counts["lost"].values())
+        if number:
+            lost[name] = number
+        if counts["read"] != counts["written"] + counts["merged"] + number:
+            problems.append(
+                f"{name}: {_read(counts)}, but {counts['written']} written, "
+                f"{counts['merged']} merged and {number} lost"
+            )
+        elif not counts["written"]:
+            problems.append(f"{name}: {_read(counts)}, but no file was written")
+        elif number > max_lost * counts["read"]:
+            reason = max(sorted(counts["lost"]), key=lambda text: counts["lost"][text])
+            problems.append(
+                f"{name}: {number} of {counts['read']} {counted_in_channel(counts)}s ({number / counts['read']:.0%}) "
+                f"{'was' if number == 1 else 'were'} lost{_why(reason, counts['lost'])}. {_advice(name, reason, clock_of(name))}"
+            )
+    written = {name: entry["counts"]["written"] for name, entry in sorted(channels.items())}
+    return Finding(problems, {"files": written, "lost": lost})
+
+
+def _read(counts: JsonMapping) -> str:
+    number = counts["read"]
+    return f"{count_text(number, counted_in_channel(counts))} {'was' if number == 1 else 'were'} read"
+
+
+def _why(reason: str, lost: Mapping[str, int]) -> str:
+    """Return why messages were lost, as a text after `lost`: for one reason, or most often for this one."""
+    because = f"because {_BECAUSE.get(reason, reason)}"
+    return f" {because}" if len(lost) == 1 else f", most often ({count_text(lost[reason], 'time')}) {because}"
+
+
+def _advice(name: str, reason: str, clock: Clock) -> str:
+    """Return what to do about messages of a channel lost for a reason."""
+    field = f"for this channel (rigs[].channels.{name}.clock)"
+    if reason == _DUPLICATE and clock == "header":
+        return (
+            f"If these are separate readings, `clock: log` {field} tells them apart by their log times; "
+            "other channels keep their stamps"
+        )
+    if reason == _DUPLICATE:
+        return (
+            "They were logged in the same microsecond; if their header stamps differ, use `clock: header` "
+            f"{field}; other channels keep their stamps"
+        )
+    return "If that is acceptable, raise limits.reported_losses in the recipe; else repair the recording or remove the channel"

@@ -1,0 +1,45 @@
+"""Findings of rules: sentences about problems, and the numbers behind them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+
+from bagassets.base.json_types import JsonMapping
+from bagassets.recipe.model_checks import Severity
+
+__all__ = ["Finding", "clock"]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """The outcome of one rule.
+
+    Attributes:
+        problems: sentences, each naming its first offender; empty if all is well.
+        warnings: sentences about results that the recipe may have asked for; at most a warning.
+        facts: the numbers behind them, for display.
+    """
+
+    problems: Sequence[str] = ()
+    facts: JsonMapping = field(default_factory=dict)
+    warnings: Sequence[str] = ()
+
+    @property
+    def sentences(self) -> list[str]:
+        """All sentences, problems first."""
+        return [*self.problems, *self.warnings]
+
+    @property
+    def passed(self) -> bool:
+        """Tell whether there are no problems or warnings."""
+        return not self.sentences
+
+    def weight(self, severity: Severity) -> Severity:
+        """Return the severity of the finding, given the severity of the check in the recipe."""
+        return severity if self.problems else "warn"
+
+
+def clock(stamp_ns: int) -> str:
+    """Format a time: `2026-11-21T07:30:03.125Z (1763710203125000000)`."""
+    text = datetime.fromtimestamp(stamp_ns // 1_000_000 / 1e3, UTC).isoformat(timespec="milliseconds")
+    return f"{text.replace('+00:00', 'Z')} ({stamp_ns})"

@@ -1,0 +1,86 @@
+"""Rules about ego poses: readings have one, and the vehicle does not jump."""
+
+from collections.abc import Iterable, Iterator, Mapping
+
+import numpy as np
+
+from bagassets.assets.quality.finding import Finding, clock
+from bagassets.assets.timeline.keyframes import Stamps
+from bagassets.base.json_types import JsonMapping
+from bagassets.geometry.trajectory import Trajectory
+from bagassets.recipe.model_checks import PosesCheck
+
+__all__ = ["poses_complete", "poses_cover_sensors"]
+
+
+def poses_cover_sensors(
+    trajectory: Trajectory, stamps_ns: Mapping[str, Stamps], check: PosesCheck, losses: Iterable[str] = ()
+) -> Finding:
+    """Check that readings of each channel have an ego pose at their time.
+
+    Args:
+        trajectory: `global_SE3_ego`.
+        stamps_ns: channel -> (N,) stamps of its readings.
+        check: thresholds.
+        losses: sentences about messages without pose, which readings between others need not miss.
+    """
+    problems = []
+    shares = {}
+    for name, stamps in sorted(stamps_ns.items()):
+        if not len(stamps):
+            continue
+        _, _, valid = trajectory.at(stamps)
+        with_pose = int(np.count_nonzero(valid))
+        shares[name] = round(with_pose / len(stamps), 4)
+        if with_pose < check.min_share * len(stamps):
+            first = int(stamps[~valid][0])
+            without = len(stamps) - with_pose
+            lack = "has no ego pose, that" if without == 1 else "have no ego pose, the first"
+            problems.append(
+                f"{name}: {without} of {len(stamps)} readings {lack} at {clock(first)}; a share of {check.min_share:g} is expected to have one"
+            )
+    problems = [*_overlaps(trajectory), *problems, *_jumps(trajectory, check)]
+    lost = list(losses)
+    # Lost poses may be why readings have none, and are no problem by themselves.
+    return Finding([*lost, *problems] if problems else [], {"with_pose": shares}, [] if problems else lost)
+
+
+def poses_complete(counts: JsonMapping, what: str, max_lost: float) -> Iterator[str]:
+    """Yield a sentence if, by `counts` of `ego_poses.json`, a larger share of `what`, as `messages of /odom`, gave no pose."""
+    number = sum(counts["lost"].values())
+    if number <= max_lost * counts["read"]:
+        return
+    reasons = sorted(counts["lost"].items(), key=lambda item: (-item[1], item[0]))
+    why = ", ".join(f"{count} because {reason}" for reason, count in reasons)
+    yield (
+        f"{number} of {counts['read']} {what} gave no pose ({why}). If that is acceptable, raise "
+        "limits.reported_losses in the recipe; else name another source as ego_pose"
+    )
+
+
+def _overlaps(trajectory: Trajectory) -> Iterator[str]:
+    if not trajectory.holes_ns:
+        return
+    (first_ns, last_ns), number = trajectory.holes_ns[0], len(trajectory.holes_ns)
+    often = "once" if number == 1 else f"{number} times, first"
+    yield (
+        f"ego poses go to and fro between two trajectories {often} for {(last_ns - first_ns) / 1e9:.2f} s from {clock(first_ns)}, "
+        "as if a clock was set back or two nodes published; readings in that time are left out"
+    )
+
+
+def _jumps(trajectory: Trajectory, check: PosesCheck) -> Iterator[str]:
+    seconds = np.diff(trajectory.stamps_ns) / 1e9
+    moves = np.diff(trajectory.positions_m, axis=0)
+    speeds = np.sqrt((moves * moves).sum(axis=1)) / seconds
+    # Between poses within a millisecond, noise alone gives high speeds.
+    jumps = np.flatnonzero((speeds > check.max_speed_mps) & (seconds > 1e-3))
+    if not len(jumps):
+        return
+    first = int(jumps[0])
+    often = "once, by" if len(jumps) == 1 else f"{len(jumps)} times, first by"
+    yield (
+        f"ego poses jump {often} {speeds[first] * seconds[first]:.1f} m at "
+        f"{clock(int(trajectory.stamps_ns[first]))} ({speeds[first]:.0f} m/s; "
+        f"at most {check.max_speed_mps:g} m/s expected)"
+    )

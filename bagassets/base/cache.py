@@ -1,0 +1,203 @@
+"""The cache file: everything that decides about freshness, in one SQLite file in the state folder.
+
+Any of it may be lost: an entry that is missing, damaged or written by another version raises `PlanNeeded`, which only
+costs time. Nothing is synced to disk, so each entry carries a digest: one torn by a power loss counts as missing.
+"""
+
+import os
+import sqlite3
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack, closing, contextmanager, nullcontext, suppress
+from hashlib import blake2b
+
+from bagassets.base.fingerprints import PlanNeeded, open_read_only
+
+__all__ = ["NAME", "Cache", "Changes"]
+
+NAME = "freshness.sqlite"
+_FORMAT = 2
+_BUSY_S = 10.0
+_VERSION = "PRAGMA user_version"
+_ALL = "SELECT key, content, digest FROM entries WHERE kind = ?"
+_ONE = f"{_ALL} AND key = ?"
+
+_Row = tuple[object, object, object]
+
+
+class Changes:
+    """Changes to the cache file, made all at once or not at all."""
+
+    def __init__(self) -> None:
+        self._put: list[tuple[str, str, bytes, bytes]] = []
+        self._drop: list[tuple[str, str, str]] = []
+        self.size = 0
+
+    def __bool__(self) -> bool:
+        return bool(self._put or self._drop)
+
+    def put(self, kind: str, key: str, content: bytes) -> None:
+        """Write an entry."""
+        self._put.append((kind, key, content, _check(kind, key, content)))
+        self.size += len(content)
+
+    def drop(self, kind: str, key: str) -> None:
+        """Remove an entry."""
+        self._drop.append((kind, key, key))
+
+    def drop_below(self, kind: str, key: str) -> None:
+        """Remove the entries whose keys begin with this one and a slash."""
+        self._drop.append((kind, f"{key}/", f"{key}/\U0010ffff"))
+
+    def apply(self, connection: sqlite3.Connection) -> None:
+        """Apply the changes to an open database."""
+        connection.executemany("DELETE FROM entries WHERE kind = ? AND key BETWEEN ? AND ?", self._drop)
+        connection.executemany("INSERT OR REPLACE INTO entries VALUES (?, ?, ?, ?)", self._put)
+
+
+class Cache:
+    """The cache file of a state folder: entries by kind and key.
+
+    Attributes:
+        path: the file.
+    """
+
+    def __init__(self, state: str | os.PathLike[str]) -> None:
+        self.path = os.path.join(state, NAME)
+        self._open: sqlite3.Connection | None = None
+
+    @contextmanager
+    def kept_open(self) -> Iterator[None]:
+        """Keep the file open during many calls of `get`: opening it takes longer than finding an entry."""
+        with ExitStack() as stack:
+            with suppress(PlanNeeded):  # `get` meets it again
+                self._open = stack.enter_context(self._reading())
+            try:
+                yield
+            finally:
+                self._open = None
+
+    def get(self, kind: str, *keys: str) -> list[bytes]:
+        """Return entries.
+
+        Raises:
+            PlanNeeded: one is missing or damaged.
+        """
+        queries = [(_ONE, (kind, key)) for key in keys]
+        contents = [content for rows in self._rows(queries) for _, content in _intact(kind, rows)]
+        if len(contents) != len(keys):
+            raise PlanNeeded(f"{self.path}: there is no {kind} {', '.join(keys)}, or it is damaged")
+        return contents
+
+    def all(self, kind: str) -> dict[str, bytes]:
+        """Return key -> content of the entries of a kind; damaged ones are left out.
+
+        Raises:
+            PlanNeeded: the file cannot be read.
+        """
+        return dict(_intact(kind, self._rows([(_ALL, (kind,))])[0]))
+
+    def write(self, changes: Changes) -> bool:
+        """Change entries; a damaged file is replaced.
+
+        Returns:
+            False if that is not possible: the disk is full, or the file belongs to somebody else.
+        """
+        if not changes:
+            return True
+        for _ in range(2):
+            try:
+                with self._writing() as connection:
+                    connection.execute("BEGIN IMMEDIATE")
+                    changes.apply(connection)
+                    connection.execute("COMMIT")
+            except (OSError, sqlite3.OperationalError):  # locked, read-only or full: no damage
+                return False
+            except sqlite3.DatabaseError:
+                self.remove()
+            else:
+                return True
+        return False
+
+    def remove_if_damaged(self) -> None:
+        """Remove the file if a power loss tore it; the digests of entries do not reveal entries that were lost."""
+        try:
+            with closing(open_read_only(self.path)) as connection:
+                is_whole = connection.execute("PRAGMA integrity_check(1)").fetchone() == ("ok",)
+        except sqlite3.OperationalError:  # missing, or in use
+            return
+        except sqlite3.DatabaseError:
+            is_whole = False
+        if not is_whole:
+            self.remove()
+
+    def remove(self) -> None:
+        """Remove the file."""
+        for suffix in ("", "-journal"):
+            with suppress(OSError):
+                os.unlink(self.path + suffix)
+
+    def _rows(self, queries: Sequence[tuple[str, tuple[str, ...]]]) -> list[list[_Row]]:
+        """Return the rows of each query.
+
+        Raises:
+            PlanNeeded: the file cannot be read, or was written by another version.
+        """
+        reading = nullcontext(self._open) if self._open is not None else self._reading()
+        try:
+            with reading as connection:
+                return [connection.execute(query, values).fetchall() for query, values in queries]
+        except sqlite3.Error as err:
+            raise PlanNeeded(f"{self.path}: {err}") from err
+
+    @contextmanager
+    def _reading(self) -> Iterator[sqlite3.Connection]:
+        """Yield a connection to the file.
+
+        Raises:
+            PlanNeeded: the file cannot be read, or was written by another version.
+        """
+        try:
+            with closing(open_read_only(self.path)) as connection:
+                if connection.execute(_VERSION).fetchone() != (_FORMAT,):
+                    raise PlanNeeded(f"{self.path}: written by another version")
+                yield connection
+        except sqlite3.Error as err:
+            raise PlanNeeded(f"{self.path}: {err}") from err
+
+    @contextmanager
+    def _writing(self) -> Iterator[sqlite3.Connection]:
+        """Yield a connection for writing to the file, which is created with its table if it is missing.
+
+        Only its owner may read it, since URLs of databases may hold passwords.
+
+        Raises:
+            OSError: it cannot be opened or created.
+            sqlite3.Error: the same, or it is damaged, or of another format.
+        """
+        os.makedirs(os.path.dirname(self.path), exist_ok=True)
+        os.close(os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600))
+        with closing(sqlite3.connect(self.path, timeout=_BUSY_S, isolation_level=None)) as connection:
+            connection.execute("PRAGMA synchronous = OFF")
+            (version,) = connection.execute(_VERSION).fetchone()
+            if version == 0:
+                connection.execute(
+                    "CREATE TABLE IF NOT EXISTS entries "
+                    "(kind TEXT, key TEXT, content BLOB, digest BLOB, PRIMARY KEY (kind, key))"
+                )
+                connection.execute(f"PRAGMA user_version = {_FORMAT}")
+            elif version != _FORMAT:
+                raise sqlite3.DatabaseError("written by another version")
+            yield connection
+
+
+def _check(kind: str, key: str, content: bytes) -> bytes:
+    hasher = blake2b(f"{kind}\0{key}\0".encode("utf-8", "surrogateescape"), digest_size=16)
+    hasher.update(content)
+    return hasher.digest()
+
+
+def _intact(kind: str, rows: Iterable[_Row]) -> Iterator[tuple[str, bytes]]:
+    """Yield key and content of the entries that match their digests."""
+    for key, content, check in rows:
+        if isinstance(key, str) and isinstance(content, bytes) and _check(kind, key, content) == check:
+            yield key, content

@@ -1,0 +1,201 @@
+"""What is made ahead of the runs that need it: inventories, and the page of the map.
+
+Starting the server of a build keeps one processor busy for a second or two; opening Dagster's records, planning and starting
+a run take a third of a second. Meanwhile another processor reads the recordings that the build will begin with. The page of
+the map, which is the same for all recordings, is made when a processor has nothing else to do: the run of the datasets comes
+last, alone. The runs find all this in the store, or wait for what is being made. No Dagster is needed here, and no failure
+is reported: it happens again in the run, which reports it.
+"""
+
+import gc
+import logging
+import os
+import time
+from collections.abc import Callable, Collection, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from uuid import uuid4
+
+import yaml
+
+from bagassets.base.errors import BagAssetsError
+from bagassets.base.fingerprints import PlanNeeded
+from bagassets.base.json_types import JsonObject
+from bagassets.engine.build_report import BuildOptions
+from bagassets.engine.choose import choose_recordings
+from bagassets.engine.first_pass import first_pass
+from bagassets.engine.freshness.decide import state_folder
+from bagassets.forkserver.client import Client, ServerRefusedError
+from bagassets.forkserver.server_files import ServerFiles
+from bagassets.forkserver.tasks import find_server
+from bagassets.forkserver.worker import note
+from bagassets.recipe import load_recipe
+from bagassets.recipe.model import Recipe
+from bagassets.recordings.digest import DigestIndex, recording_stat, stored_digest
+from bagassets.recordings.discover import discover
+from bagassets.recordings.model import RecordingFiles
+from bagassets.store.store import Store
+
+__all__ = ["make_ahead", "make_first_inventories", "make_inventories", "making_ahead"]
+
+_LOG = logging.getLogger(__name__)
+# For a larger recording the second saved is nothing, and an interrupted build must not leave a reader running for long.
+_LARGEST_BYTES = 4_000_000_000
+# A run that waits for another process says nothing of how far that is; one that reads for ten seconds should.
+_LARGEST_WHILE_PLANNED_BYTES = 1_000_000_000
+_JOB = f"{__name__}:make_ahead"
+# So long does a build open Dagster and plan; then its runs begin, and need the processors.
+_BEGIN_S = 0.35
+# Not imported: it would import Dagster.
+_LAUNCHER = ("bagassets.defs.launcher", "BagAssetsRunLauncher")
+_LEAST_URGENT = 19
+_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+def make_inventories(args: JsonObject) -> int:
+    """Make inventories until the server takes jobs; return the number of recordings that were tried.
+
+    Args:
+        args: `recipe` (file), `bags` (of `BuildOptions`), and `state` and `stamp` of the server's `ServerFiles`.
+    """
+    gc.freeze()  # what the server has imported so far would be scanned again and again
+    gc.enable()  # the server disables it while it imports
+    files = ServerFiles(Path(args["state"]), args["stamp"])
+    recipe = load_recipe(Path(args["recipe"]))
+    tried = 0
+    for recording in _chosen(recipe, args["bags"], _LARGEST_BYTES):
+        if files.socket is not None:
+            break
+        tried += 1
+        try:
+            _make_inventory(recipe, recording)
+        except BagAssetsError as err:
+            _LOG.info("%s: %s", recording.key, err)
+    return tried
+
+
+@contextmanager
+def making_ahead(recipe_file: Path, options: BuildOptions) -> Iterator[Callable[[], Mapping[str, str]]]:
+    """Have the server make what a build is likely to need, while the block plans and does the rest.
+
+    Begin before Dagster is opened, which takes a tenth of a second. The server is asked by a thread: it may be busy, and it
+    forks. Where other machines execute the runs, they read, too.
+
+    Yields:
+        A function that returns the recordings whose inventories have been made so -> digest of their content.
+    """
+    made: dict[str, str] = {}
+    with ThreadPoolExecutor(max_workers=1) as pool:
+        asking = pool.submit(_submit, recipe_file, options)
+
+        def so_far() -> Mapping[str, str]:
+            client = asking.result()
+            with suppress(ServerRefusedError):
+                while client is not None and (event := client.wait(0.0)) is not None:
+                    if event["event"] == "note":
+                        made.update(event["note"])
+            return made
+
+        try:
+            yield so_far
+        finally:
+            if client := asking.result():
+                client.close()
+
+
+def make_ahead(args: JsonObject) -> None:
+    """Make inventories while a build plans (see `make_first_inventories`), and then the page of the map, if it has one.
+
+    Args:
+        args: `recipe` (file) and `bags` (of `BuildOptions`).
+    """
+    recipe = load_recipe(Path(args["recipe"]))
+    make_first_inventories(recipe, args["bags"])
+    os.nice(_LEAST_URGENT)  # the runs have begun
+    if recipe.preview.has_map:
+        from bagassets.formats.report_data import make_map_shell  # noqa: PLC0415  (`make_inventories` must begin at once)
+
+        with suppress(BagAssetsError, OSError):
+            make_map_shell(Store(recipe.store_path))
+
+
+def make_first_inventories(recipe: Recipe, bags: Collection[str]) -> None:
+    """Make the inventories of recordings that have not been hashed as they are, the largest first, while a build plans.
+
+    Args:
+        recipe: the recipe.
+        bags: of `BuildOptions`.
+    """
+    began_s = time.monotonic()
+    index = DigestIndex.of(recipe)
+    for recording in _chosen(recipe, bags, _LARGEST_WHILE_PLANNED_BYTES):
+        if time.monotonic() - began_s > _BEGIN_S:
+            break
+        with suppress(BagAssetsError):
+            if stored_digest(recording, index) is None and (made := _make_inventory(recipe, recording)):
+                note({recording.key: made})
+
+
+def _executes_runs_here(recipe_file: Path) -> bool:
+    """Return whether the runs of a project are executed on this machine, as far as its `dagster.yaml` tells."""
+    try:
+        # Where `dagster_home` finds it.
+        configs = [
+            recipe_file.parent / "dagster.yaml",
+            Path(state_folder(str(recipe_file))) / "dagster" / "dagster.yaml",
+        ]
+        config = next(path for path in configs if path.is_file())
+        launcher = yaml.load(config.read_bytes(), Loader=_LOADER)["run_launcher"]  # noqa: S506  (a safe loader)
+        return (launcher["module"], launcher["class"]) == _LAUNCHER
+    except (PlanNeeded, OSError, yaml.YAMLError, LookupError, TypeError, StopIteration):
+        return False
+
+
+def _submit(recipe_file: Path, options: BuildOptions) -> Client | None:
+    """Submit the job to the server of a build, and return its client; None if there is no such server, or no use in it."""
+    # With one processor, or for some assets only, the plan comes first.
+    if options.jobs == 1 or options.select or not _executes_runs_here(recipe_file):
+        return None
+    client = find_server(recipe_file)
+    if client is None:
+        return None
+    try:
+        args = {"recipe": str(recipe_file), "bags": list(options.bags)}
+        client.submit(_JOB, args, label=f"ahead-{uuid4()}", grace_s=1.0)
+    except (BagAssetsError, OSError) as err:  # it would only save time
+        _LOG.info("nothing is made ahead: %s", err)
+        client.close()
+        return None
+    return client
+
+
+def _chosen(recipe: Recipe, bags: Collection[str], largest_bytes: int) -> list[RecordingFiles]:
+    """Return recordings that are not too large in the order in which they are built: the largest first."""
+    recordings = discover(recipe.bags).recordings
+    chosen = choose_recordings(recordings, list(bags)) if bags else recordings.keys()
+    found = [recordings[key] for key in recordings if key in chosen]
+    return sorted((one for one in found if one.size <= largest_bytes), key=lambda one: -one.size)
+
+
+def _make_inventory(recipe: Recipe, recording: RecordingFiles) -> str | None:
+    """Make the inventory of a recording; return the digest of its content, or None if the store had it."""
+    stat, store = recording_stat(recording), Store(recipe.store_path)
+    first = first_pass(recipe, store, recording, stat, DigestIndex.of(recipe))
+    if first.inventory is not None:
+        return None if first.inventory.cached else first.digest.digest
+    # A first pass must begin at once, and hardly ever ends here.
+    from bagassets.engine.execute import Skipped, execute  # noqa: PLC0415
+    from bagassets.engine.graph import Graph  # noqa: PLC0415
+    from bagassets.formats.catalogue import recording_assets  # noqa: PLC0415
+
+    graph = Graph(
+        recording_assets(recipe),
+        store,
+        recording,
+        first.digest.digest,
+        stat.as_of(first.digest),
+        wanted={"inventory"},
+    )
+    is_hit = all(result.cached for result in execute(graph) if not isinstance(result, Skipped))
+    return None if is_hit else first.digest.digest

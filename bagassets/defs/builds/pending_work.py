@@ -1,0 +1,299 @@
+"""What a build has to do, as the plan of the instance says; the commands of a project start here."""
+
+import os
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import dagster as dg
+
+from bagassets.base.alike import told_once
+from bagassets.base.trace import span
+from bagassets.defs.graph.dataset import RECORDINGS_CHANGED, datasets_behind
+from bagassets.defs.records.batches import batches
+from bagassets.defs.records.connections import kept_open
+from bagassets.defs.records.databases import are_files, database_errors_explained
+from bagassets.defs.records.events import all_assets, fetch_recorded, latest_ids, live_partitions
+from bagassets.defs.records.instance_plan import (
+    InstancePlan,
+    InstancePlanning,
+    Touched,
+    replan_instance,
+)
+from bagassets.defs.records.instances import open_instance
+from bagassets.defs.records.partitions import active_runs, held_by_backfills
+from bagassets.defs.records.projects import noted_prefix
+from bagassets.defs.records.workspace import Workspace
+from bagassets.engine.build_report import BuildOptions
+from bagassets.engine.choose import choose_assets, choose_recordings
+from bagassets.engine.made_again import made_again
+from bagassets.engine.plan import AssetState, Plan
+from bagassets.engine.planner import Planner
+from bagassets.engine.splits import moves
+from bagassets.formats.catalogue import formats
+from bagassets.formats.dataset_build import (
+    DatasetInputs,
+    dataset_code_versions,
+    made_from,
+    split_on_disk,
+)
+from bagassets.propose.project import dagster_home
+from bagassets.recipe import load_recipe
+from bagassets.recipe.model import Recipe
+from bagassets.recordings.discover import Discovery
+from bagassets.store.store import Store
+from bagassets.store.writable import require_writable
+
+if TYPE_CHECKING:
+    from bagassets.defs.builds.own_build import OwnProject
+
+__all__ = [
+    "PendingWork",
+    "expected_moves",
+    "find_pending_work",
+    "find_touched",
+    "open_project",
+    "rehearse",
+    "update_pending_work",
+]
+
+
+@dataclass(frozen=True)
+class PendingWork:
+    """The state of all recordings and datasets, and what a build would do about it.
+
+    Attributes:
+        planned: the state of each recording, and the inputs of the datasets.
+        behind: dataset that is not on disk as made from exactly those inputs -> why.
+        chosen: the recordings that the build was asked for.
+        todo: recording that needs a run -> the assets to materialize.
+        datasets: the datasets that the build was asked for.
+        held: recording that is gone -> what its removal waits for; see `held_by_backfills`.
+        others: state of the datasets that are not behind; those whose recordings changed may wait as well.
+    """
+
+    planned: InstancePlan
+    behind: Mapping[str, str]
+    chosen: frozenset[str]
+    todo: Mapping[str, tuple[str, ...]]
+    datasets: tuple[str, ...]
+    held: Mapping[str, str]
+    others: AssetState
+
+    @property
+    def plan(self) -> Plan:
+        """The state of each asset of all recordings."""
+        return self.planned.plan
+
+    @property
+    def failed(self) -> dict[str, str]:
+        """The chosen recordings that failed on their current input -> why."""
+        bags = {key: bag.failed for key, bag in self.plan.bags.items() if key in self.chosen}
+        return {key: reason for key, reason in bags.items() if reason is not None}
+
+    def made_again(self, workspace: Workspace, jobs: int) -> str:
+        """Return what is made again because of another version of bagassets; see `bagassets.engine.made_again`."""
+        recordings = self.planned.discovery.recordings
+        todo = {key: (recordings[key].size, assets) for key, assets in self.todo.items()}
+        runs = len(batches(self.todo, {key: size for key, (size, _) in todo.items()}, jobs))
+        planner = Planner(workspace.assets, workspace.store)
+        return made_again(planner, self.plan, self.planned.recorded, todo, jobs, runs)
+
+    @property
+    def dataset_is_current(self) -> bool:
+        """True if the datasets that the build was asked for are on disk as made from exactly those inputs."""
+        return self.behind.keys().isdisjoint(self.datasets)
+
+    @property
+    def is_settled(self) -> bool:
+        """True if a build has nothing to do."""
+        return not self.todo and not self.plan.removed and self.dataset_is_current
+
+    @property
+    def dataset_states(self) -> dict[str, AssetState]:
+        """The state of each dataset that the build was asked for."""
+        waits = f"; {self.others.reason}" if self.others.reason else ""  # for one that was left out, perhaps
+        stale = {
+            name: AssetState("stale", why + waits * (why == RECORDINGS_CHANGED))
+            for name, why in self.behind.items()
+        }
+        return {name: stale.get(name, self.others) for name in self.datasets}
+
+
+def find_pending_work(
+    instance: dg.DagsterInstance,
+    workspace: Workspace,
+    options: BuildOptions | None = None,
+    own: "OwnProject | None" = None,
+    planning: InstancePlanning | None = None,
+    on_planned: Callable[[int, int], None] | None = None,
+) -> PendingWork:
+    """Plan everything and return what is to be done; nothing is changed.
+
+    Args:
+        instance: where materializations are recorded.
+        workspace: recipe, store and recordings.
+        options: what is asked for; default: everything.
+        own: the user's assets, which may be selected.
+        planning: what plans; default: a new one.
+        on_planned: see `Planning.plan`.
+
+    Raises:
+        BagAssetsError: the recipe or the bag root is not usable, or there is no such recording.
+    """
+    with span("plan"):
+        planned = (planning or InstancePlanning(instance, workspace)).plan(on_planned)
+    return _pending_work(instance, workspace, planned, options or BuildOptions(), own)
+
+
+def find_touched(
+    workspace: Workspace, planning: InstancePlanning, options: BuildOptions, own: "OwnProject | None" = None
+) -> dict[str, Touched]:
+    """Return the recordings that a build asks for and of which only the time seems to have changed.
+
+    Raises:
+        SelectionError: there is no such recording or asset.
+    """
+    asked = _asked(workspace, planning.discovery, options, own)
+    if asked.assets == ():
+        return {}
+    return {key: one for key, one in planning.touched().items() if key in asked.recordings}
+
+
+def update_pending_work(
+    instance: dg.DagsterInstance,
+    workspace: Workspace,
+    before: PendingWork,
+    worked_on: Collection[str],
+    on_planned: Callable[[int, int], None] | None = None,
+) -> PendingWork:
+    """Plan again what runs may have changed (see `replan_instance`), for a build of everything."""
+    with span("plan"):
+        planned = replan_instance(instance, workspace, before.planned, worked_on, on_planned)
+    return _pending_work(instance, workspace, planned, BuildOptions())
+
+
+class _Asked(NamedTuple):
+    """What a build is asked for.
+
+    Attributes:
+        recordings: partition keys.
+        assets: assets of recordings, with those that they read; None for all.
+        datasets: their assets.
+    """
+
+    recordings: frozenset[str]
+    assets: tuple[str, ...] | None
+    datasets: tuple[str, ...]
+
+
+def _asked(
+    workspace: Workspace, discovery: Discovery, options: BuildOptions, own: "OwnProject | None"
+) -> _Asked:
+    """Return what a build is asked for.
+
+    Raises:
+        SelectionError: there is no such recording or asset.
+    """
+    recipe, recordings = workspace.recipe, discovery.recordings
+    chosen = choose_recordings(recordings, options.bags) if options.bags else frozenset(recordings)
+    datasets = tuple(dataset_code_versions(recipe))
+    ours = ("bag", *workspace.assets.names, *datasets)
+    wanted = choose_assets((*ours, *(own.assets if own else ())), options.select)
+    if wanted is None:
+        return _Asked(chosen, None, datasets)
+    if own is not None:
+        wanted = (wanted & frozenset(ours)) | own.ours_read_by(wanted)
+    parts = made_from(recipe)
+    assets = workspace.assets.with_upstream(parts.get(name, name) for name in wanted)
+    return _Asked(chosen, assets, tuple(name for name in datasets if name in wanted))
+
+
+def _pending_work(
+    instance: dg.DagsterInstance,
+    workspace: Workspace,
+    planned: InstancePlan,
+    options: BuildOptions,
+    own: "OwnProject | None" = None,
+) -> PendingWork:
+    asked = _asked(workspace, planned.discovery, options, own)
+    todo = {}
+    for key, bag in planned.plan.bags.items():
+        if key in asked.recordings and (
+            assets := bag.to_run(retry_failed=options.retry_failed, select=asked.assets)
+        ):
+            todo[key] = assets
+    behind = datasets_behind(instance, workspace, planned.inputs)
+    others = _not_behind(workspace, planned.plan, todo, options)
+    held = held_by_backfills(instance, frozenset(planned.plan.removed))
+    return PendingWork(planned, behind, asked.recordings, todo, asked.datasets, held, others)
+
+
+def _not_behind(workspace: Workspace, plan: Plan, todo: Iterable[str], options: BuildOptions) -> AssetState:
+    """Return the state of datasets that are not behind: unknown while some result that they are made from is to come.
+
+    All datasets rest on one digest, so the results for all formats count.
+    """
+    parts = [kind.part for kind in formats() if kind.part in workspace.assets.names]
+    read = workspace.assets.with_upstream(parts)
+    found = []
+    for key in todo:
+        bag = plan.bags[key]
+        to_come = [
+            name
+            for name in ("bag", *parts)
+            if bag.assets[name].state != "skipped"
+            and (bag.assets[name].data_version or "") != bag.recorded.get(name)
+        ]
+        if to_come and bag.to_run(retry_failed=options.retry_failed, select=read):
+            found.append(((), key, ", ".join(to_come[-len(parts) :])))
+    waits_for = "; ".join(f"{told.text} of {told.title}" for told in told_once(found, fewest=2))
+    return AssetState("unknown", f"waits for {waits_for}") if waits_for else AssetState("fresh", "")
+
+
+def expected_moves(pending: PendingWork, recipe: Recipe) -> dict[str, tuple[str, str]]:
+    """Return recording -> its split on disk and its split after a build, where they differ."""
+    inputs = pending.planned.inputs
+    entering = {}
+    for key in pending.todo:
+        bag = pending.plan.bags[key]
+        if bag.skipped is None and bag.unusable is None:
+            entering[key] = bag.assets["bag"].data_version or key
+    return moves(split_on_disk(recipe), inputs.dealt(recipe.splits, Store(recipe.store_path), entering))
+
+
+def rehearse(recipe_file: Path) -> None:
+    """Ask a project's database what a plan asks, for nothing: processes that are forked then find the statements compiled.
+
+    Afterwards it is closed. Other databases than SQLite's, which may keep one waiting, and those that are not there yet, are left
+    alone.
+    """
+    recipe = load_recipe(recipe_file)
+    if not are_files(dagster_home(recipe_file.absolute(), recipe)):
+        return
+    with open_project(recipe_file) as (instance, workspace):
+        names = workspace.names
+        ids = latest_ids(instance, names, all_assets())
+        fetch_recorded(instance, names, ids, sorted(live_partitions(instance, names))[:1])
+        active_runs(instance, names, ())
+        datasets_behind(instance, workspace, DatasetInputs({}))
+
+
+@contextmanager
+def open_project(recipe_file: Path) -> Iterator[tuple[dg.DagsterInstance, Workspace]]:
+    """Open the Dagster instance and the workspace of a recipe, below the prefix that the instance knows it by.
+
+    Raises:
+        RecipeError: the recipe is missing or wrong, or its project is another recipe's.
+        StoreError: the state folder cannot be written, or the database cannot be used.
+    """
+    workspace = Workspace(recipe_file=str(recipe_file.absolute()))
+    require_writable(workspace.recipe.state)
+    home = dagster_home(recipe_file.absolute(), workspace.recipe)
+    os.environ["BAGASSETS_RECIPE"] = str(recipe_file.absolute())
+    with database_errors_explained(str(home)), open_instance(str(home)) as instance, kept_open(instance):
+        if prefix := noted_prefix(instance, recipe_file):
+            workspace = Workspace(recipe_file=workspace.recipe_file, key_prefix=list(prefix))
+        yield instance, workspace

@@ -1,0 +1,1 @@
+"""What the web UI shows: assets, checks, jobs, the sensor, and the bodies that runs execute."""

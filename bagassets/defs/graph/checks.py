@@ -1,0 +1,181 @@
+"""Asset checks: the rules of `bagassets.assets.quality`, shown per recording and for the dataset."""
+
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+
+import dagster as dg
+
+from bagassets.assets.quality.check import Evidence, RecordingCheck, severity_of
+from bagassets.assets.quality.finding import Finding
+from bagassets.assets.selection import choose_rig, skip_reason
+from bagassets.base.escaping import markdown, visible
+from bagassets.defs.records.naming import Naming
+from bagassets.defs.records.partitions import recording_partitions
+from bagassets.defs.records.reporting import errors_explained
+from bagassets.defs.records.workspace import Workspace
+from bagassets.formats import checking
+from bagassets.formats.catalogue import MAIN, recording_assets
+from bagassets.formats.dataset_build import Dataset, datasets_of
+from bagassets.recipe.model import Recipe
+from bagassets.recipe.model_checks import Severity
+from bagassets.recordings.model import RecordingFiles
+from bagassets.store.artifact import Artifact
+
+__all__ = ["Checks", "check_groups", "dataset_checks", "recording_checks", "run_checks", "run_dataset_checks"]
+
+Checks = Mapping[str, Sequence[RecordingCheck]]
+"""Asset -> checks of it."""
+
+MOST_SENTENCES = 20
+
+
+def recording_checks(recipe: Recipe, names: Naming) -> list[dg.AssetChecksDefinition]:
+    """Return the checks of a recording's assets.
+
+    They are partitioned, or one recording's pass would hide another's failure.
+    """
+    return [_operation(recipe, names, name, group) for name, group in check_groups(recipe).items()]
+
+
+def check_groups(recipe: Recipe) -> dict[str, Checks]:
+    """Return the checks of a recording, by the operation that runs them.
+
+    The checks of the assets extracted from the recording are one operation, because each operation costs a run 0.1 s;
+    each other asset has an operation of its own for its checks, since it may fail where the rest did not.
+    """
+    assets = recording_assets(recipe)
+    wanted = {
+        asset.name: [one for one in asset.checks if severity_of(recipe.checks, one.section) != "skip"]
+        for asset in assets
+    }
+    extracted = {name: checks for name, checks in wanted.items() if name in assets.extracted}
+    groups: dict[str, Checks] = {"recording_checks": extracted}
+    groups |= {f"{name}_checks": {name: checks} for name, checks in wanted.items() if name not in extracted}
+    return {name: group for name, group in groups.items() if any(group.values())}
+
+
+def _operation(recipe: Recipe, names: Naming, name: str, wanted: Checks) -> dg.AssetChecksDefinition:
+    """Return an operation that runs the checks of some assets."""
+    partitions = recording_partitions(recipe.bags, names)
+
+    @dg.multi_asset_check(
+        name=names.spell(name),
+        can_subset=True,
+        required_resource_keys={names.workspace},
+        specs=[
+            dg.AssetCheckSpec(
+                check.name, asset=names.key(asset), description=check.description, partitions_def=partitions
+            )
+            for asset, checks in wanted.items()
+            for check in checks
+        ],
+    )
+    def run(context: dg.AssetCheckExecutionContext) -> Iterator[dg.AssetCheckResult]:
+        workspace: Workspace = getattr(context.resources, names.workspace)
+        selected = {(names.asset_of(key.asset_key), key.name) for key in context.selected_asset_check_keys}
+        chosen = {
+            asset: [check for check in checks if (asset, check.name) in selected]
+            for asset, checks in wanted.items()
+        }
+        with errors_explained():
+            recording = workspace.recording(context.partition_key)
+            yield from run_checks(
+                workspace, recording, chosen, lambda name: workspace.artifact(context, name)
+            )
+
+    return run
+
+
+def run_checks(
+    workspace: Workspace, recording: RecordingFiles, wanted: Checks, artifact: Callable[[str], Artifact]
+) -> Iterator[dg.AssetCheckResult]:
+    """Yield the results of checks of a recording; there are none of one that is skipped.
+
+    Args:
+        workspace: recipe and store.
+        recording: the recording.
+        wanted: the checks, by asset.
+        artifact: finds the current artifact of an asset of the recording.
+
+    Raises:
+        BagAssetsError: an artifact is missing.
+    """
+    rig = choose_rig(workspace.recipe, *recording.names)
+    if rig is None or not any(wanted.values()):
+        return
+    evidence = Evidence(workspace.recipe, rig, workspace.store, artifact)
+    if skip_reason(workspace.recipe, rig, evidence.inventory) is not None:
+        return
+    for asset, checks in wanted.items():
+        for check in checks:
+            yield _result(
+                workspace.names.key(asset),
+                check.name,
+                check.rule(evidence),
+                severity_of(evidence.checks, check.section),
+            )
+
+
+def dataset_checks(recipe: Recipe, names: Naming) -> list[dg.AssetChecksDefinition]:
+    """Return the checks of the datasets on disk, one operation per dataset."""
+    whole = (dataset for dataset in datasets_of(recipe).values() if dataset.selection is None)
+    return [
+        _dataset_operation(recipe, names, one) for one in whole if checking.dataset_checks(recipe, one.kind)
+    ]
+
+
+def _dataset_operation(recipe: Recipe, names: Naming, dataset: Dataset) -> dg.AssetChecksDefinition:
+    asset, wanted = dataset.asset, checking.dataset_checks(recipe, dataset.kind)
+    prefix = "" if dataset.kind is MAIN else f"{dataset.kind.name}_"
+
+    @dg.multi_asset_check(
+        name=names.spell(f"{prefix}dataset_checks"),
+        required_resource_keys={names.workspace},
+        specs=[
+            dg.AssetCheckSpec(check.name, asset=names.key(asset), description=check.description)
+            for check in dataset.kind.checks
+            if check.name in wanted
+        ],
+    )
+    def run(context: dg.AssetCheckExecutionContext) -> Iterator[dg.AssetCheckResult]:
+        workspace: Workspace = getattr(context.resources, names.workspace)
+        with errors_explained():
+            results = run_dataset_checks(workspace, asset, wanted)
+        yield from results
+
+    return run
+
+
+def run_dataset_checks(
+    workspace: Workspace, asset: str, names: Collection[str] | None = None
+) -> list[dg.AssetCheckResult]:
+    """Return the results of checks of a dataset on disk: of those named, or all; none if it is a named dataset.
+
+    Raises:
+        DatasetError: a file of the dataset cannot be read.
+    """
+    dataset = datasets_of(workspace.recipe)[asset]
+    if dataset.selection is not None:
+        return []
+    severities = checking.dataset_checks(workspace.recipe, dataset.kind)
+    names = severities.keys() if names is None else names
+    findings = checking.check_dataset(dataset, frozenset(names))
+    key = workspace.names.key(asset)
+    return [_result(key, name, findings[name], severities.get(name, "skip")) for name in names]
+
+
+def _result(asset: dg.AssetKey, name: str, finding: Finding, severity: Severity) -> dg.AssetCheckResult:
+    sentences = "\n".join(f"- {markdown(problem)}" for problem in finding.sentences[:MOST_SENTENCES])
+    metadata: dict[str, dg.MetadataValue | int] = {"problems": len(finding.sentences)}
+    if sentences:
+        metadata["found"] = dg.MetadataValue.md(sentences)
+    weight = severity if finding.passed else finding.weight(severity)
+    if finding.facts:
+        metadata["facts"] = dg.MetadataValue.json(dict(finding.facts))
+    return dg.AssetCheckResult(
+        passed=finding.passed,
+        asset_key=asset,
+        check_name=name,
+        severity=dg.AssetCheckSeverity.WARN if weight == "warn" else dg.AssetCheckSeverity.ERROR,
+        description=None if finding.passed else visible(finding.sentences[0]),
+        metadata=metadata,
+    )

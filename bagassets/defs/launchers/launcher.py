@@ -1,0 +1,316 @@
+"""The run launcher of bagassets: executes runs in workers of the fork server.
+
+Set in `dagster.yaml`; all of `config` is optional, its paths absolute or relative to the folder
+that Dagster is started in::
+
+    run_launcher:
+      module: bagassets.defs.launcher
+      class: BagAssetsRunLauncher
+      config:
+        recipe: recipe.yaml       # of code locations whose .env names none; default: BAGASSETS_RECIPE, else recipe.yaml
+        state_folder: .bagassets  # default: the recipe's, else the folder of the instance
+        idle_timeout_s: 900       # the server ends after so long without work; default: BAGASSETS_SERVER_MINUTES, else 900
+        grace_s: 30               # a cancelled worker is killed after that
+
+Recommended with it: a queue that is polled every second and starts one run per recording at a time (workers of one
+recording take turns anyway, but the second one would wait in memory), and run monitoring, which notices workers that
+died with their machine or container::
+
+    run_coordinator:
+      module: dagster._core.run_coordinator
+      class: QueuedRunCoordinator
+      config:
+        dequeue_interval_seconds: 1
+        tag_concurrency_limits:
+          - {key: dagster/partition, value: {applyLimitPerUniqueValue: true}, limit: 1}
+    run_monitoring: {enabled: true, start_timeout_seconds: 86400}  # a run that waits its turn is "starting"
+"""
+
+import logging
+import signal
+import sys
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Self
+
+import dagster as dg
+
+from bagassets.base.errors import BagAssetsError
+from bagassets.base.json_types import JsonMapping
+from bagassets.defs.dagster_private import (
+    GRPC_INFO_TAG,
+    CheckRunHealthResult,
+    ConfigurableClass,
+    ConfigurableClassData,
+    LaunchRunContext,
+    ModuleCodePointer,
+    RunLauncher,
+    T_DagsterInstance,
+    WorkerStatus,
+)
+from bagassets.defs.launchers.run_worker import end_worker
+from bagassets.defs.records.instances import pack_instance
+from bagassets.defs.records.projects import configured_recipe, recipe_of_location, recipes_of
+from bagassets.defs.runs.execution import mark_canceling
+from bagassets.defs.runs.worker_tag import WORKER_TAG, RunWorker
+from bagassets.defs.ui.ports import ANY_HOST
+from bagassets.forkserver.client import Client, ServerRefusedError
+from bagassets.forkserver.process import ProcessId
+from bagassets.forkserver.server_files import ServerFiles, last_lines
+from bagassets.forkserver.spec import ServerSpec
+from bagassets.forkserver.tasks import DEFINITIONS, END_WORKER, connect, server_spec, submit_run
+from bagassets.recipe import load_recipe
+
+__all__ = ["BagAssetsRunLauncher"]
+
+_LOG = logging.getLogger(__name__)
+_DEBUG_LINES = 30
+_LOCAL_HOSTS = ANY_HOST | {"localhost", "127.0.0.1", "::1"}
+
+
+class BagAssetsRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
+    """Has runs executed by workers of the fork server; where that is not possible, by Dagster's own launcher.
+
+    It keeps no record of its runs: a tag on each run names the worker, so that any process can cancel it or check
+    whether it is alive. The server stays up as long as a launcher exists that launched something (that of the web
+    server or the daemon).
+
+    Attributes:
+        names_workers: a run that it launched and that names no worker has none (see `orphaned_runs`).
+    """
+
+    names_workers = True
+
+    def __init__(
+        self,
+        inst_data: ConfigurableClassData | None = None,
+        *,
+        recipe: str | None = None,
+        state_folder: str | None = None,
+        idle_timeout_s: float | None = None,
+        grace_s: float = 30.0,
+    ) -> None:
+        self._inst_data = inst_data
+        self._recipe = recipe
+        self._state_folder = state_folder
+        self._idle_timeout_s = idle_timeout_s
+        self._grace_s = grace_s
+        self._default = dg.DefaultRunLauncher()
+        self._client: Client | None = None
+        self._mutex = threading.Lock()  # the web server launches from several threads
+        super().__init__()  # type: ignore[no-untyped-call]  # Dagster's mixin has no annotations
+
+    # --- configuration ---------------------------------------------------------------
+
+    @property
+    def inst_data(self) -> ConfigurableClassData | None:
+        """Configuration that this object was made from."""
+        return self._inst_data
+
+    @classmethod
+    def config_type(cls) -> dict[str, dg.Field]:
+        """Return the fields of `config` in `dagster.yaml`."""
+        return {
+            "recipe": dg.Field(dg.StringSource, is_required=False),
+            "state_folder": dg.Field(dg.StringSource, is_required=False),
+            "idle_timeout_s": dg.Field(dg.IntSource, is_required=False),
+            "grace_s": dg.Field(dg.IntSource, is_required=False),
+        }
+
+    @classmethod
+    def from_config_value(cls, inst_data: ConfigurableClassData, config_value: JsonMapping) -> Self:
+        """Return the launcher that `dagster.yaml` describes."""
+        return cls(inst_data, **config_value)
+
+    def register_instance(self, instance: T_DagsterInstance) -> None:
+        """Set the instance whose runs are launched."""
+        super().register_instance(instance)
+        self._default.register_instance(instance)
+
+    def dispose(self) -> None:
+        """Disconnect from the server."""
+        with self._mutex:
+            self._drop_client()
+        self._default.dispose()
+
+    # --- launching -------------------------------------------------------------------
+
+    def launch_run(self, context: LaunchRunContext) -> None:
+        """Hand a run to the fork server, or to Dagster's own launcher, recording why."""
+        run = context.dagster_run
+        reason = _why_not_here(run)
+        if reason is None:
+            try:
+                self._submit(run)
+            except (BagAssetsError, OSError) as err:
+                reason = str(err)
+        if reason is None:
+            return
+        self._instance.report_engine_event(
+            f"The run is left to Dagster's default launcher, which takes longer to start it: {reason}",
+            dagster_run=run,
+            cls=self.__class__,
+        )
+        if WORKER_TAG in run.tags:
+            self._instance.add_run_tags(run.run_id, {WORKER_TAG: ""})
+        self._default.launch_run(context)
+
+    def _submit(self, run: dg.DagsterRun) -> None:
+        spec = self._spec(run)
+        with self._mutex:
+            for is_last in (False, True):
+                try:
+                    client = self._client_for(spec)
+                    # Before the worker exists, so that a launched run always names who is responsible for it.
+                    self._instance.add_run_tags(run.run_id, RunWorker(run.run_id, client.process).tags())
+                    submit_run(client, pack_instance(self._instance), run.run_id, detached=True)
+                except ServerRefusedError:
+                    self._drop_client()
+                    # Its successor would take the run for an orphan of a dead server.
+                    self._instance.add_run_tags(run.run_id, {WORKER_TAG: ""})
+                    if is_last:
+                        raise
+                else:
+                    return
+
+    def _client_for(self, spec: ServerSpec) -> Client:
+        if self._client is not None and self._client.files.stamp == spec.stamp():
+            return self._client
+        self._drop_client()
+        self._client = connect(spec, pack_instance(self._instance))
+        return self._client
+
+    def _drop_client(self) -> None:
+        if self._client is not None:
+            self._client.close()
+            self._client = None
+
+    def _spec(self, run: dg.DagsterRun) -> ServerSpec:
+        recipe = recipe_of_location(self._instance, run) or configured_recipe(self._recipe)
+        pointer = run.job_code_origin.repository_origin.code_pointer if run.job_code_origin else None
+        modules: tuple[str, ...] = ()
+        paths: tuple[str, ...] = ()
+        if isinstance(pointer, ModuleCodePointer):
+            modules = (pointer.module,)
+            paths = (pointer.working_directory,) if pointer.working_directory else ()
+        # A module of the user's may be made from several recipes, and each that changes makes its server outdated.
+        read = [] if modules == (DEFINITIONS,) else recipes_of(self._instance)
+        return server_spec(
+            self._folder(recipe),
+            recipe,
+            modules=modules,
+            paths=paths,
+            idle_timeout_s=self._idle_timeout_s,
+            recipes=tuple(file for file in read if recipe is None or not file.samefile(recipe)),
+        )
+
+    def _folder(self, recipe: Path | None) -> Path:
+        if self._state_folder is not None:
+            return Path(self._state_folder)
+        return load_recipe(recipe).state if recipe is not None else Path(self._instance.root_directory)
+
+    # --- ending ----------------------------------------------------------------------
+
+    def terminate(self, run_id: str) -> bool:
+        """Cancel a run from any process of this machine; return False if that is not possible.
+
+        The run is marked CANCELING, its worker gets SIGTERM, and SIGKILL if it has not stopped
+        after `grace_s` seconds.
+        """
+        run = self._instance.get_run_by_id(run_id)
+        if run is None or run.is_finished:
+            return False
+        worker = RunWorker.of(run)
+        if worker is None and GRPC_INFO_TAG in run.tags:
+            terminate: Callable[[str], bool] = self._default.terminate
+            return terminate(run_id)
+        if worker is None or not worker.is_on_this_host:
+            where = "another program executes it" if worker is None else f"{worker} executes it"
+            self._instance.report_engine_event(
+                f"The run cannot be cancelled from here, because {where}.",
+                dagster_run=run,
+                cls=self.__class__,
+            )
+            return False
+        if not mark_canceling(self._instance, run) or self._cancel_job(run_id):
+            return True
+        if worker.process is None or not worker.process.send(signal.SIGTERM):
+            self._instance.report_run_canceled(run, f"The worker ({worker}) of the run is gone.")
+            return True
+        self._end_later(run, worker.process)
+        return True
+
+    def _cancel_job(self, run_id: str) -> bool:
+        """Have the server cancel the run; return False if no server that answers has it."""
+        try:
+            for client in Client.all_of(self._folder(configured_recipe(self._recipe))):
+                for job in client.status()["jobs"]:
+                    if job["label"] == run_id and client.cancel(job["job"], grace_s=self._grace_s):
+                        return True
+        except BagAssetsError as err:
+            _LOG.warning("run %s: no fork server could be reached (%s)", run_id, err)
+        return False
+
+    def _end_later(self, run: dg.DagsterRun, process: ProcessId) -> None:
+        """Make sure that a worker without a server ends."""
+        args = {
+            "instance": pack_instance(self._instance),
+            "run_id": run.run_id,
+            "process": process.as_json(),
+            "grace_s": self._grace_s,
+        }
+        try:
+            with Client.ensure(self._spec(run)) as client:
+                client.submit(END_WORKER, args, label=f"end-{run.run_id}", detached=True)
+        except BagAssetsError as err:
+            _LOG.warning("run %s: its worker is ended by this process (%s)", run.run_id, err)
+            threading.Thread(target=end_worker, args=(args,), daemon=True).start()
+
+    # --- health ----------------------------------------------------------------------
+
+    @property
+    def supports_check_run_worker_health(self) -> bool:
+        """True: run monitoring of the daemon may check."""
+        return True
+
+    def check_run_worker_health(self, run: dg.DagsterRun) -> CheckRunHealthResult:
+        """Return whether the worker of a run is alive.
+
+        A run without a worker of ours counts as running, since run monitoring fails every run with another status.
+        """
+        worker = RunWorker.of(run)
+        if worker is None:
+            return CheckRunHealthResult(
+                WorkerStatus.RUNNING, "Executed by another program, which monitors it."
+            )
+        if not worker.is_on_this_host or worker.is_alive():
+            return CheckRunHealthResult(WorkerStatus.RUNNING, str(worker), run_worker_id=str(worker))
+        return CheckRunHealthResult(
+            WorkerStatus.FAILED, f"The worker ({worker}) is gone.", run_worker_id=str(worker)
+        )
+
+    def get_run_worker_debug_info(
+        self, run: dg.DagsterRun, include_container_logs: bool | None = True
+    ) -> str | None:
+        """Return the last lines that the worker of a run wrote, if it wrote any."""
+        if RunWorker.of(run) is None or not include_container_logs:
+            return None
+        log = ServerFiles(self._folder(configured_recipe(self._recipe)), "").job_log(run.run_id)
+        lines = last_lines(log, _DEBUG_LINES)
+        return "\n".join([f"Last lines of {log}:", *lines]) if lines else None
+
+
+def _why_not_here(run: dg.DagsterRun) -> str | None:
+    """Return why a server of this Python environment cannot run the code of a run; None if it can."""
+    if run.job_code_origin is None or run.remote_job_origin is None:
+        return "it does not say where its code is."
+    code = run.job_code_origin.repository_origin
+    if code.container_image is not None:
+        return f"its code lives in the container image {code.container_image}."
+    if Path(code.executable_path).parent != Path(sys.executable).parent:
+        return f"its code belongs to another Python environment ({code.executable_path})."
+    host = getattr(run.remote_job_origin.repository_origin.code_location_origin, "host", None)
+    if host not in {None, *_LOCAL_HOSTS}:
+        return f"its code lives on {host}."
+    return None

@@ -1,0 +1,365 @@
+"""The files by which launcher, keeper and jobs know of each other, on a file system that all nodes share.
+
+A run is one file. It lies in `waiting`, in `runs` of a job's folder, or in `begun` of it, and gets from one to the next
+by a rename, which only one process can do. So a run that a job has begun is never submitted again, and one that was
+taken back from a job that is gone cannot be begun by it any more. No locks are needed.
+"""
+
+import json
+import shutil
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from shlex import quote
+from typing import Self
+from uuid import uuid4
+
+from bagassets.base.atomic import write_atomically
+from bagassets.base.json_types import JsonMapping, JsonObject
+
+__all__ = ["JobFolder", "JobSpec", "Spool", "SpooledRun"]
+
+_JOB, _SUBMITTED, _ENDED = "job.json", "submitted.json", "ended.json"
+
+
+@dataclass(frozen=True)
+class JobSpec:
+    """What all runs of a job have in common; only runs with equal specs can share one.
+
+    Attributes:
+        instance: the Dagster instance, from `pack_instance`.
+        options: what the job asks Slurm for (`JobOptions.as_json`).
+        python: interpreter.
+        cwd: current folder.
+        modules: modules of definitions.
+        paths: folders put on the module search path.
+        locks: folder of lock files.
+        environment: variables that are set.
+        needs: folders and files that the node must see.
+        versions: distribution -> version that the node must have.
+        idle_s: how long a job waits for more runs when it has none left.
+        minutes: a job takes no more runs that might end later than that after its begin.
+        stores: folder of a store -> its id.
+    """
+
+    instance: str
+    options: JsonMapping
+    python: str
+    cwd: str
+    modules: tuple[str, ...]
+    paths: tuple[str, ...]
+    locks: str
+    environment: JsonMapping
+    needs: tuple[str, ...]
+    versions: JsonMapping
+    idle_s: float = 0.0
+    minutes: float = 0.0
+    stores: JsonMapping = field(default_factory=dict)
+
+    @classmethod
+    def from_json(cls, value: JsonMapping) -> Self:
+        """Inverse of `as_json`."""
+        lists = {name: tuple(value[name]) for name in ("modules", "paths", "needs")}
+        return cls(**dict(value) | lists)
+
+    def as_json(self) -> JsonObject:
+        """Return the spec as JSON."""
+        value: JsonObject = json.loads(json.dumps(asdict(self)))
+        return value
+
+
+@dataclass(frozen=True)
+class SpooledRun:
+    """A run in the spool.
+
+    Attributes:
+        run_id: the run.
+        spec: what its job must be like.
+        seconds: how long it may take.
+        since: when it was launched, in Unix seconds.
+        recordings: how many it is about; 1 if it is about none.
+        sizes: path of a recording that it is about -> its bytes, as far as they are known.
+    """
+
+    run_id: str
+    spec: JobSpec
+    seconds: float
+    since: float
+    recordings: int = 1
+    sizes: JsonMapping = field(default_factory=dict)
+
+    @classmethod
+    def from_json(cls, value: JsonMapping) -> Self:
+        """Inverse of `as_json`."""
+        return cls(**dict(value) | {"spec": JobSpec.from_json(value["spec"])})
+
+    def as_json(self) -> JsonObject:
+        """Return the run as JSON."""
+        return asdict(self) | {"spec": self.spec.as_json()}
+
+
+class JobFolder:
+    """The folder of one job.
+
+    Args:
+        path: the folder.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    @property
+    def name(self) -> str:
+        """Name of the folder, and of the log."""
+        return self.path.name
+
+    @property
+    def log(self) -> Path:
+        """What the job prints."""
+        return self.path.parent.parent / "logs" / f"{self.name}.log"
+
+    def spec(self) -> JobSpec:
+        """Return the spec of its runs."""
+        return JobSpec.from_json(_read(self.path / _JOB) or {})
+
+    def age_s(self) -> float:
+        """Return how long ago it was made."""
+        return time.time() - (self.path / "made").stat().st_mtime
+
+    # --- its runs ---
+
+    def runs(self) -> list[str]:
+        """Return the runs that it has not begun, in the order in which it begins them."""
+        order = (_read(self.path / "order.json") or {"order": []})["order"]
+        place = {run_id: number for number, run_id in enumerate(order)}
+        return sorted(_names(self.path / "runs"), key=lambda run_id: place.get(run_id, 0))
+
+    def sizes(self) -> Iterator[tuple[str, int]]:
+        """Yield path and bytes of the recordings of runs that it has not begun."""
+        for run_id in self.runs():
+            found = _read(self.path / "runs" / f"{run_id}.json")
+            if found is not None:
+                yield from SpooledRun.from_json(found).sizes.items()
+
+    def begun(self) -> list[str]:
+        """Return the runs that it has begun."""
+        return _names(self.path / "begun")
+
+    def take(self, run_id: str) -> SpooledRun | None:
+        """Take a run for the job; None if somebody took it back."""
+        return _moved(self.path / "runs" / f"{run_id}.json", self.path / "begun" / f"{run_id}.json")
+
+    def take_waiting(self, seconds: float) -> SpooledRun | None:
+        """Take a run that waits for a job such as this one; None if there is none.
+
+        Args:
+            seconds: longest that the run may take.
+        """
+        root = self.path.parent.parent
+        for run in Spool(root).waiting():
+            if run.seconds <= seconds and run.spec.as_json() == _read(self.path / _JOB):
+                name = f"{run.run_id}.json"
+                got = _moved(root / "waiting" / name, self.path / "begun" / name)
+                if got is not None:
+                    return got
+        return None
+
+    def has(self, run_id: str) -> bool:
+        """Return whether the job has the run, begun or not."""
+        return self.has_begun(run_id) or (self.path / "runs" / f"{run_id}.json").exists()
+
+    def has_begun(self, run_id: str) -> bool:
+        """Return whether the job has begun the run."""
+        return (self.path / "begun" / f"{run_id}.json").exists()
+
+    def note_seconds(self, run: SpooledRun, seconds: float) -> None:
+        """Note how long a run took, for estimates."""
+        with suppress(OSError):
+            write_atomically(
+                self.path / "took" / run.run_id, json.dumps([run.seconds, round(seconds, 3)]).encode()
+            )
+
+    def ask_to_cancel(self, run_id: str) -> None:
+        """Have the job cancel a run that it has begun."""
+        with suppress(FileNotFoundError):  # it has just ended
+            (self.path / "cancel" / run_id).touch()
+
+    def to_cancel(self) -> list[str]:
+        """Return the runs that somebody asked to cancel."""
+        return _names(self.path / "cancel")
+
+    # --- the job ---
+
+    @property
+    def is_open(self) -> bool:
+        """False once it was settled."""
+        return self.path.is_dir()
+
+    def submitted(self) -> JsonObject | None:
+        """Return `job`, `user` and `at` of the submission; None before it."""
+        return _read(self.path / _SUBMITTED)
+
+    def note_submitted(self, job_id: str, user: str) -> None:
+        """Note under which id the job was submitted."""
+        _write(self.path / _SUBMITTED, {"job": job_id, "user": user, "at": time.time()})
+
+    def ended(self) -> JsonObject | None:
+        """Return `code`, `node` and `problem` that the job left when it ended; None if it has not."""
+        found = _read(self.path / _ENDED)
+        if found is None:
+            return None
+        with suppress(OSError):
+            found["problem"] = (self.path / "problem").read_text("utf-8")
+        return found
+
+    def note_problem(self, problem: str) -> None:
+        """Note, on the node, why the job can do nothing."""
+        write_atomically(self.path / "problem", problem.encode())
+
+    def script(self, command: str) -> str:
+        """Return the batch script that executes a command, and leaves a record when it ends."""
+        record, new = (quote(str(self.path / name)) for name in (_ENDED, f"{_ENDED}.new"))
+        return (
+            "#!/bin/sh\n"
+            "trap : TERM  # the command gets it, too; this shell goes on, and records the end\n"
+            f"{command}\n"
+            "code=$?\n"
+            f'printf \'{{"code": %d, "node": "%s"}}\' "$code" "$SLURMD_NODENAME" > {new} '
+            f"&& mv {new} {record}\n"
+            'exit "$code"\n'
+        )
+
+
+class Spool:
+    """All files of one launcher.
+
+    Args:
+        root: the folder, on a file system that all nodes share.
+    """
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+
+    def make(self) -> None:
+        """Make the folders."""
+        for name in ("waiting", "tries", "jobs", "ended", "logs"):
+            (self.root / name).mkdir(parents=True, exist_ok=True)
+
+    def put(self, run: SpooledRun) -> None:
+        """Have a run wait for a job."""
+        _write(self.root / "waiting" / f"{run.run_id}.json", run.as_json())
+
+    def waiting(self) -> list[SpooledRun]:
+        """Return the runs that wait for a job, the oldest first."""
+        found = [_read(path) for path in (self.root / "waiting").glob("*.json")]
+        return sorted((SpooledRun.from_json(one) for one in found if one), key=lambda run: run.since)
+
+    def withdraw(self, run_id: str) -> bool:
+        """Take away a run that waits for a job; return False if none waits."""
+        try:
+            (self.root / "waiting" / f"{run_id}.json").unlink()
+        except FileNotFoundError:
+            return False
+        return True
+
+    def is_waiting(self, run_id: str) -> bool:
+        """Return whether the run waits for a job."""
+        return (self.root / "waiting" / f"{run_id}.json").exists()
+
+    def new_job(self, runs: Iterable[SpooledRun]) -> tuple[JobFolder, list[SpooledRun]]:
+        """Move runs with equal specs from `waiting` into the folder of a new job; return it, and those that it got."""
+        runs = list(runs)
+        stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S")
+        folder = JobFolder(self.root / "jobs" / f"{stamp}-{uuid4().hex[:8]}")
+        for name in ("runs", "begun", "cancel", "took"):
+            (folder.path / name).mkdir(parents=True)
+        (folder.path / "made").touch()
+        _write(folder.path / _JOB, runs[0].spec.as_json())
+        _write(folder.path / "order.json", {"order": [run.run_id for run in runs]})
+        got = []
+        for run in runs:
+            name = f"{run.run_id}.json"
+            if _moved(self.root / "waiting" / name, folder.path / "runs" / name) is not None:
+                got.append(run)
+        return folder, got
+
+    def take_back(self, folder: JobFolder, run_id: str) -> bool:
+        """Have a run wait for another job; return False if its job, or somebody else, took it."""
+        name = f"{run_id}.json"
+        return _moved(folder.path / "runs" / name, self.root / "waiting" / name) is not None
+
+    def count_try(self, run_id: str) -> int:
+        """Note that a job ended before it began the run, or could not be submitted; return how often that was so."""
+        with (self.root / "tries" / run_id).open("ab") as file:
+            file.write(b".")
+            return file.tell()
+
+    def drop(self, folder: JobFolder, run_id: str) -> bool:
+        """Take away a run that its job has not begun; return False if it has."""
+        try:
+            (folder.path / "runs" / f"{run_id}.json").unlink()
+        except FileNotFoundError:
+            return False
+        return True
+
+    def jobs(self) -> list[JobFolder]:
+        """Return the jobs that are not settled, the oldest first."""
+        return [JobFolder(path) for path in sorted((self.root / "jobs").glob("*T*-*"))]
+
+    def job_of(self, run_id: str) -> JobFolder | None:
+        """Return the job that has the run; None if no job that is not settled has it."""
+        return next((job for job in self.jobs() if job.has(run_id)), None)
+
+    def settle(self, folder: JobFolder) -> None:
+        """Put a job aside whose runs have all ended."""
+        with suppress(OSError):  # somebody else did
+            folder.path.rename(self.root / "ended" / folder.name)
+
+    def durations(self, most: int = 20) -> Iterator[tuple[float, float]]:
+        """Yield how long runs of the last jobs should have taken, and took."""
+        for path in sorted((self.root / "ended").glob("*T*-*"), reverse=True)[:most]:
+            for name in _names(path / "took"):
+                with suppress(OSError, ValueError):
+                    expected, took = json.loads((path / "took" / name).read_text("utf-8"))
+                    yield expected, took
+
+    def remove_old(self, days: float) -> None:
+        """Remove what is left of jobs that ended long ago."""
+        oldest = time.time() - days * 86400
+        old = (("ended", "*T*-*"), ("logs", "*.log"), ("tries", "*"))
+        for path in [path for name, pattern in old for path in (self.root / name).glob(pattern)]:
+            with suppress(OSError):
+                if path.stat().st_mtime < oldest:
+                    shutil.rmtree(path) if path.is_dir() else path.unlink()
+
+
+def _names(folder: Path) -> list[str]:
+    try:
+        return sorted(path.name.removesuffix(".json") for path in folder.iterdir() if path.name[0] != ".")
+    except FileNotFoundError:
+        return []
+
+
+def _moved(source: Path, target: Path) -> SpooledRun | None:
+    """Move a run; None if it is not there (any more)."""
+    try:
+        source.rename(target)
+    except FileNotFoundError:
+        return None
+    found = _read(target)
+    return None if found is None else SpooledRun.from_json(found)
+
+
+def _read(path: Path) -> JsonObject | None:
+    try:
+        value: JsonObject = json.loads(path.read_text("utf-8"))
+    except FileNotFoundError:
+        return None
+    return value
+
+
+def _write(path: Path, value: JsonMapping) -> None:
+    write_atomically(path, json.dumps(value, sort_keys=True).encode())

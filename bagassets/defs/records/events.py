@@ -1,0 +1,190 @@
+"""Reading Dagster's event log: the latest record of each asset partition.
+
+Only the event log says which artifact is current.
+"""
+
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TypeVar
+
+import dagster as dg
+from dagster import AssetRecordsFilter
+
+from bagassets.defs.records.naming import INPUT_PREFIX, AssetName, Naming
+from bagassets.engine.plan import Recorded
+from bagassets.formats.catalogue import known_assets
+from bagassets.recordings.digest import RecordingStat
+
+__all__ = [
+    "all_assets",
+    "fetch_recorded",
+    "in_batches",
+    "latest_ids",
+    "live_partitions",
+    "recorded_partition",
+    "recorded_states",
+    "recorded_whole",
+    "recordings_made",
+    "runs_of",
+]
+
+A = TypeVar("A", bound=AssetName)
+T = TypeVar("T")
+
+DATA_VERSION = "dagster/data_version"
+CODE_VERSION = "dagster/code_version"
+STAT = "file_stat"
+MADE_ALONG = "inventory_action"
+CONTENT, SEVERAL = "content_digest", "several"
+REASON = "reason"
+_CACHED, _ACTION = "cached", "action_digest"
+_OF_RECORDED = {STAT, _CACHED, _ACTION, MADE_ALONG, CONTENT, REASON}
+
+# Records are fetched by storage id; more ids at a time would exceed SQLite's limit of variables.
+_BATCH = 500
+_NOT_SUCCEEDED = [dg.DagsterRunStatus.FAILURE, dg.DagsterRunStatus.CANCELED]
+
+
+def all_assets() -> tuple[str, ...]:
+    """Return the assets that recordings may have, whether the recipe asks for them now or not."""
+    return ("bag", *(asset.name for asset in known_assets()))
+
+
+def live_partitions(instance: dg.DagsterInstance, names: Naming) -> frozenset[str]:
+    """Return the registered partition keys."""
+    return frozenset(instance.get_dynamic_partitions(names.partitions))
+
+
+def recorded_states(
+    instance: dg.DagsterInstance, names: Naming, assets: Iterable[A]
+) -> dict[A, dict[str, Recorded]]:
+    """Return asset -> partition key -> latest record, in bulk.
+
+    Partitions that were deleted are included; intersect with the live ones.
+    """
+    ids = latest_ids(instance, names, assets)
+    records = fetch_recorded(instance, names, ids, {key for by_key in ids.values() for key in by_key})
+    return {asset: {key: made[asset] for key, made in records.items() if asset in made} for asset in ids}
+
+
+def recorded_partition(
+    instance: dg.DagsterInstance, names: Naming, asset: AssetName, partition_key: str
+) -> Recorded | None:
+    """Return the latest record of one asset partition."""
+    result = instance.fetch_materializations(
+        AssetRecordsFilter(asset_key=names.key(asset), asset_partitions=[partition_key]), limit=1
+    )
+    late = _late(instance, result.records)
+    for record in result.records:
+        if record.asset_materialization is not None and record.storage_id not in late:
+            return _recorded(names, record.asset_materialization, record.run_id)
+    return None
+
+
+def recorded_whole(instance: dg.DagsterInstance, names: Naming, asset: AssetName) -> Recorded | None:
+    """Return the latest record of an asset, whichever partition it is of."""
+    for record in instance.fetch_materializations(names.key(asset), limit=1).records:
+        if record.asset_materialization is not None:
+            return _recorded(names, record.asset_materialization, record.run_id)
+    return None
+
+
+def recordings_made(instance: dg.DagsterInstance, run_id: str) -> frozenset[str]:
+    """Return the partition keys of which a run has made something, rather than recorded what was known."""
+    made = set()
+    for entry in instance.all_logs(run_id, of_type=dg.DagsterEventType.ASSET_MATERIALIZATION):
+        materialization = entry.asset_materialization
+        cached = None if materialization is None else materialization.metadata.get(_CACHED)
+        if materialization is not None and cached is not None and not cached.value:
+            made.add(materialization.partition or "")
+    return frozenset(made)
+
+
+def event_database(instance: dg.DagsterInstance) -> Path | None:
+    """Return the SQLite file with the events of assets; None if they are kept elsewhere."""
+    path_for_shard = getattr(instance.event_log_storage, "path_for_shard", None)
+    return None if path_for_shard is None else Path(path_for_shard("index"))
+
+
+def latest_ids(
+    instance: dg.DagsterInstance, names: Naming, assets: Iterable[A]
+) -> dict[A, Mapping[str, int]]:
+    """Return asset -> partition key -> storage id of the latest materialization (20 ms for 10,000 partitions).
+
+    Partitions that were deleted are included; intersect with the live ones.
+    """
+    storage = instance.event_log_storage
+    kind = dg.DagsterEventType.ASSET_MATERIALIZATION
+    return {asset: storage.get_latest_storage_id_by_partition(names.key(asset), kind) for asset in assets}
+
+
+def runs_of(instance: dg.DagsterInstance, run_ids: Iterable[str]) -> list[dg.DagsterRun]:
+    """Return the runs with these ids that are there."""
+    batches = in_batches(sorted(run_ids))
+    return [run for batch in batches for run in instance.get_runs(dg.RunsFilter(run_ids=batch))]
+
+
+def in_batches(ids: Sequence[T]) -> Iterator[list[T]]:
+    """Yield the ids in lists so short that a query may name all of one."""
+    for start in range(0, len(ids), _BATCH):
+        yield list(ids[start : start + _BATCH])
+
+
+def fetch_recorded(
+    instance: dg.DagsterInstance, names: Naming, ids: Mapping[A, Mapping[str, int]], keys: Iterable[str]
+) -> dict[str, dict[A, Recorded]]:
+    """Return partition key -> asset -> latest record, for the storage ids that `latest_ids` gave."""
+    found: dict[str, dict[A, Recorded]] = {key: {} for key in keys}
+    records: list[tuple[A, dg.EventLogRecord]] = []
+    for asset, by_key in ids.items():
+        wanted = sorted(by_key[key] for key in found if key in by_key)
+        for batch in in_batches(wanted):
+            result = instance.fetch_materializations(
+                AssetRecordsFilter(asset_key=names.key(asset), storage_ids=batch), limit=len(batch)
+            )
+            records += [(asset, record) for record in result.records]
+    late = _late(instance, [record for _, record in records])
+    for asset, record in records:
+        made = record.asset_materialization
+        if made is not None and made.partition in found and record.storage_id not in late:
+            found[made.partition][asset] = _recorded(names, made, record.run_id)
+    return found
+
+
+def _late(instance: dg.DagsterInstance, records: Sequence[dg.EventLogRecord]) -> set[int]:
+    """Return the ids of records that were written after their run had been given up (see `fence`).
+
+    These count as none: what they say may be older than what a retry has recorded. To record something once more does
+    no harm.
+    """
+    run_ids = sorted({record.run_id for record in records})
+    ends: dict[str, float | None] = {}
+    for batch in in_batches(run_ids):
+        asked = dg.RunsFilter(run_ids=batch, statuses=_NOT_SUCCEEDED)
+        ends |= {one.dagster_run.run_id: one.end_time for one in instance.get_run_records(asked)}
+    return {
+        record.storage_id
+        for record in records
+        if (end_s := ends.get(record.run_id)) is not None and record.timestamp > end_s
+    }
+
+
+def _recorded(names: Naming, materialization: dg.AssetMaterialization, run_id: str) -> Recorded:
+    tags: Mapping[str, str] = materialization.tags or {}
+    said = {name: value.value for name, value in materialization.metadata.items() if name in _OF_RECORDED}
+    inputs = {
+        names.input_of(name): version for name, version in tags.items() if name.startswith(INPUT_PREFIX)
+    }
+    return Recorded(
+        data_version=tags.get(DATA_VERSION, ""),
+        code_version=tags.get(CODE_VERSION),
+        inputs=inputs,
+        stat=RecordingStat.from_json(json.loads(str(said[STAT]))) if STAT in said else None,
+        cached=bool(said[_CACHED]) if _CACHED in said else None,
+        action=str(said[_ACTION]) if _ACTION in said else None,
+        run_id=run_id,
+        made_along=str(said.get(MADE_ALONG, "")),
+        content=str(said.get(CONTENT, "")),
+        why_skipped=str(said.get(REASON, "")),
+    )

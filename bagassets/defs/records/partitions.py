@@ -1,0 +1,184 @@
+"""Recordings as dynamic partitions: registering them, removing them, and the active runs of each.
+
+A recording on disk that is not registered yet is registered when a run asks for its partition.
+"""
+
+from collections.abc import Iterable, Sequence
+from collections.abc import Set as AbstractSet
+from difflib import get_close_matches
+
+import dagster as dg
+from dagster import partition_loading_context
+from sqlalchemy.exc import IntegrityError
+
+from bagassets.base.alike import names_text
+from bagassets.base.errors import RecordingError
+from bagassets.defs.dagster_private import BulkActionsFilter, BulkActionStatus, PartitionLoadingContext
+from bagassets.defs.records.batches import batch_of
+from bagassets.defs.records.events import all_assets, in_batches
+from bagassets.defs.records.naming import Naming
+from bagassets.recipe.model import Bags
+from bagassets.recordings.discover import Discovery, discover
+
+__all__ = [
+    "ACTIVE",
+    "DATASET",
+    "PARTITION_TAG",
+    "RecordingPartitions",
+    "active_runs",
+    "add_partitions",
+    "held_by_backfills",
+    "recording_partitions",
+    "remove_partition",
+]
+
+DATASET = ""
+"""Stands for the dataset among partition keys."""
+
+PARTITION_TAG = "dagster/partition"
+"""Tag of a run about one partition."""
+_UNFINISHED = [
+    dg.DagsterRunStatus.QUEUED,
+    dg.DagsterRunStatus.NOT_STARTED,
+    dg.DagsterRunStatus.STARTING,
+    dg.DagsterRunStatus.STARTED,
+]
+ACTIVE = [*_UNFINISHED, dg.DagsterRunStatus.CANCELING]
+"""States of runs that have not ended."""
+
+
+def recording_partitions(bags: Bags, names: Naming) -> dg.DynamicPartitionsDefinition:
+    """Return the partitions of the assets of a recording: one key per recording."""
+    partitions = RecordingPartitions(name=names.partitions)
+    partitions.bags = bags
+    return partitions
+
+
+class RecordingPartitions(dg.DynamicPartitionsDefinition):
+    """Dynamic partitions that a run may ask for before the sensor or a build has registered them.
+
+    So `dagster asset materialize --partition KEY` works on a recording that was copied a moment ago.
+
+    Attributes:
+        bags: where recordings are found.
+    """
+
+    bags: Bags | None = None
+
+    def __hash__(self) -> int:
+        """Return the hash of plain dynamic partitions of this name, to which these are equal."""
+        return hash(dg.DynamicPartitionsDefinition(name=self.name))
+
+    __eq__ = dg.DynamicPartitionsDefinition.__eq__
+
+    def validate_partition_key(self, partition_key: str, context: PartitionLoadingContext) -> None:
+        """Accept a registered key, and register one whose recording is on disk.
+
+        Raises:
+            RecordingError: there is no such recording.
+        """
+        store = context.dynamic_partitions_store
+        with partition_loading_context(new_ctx=context):
+            is_registered = self.has_partition_key(partition_key)
+        if is_registered or self.bags is None or not isinstance(store, dg.DagsterInstance):
+            super().validate_partition_key(partition_key, context)
+            return
+        found = discover(self.bags)
+        if partition_key not in found.recordings:
+            raise RecordingError(_no_such_recording(partition_key, self.bags, found))
+        _register(store, str(self.name), [partition_key])
+
+    def get_partition_keys_in_range(self, partition_key_range: dg.PartitionKeyRange) -> Sequence[str]:
+        """Return the keys of a range, in the order in which they were registered.
+
+        Raises:
+            RecordingError: its end was registered before its start, so Dagster would make nothing, and say nothing.
+        """
+        found = super().get_partition_keys_in_range(partition_key_range)
+        if not found:
+            start, end = partition_key_range.start, partition_key_range.end
+            raise RecordingError(
+                f"{start}...{end}: {end} was registered before {start}, so there is nothing in this range; write {end}...{start}."
+            )
+        return found
+
+
+def _no_such_recording(key: str, bags: Bags, found: Discovery) -> str:
+    known = list(found.recordings)
+    if whole := found.joined_into(key):
+        hint = f"it is part of {whole}, which is one recording."
+    elif near := get_close_matches(key, known, n=1):
+        hint = f"did you mean {near[0]}?"
+    elif known:
+        hint = f"the keys are {names_text(known)}."
+    else:
+        hint = "there are no recordings at all."
+    return f"{key}: no recording with this partition key below {bags.root}; {hint}"
+
+
+def active_runs(
+    instance: dg.DagsterInstance, names: Naming, datasets: Iterable[str]
+) -> dict[str, tuple[str, ...]]:
+    """Return run id -> partition keys, and `DATASET` if it makes one of `datasets`, for runs that have not ended."""
+    recordings, once = frozenset(all_assets()), frozenset(datasets)
+    active: dict[str, tuple[str, ...]] = {}
+    for run in instance.get_runs(filters=dg.RunsFilter(statuses=ACTIVE)):
+        if PARTITION_TAG in run.tags and names.is_about(run, recordings):
+            active[run.run_id] = (run.tags[PARTITION_TAG],)
+        elif run.asset_selection and names.is_about(run, once):
+            active[run.run_id] = (DATASET,)
+        elif batch := batch_of(run, names):
+            active[run.run_id] = batch
+    return active
+
+
+def add_partitions(instance: dg.DagsterInstance, names: Naming, keys: Sequence[str]) -> None:
+    """Register recordings; keys that are registered already are kept."""
+    for batch in in_batches(keys):
+        _register(instance, names.partitions, batch)
+
+
+def _register(instance: dg.DagsterInstance, partitions: str, keys: list[str]) -> None:
+    """Register partition keys, also while another process registers some of them.
+
+    Dagster looks which of them are missing, then inserts those; in SQLite that fails if somebody was faster. Each time
+    that happens one key more is known.
+    """
+    for _ in keys:
+        try:
+            instance.add_dynamic_partitions(partitions, keys)
+        except IntegrityError:
+            continue
+        return
+    instance.add_dynamic_partitions(partitions, keys)
+
+
+def held_by_backfills(instance: dg.DagsterInstance, keys: AbstractSet[str]) -> dict[str, str]:
+    """Return key -> what its removal waits for, for those partition keys that a backfill targets which has not ended.
+
+    If one of them were deleted, Dagster would end all of that backfill as failed.
+    """
+    held: dict[str, str] = {}
+    unfinished = [BulkActionStatus.REQUESTED, BulkActionStatus.CANCELING, BulkActionStatus.FAILING]
+    for backfill in instance.get_backfills(BulkActionsFilter(statuses=unfinished)) if keys else ():
+        data = backfill.asset_backfill_data
+        subsets = () if data is None else data.target_subset.partitions_subsets_by_asset_key.values()
+        # Of our partitions, which are dynamic, a subset is a set of keys.
+        targeted = {key for subset in subsets for key in getattr(subset, "subset", ())}
+        why = f"its partition is removed once backfill {backfill.backfill_id}, which targets it, has ended"
+        held |= dict.fromkeys(keys & {*targeted, *(backfill.partition_names or ())}, why)
+    return held
+
+
+def remove_partition(instance: dg.DagsterInstance, names: Naming, key: str) -> None:
+    """Cancel the runs of a recording that is gone, then delete its partition."""
+    runs = instance.get_runs(dg.RunsFilter(statuses=_UNFINISHED, tags={PARTITION_TAG: key}))
+    assets = frozenset(all_assets())
+    for run in runs:
+        if not names.is_about(run, assets):
+            continue
+        if run.status == dg.DagsterRunStatus.QUEUED:
+            instance.report_run_canceled(run, message=f"Recording {key} was removed.")
+        else:
+            instance.run_launcher.terminate(run.run_id)
+    instance.delete_dynamic_partition(names.partitions, key)

@@ -1,0 +1,92 @@
+"""How far a run is with its recordings, as its log says: so it does not matter where it is executed, or by whom."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
+
+import dagster as dg
+
+from bagassets.defs.dagster_private import EngineEventData
+from bagassets.engine.reading import Reading, readings_told
+
+__all__ = ["RunProgress", "note_begun", "note_ended", "readings_noted"]
+
+_RECORDING, _STATE, _PROBLEM, _SHARE = "recording", "state", "problem", "share"
+_DATASETS = "datasets"  # whose key is empty
+_BEGUN, _DONE, _FAILED, _READING = "begun", "done", "failed", "reading"
+
+
+@dataclass
+class RunProgress:
+    """How far a run is with its recordings.
+
+    Attributes:
+        begun: partition key -> when it was begun (seconds since the epoch), in a run about several.
+        ended: partition key -> why it failed (None if it did not), and the seconds it took; likewise.
+        reading: partition key -> what is being done and how far, and as a share; the latest that was noted since these
+            were taken out.
+    """
+
+    begun: dict[str, float] = field(default_factory=dict)
+    ended: dict[str, tuple[str | None, float]] = field(default_factory=dict)
+    reading: dict[str, tuple[str, float]] = field(default_factory=dict)
+    _cursor: str | None = None
+
+    def read(self, instance: dg.DagsterInstance, run_id: str) -> Iterator[tuple[str, bool]]:
+        """Read what is new, and yield each recording that was begun (False) or has ended (True)."""
+        found = instance.get_records_for_run(run_id, self._cursor, dg.DagsterEventType.ENGINE_EVENT)
+        self._cursor = found.cursor
+        for record in found.records:
+            entry = record.event_log_entry
+            event = entry.get_dagster_event()
+            said = {name: value.value for name, value in event.engine_event_data.metadata.items()}
+            key, state = str(said.get(_RECORDING)), said.get(_STATE)
+            if state == _BEGUN:
+                self.begun[key] = entry.timestamp
+                yield key, False
+            elif state == _READING:
+                self.reading[key] = str(event.message), float(str(said[_SHARE]))
+            elif state in {_DONE, _FAILED}:
+                problem = str(said[_PROBLEM]) if state == _FAILED else None
+                self.ended[key] = problem, entry.timestamp - self.begun.get(key, entry.timestamp)
+                yield key, True
+
+
+def note_begun(instance: dg.DagsterInstance, run_id: str, job_name: str, key: str) -> None:
+    """Note in the log of a run about several recordings that it has begun with one."""
+    _note(instance, run_id, job_name, f"{key or _DATASETS}: {_BEGUN}.", {_RECORDING: key, _STATE: _BEGUN})
+
+
+def note_ended(
+    instance: dg.DagsterInstance, run_id: str, job_name: str, key: str, problem: str | None
+) -> None:
+    """Note in the log of a run about several recordings that it is done with one, or that this failed."""
+    if problem is None:
+        _note(instance, run_id, job_name, f"{key or _DATASETS}: {_DONE}.", {_RECORDING: key, _STATE: _DONE})
+    else:
+        metadata = {_RECORDING: key, _STATE: _FAILED, _PROBLEM: problem}
+        _note(instance, run_id, job_name, f"{key or _DATASETS}: {_FAILED}. {problem}", metadata)
+
+
+def readings_noted(instance: dg.DagsterInstance, run_id: str, key: str) -> AbstractContextManager[None]:
+    """Note in the log of a run now and then how far it has come with reading a large recording, in this block."""
+
+    def note(reading: Reading) -> None:
+        run = instance.get_run_by_id(run_id)
+        if run is not None:
+            metadata: dict[str, str | float] = {_RECORDING: key, _STATE: _READING}
+            metadata[_SHARE] = round(reading.share, 3)
+            _note(instance, run_id, run.job_name, str(reading), metadata)
+
+    return readings_told(note)
+
+
+def _note(
+    instance: dg.DagsterInstance,
+    run_id: str,
+    job_name: str,
+    message: str,
+    metadata: Mapping[str, str | float],
+) -> None:
+    data = EngineEventData(metadata)
+    instance.report_engine_event(message, run_id=run_id, job_name=job_name, engine_event_data=data)

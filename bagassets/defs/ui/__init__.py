@@ -1,0 +1,1 @@
+"""What `bagassets ui` starts: web server, daemon, and who may reach them."""

@@ -1,0 +1,21 @@
+"""`python -m bagassets.defs.ui.daemon …`: Dagster's daemon, which looks at backfills as often as at sensors; started by `bagassets.defs.ui.dev`.
+
+Dagster's own looks every 30 seconds, twice for a *Materialize all*: before its runs, and before those of the datasets.
+"""
+
+from bagassets.defs.dagster_private import cli, controller
+
+__all__ = ["BACKFILL_POLL_S", "main"]
+
+BACKFILL_POLL_S = 5
+_INTERVAL = "DEFAULT_DAEMON_INTERVAL_SECONDS"
+
+
+def main() -> None:
+    """Run Dagster's daemon with the arguments of this process."""
+    setattr(controller, _INTERVAL, BACKFILL_POLL_S)
+    cli.main()
+
+
+if __name__ == "__main__":
+    main()

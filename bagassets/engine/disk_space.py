@@ -1,0 +1,137 @@
+"""How much disk a build is going to need, from what is on record: no recording is opened for it."""
+
+import os
+from collections.abc import Collection, Iterable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from bagassets.base.errors import StoreError
+from bagassets.base.quantities import count_text, readable_bytes
+from bagassets.engine.plan import BagPlan, Plan
+from bagassets.store.store import Store
+from bagassets.store.writable import nearest_existing
+
+__all__ = ["SpaceNeeded", "folders_written", "require_disk_space", "space_needed"]
+
+# The only assets whose files grow with a recording; the others take kilobytes.
+_LARGE = ("frames", "sweeps")
+# Manifests list thousands of files; a few recordings tell as much as all of them.
+_MOST_COMPARED = 3
+# Recordings of one rig differ in what they hold: with half of the estimate free, a build may well succeed.
+_SURELY_NEEDED = 0.5
+
+
+@dataclass(frozen=True)
+class SpaceNeeded:
+    """What a build is going to write into the store, roughly.
+
+    Attributes:
+        recordings: number of recordings whose images or sweeps are extracted for the first time.
+        recorded_bytes: their size.
+        bytes: what will be written; of no known recording, what at most is likely.
+        is_measured: recordings that were built before say so.
+    """
+
+    recordings: int
+    recorded_bytes: int
+    bytes: int
+    is_measured: bool
+
+    def __str__(self) -> str:
+        what = f"{count_text(self.recordings, 'recording')} ({readable_bytes(self.recorded_bytes)})"
+        return f"{what}: about {readable_bytes(self.bytes)} of disk space{'' if self.is_measured else ' or less'}"
+
+
+def space_needed(
+    plan: Plan, sizes: Mapping[str, int], todo: Collection[str], store: Store
+) -> SpaceNeeded | None:
+    """Return what is needed to build some recordings; None if none of them is new with images or sweeps to extract.
+
+    Images and clouds take, for each byte of a recording, what those of recordings that are built take. If there are none,
+    they take no more than the recordings: most are smaller, as raw images become JPEG and topics are left out.
+
+    Args:
+        plan: states of all recordings.
+        sizes: size of each recording in bytes.
+        todo: the recordings.
+        store: has the artifacts of those that are built.
+    """
+    extracted = [key for key in todo if _extracts(plan.bags[key])]
+    if not extracted:
+        return None
+    recorded_bytes = sum(sizes[key] for key in extracted)
+    built = [key for key, bag in plan.bags.items() if key in sizes and bag.settled and bag.skipped is None]
+    compared = built[:: max(1, len(built) // _MOST_COMPARED)][:_MOST_COMPARED]
+    size = sum(sizes[key] for key in compared)
+    if not size:
+        return SpaceNeeded(len(extracted), recorded_bytes, recorded_bytes, is_measured=False)
+    written = sum(_bytes_of(store, plan.bags[key].artifacts) for key in compared)
+    return SpaceNeeded(
+        len(extracted), recorded_bytes, round(recorded_bytes * written / size), is_measured=True
+    )
+
+
+def require_disk_space(needed: SpaceNeeded, folders: Mapping[str, Path], *, ignore: bool = False) -> str:
+    """Return one line on what is needed and what there is.
+
+    Args:
+        needed: by the build.
+        folders: field of the recipe -> folder on a file system of its own that all of it is written to.
+        ignore: refuse nothing.
+
+    Raises:
+        StoreError: one of them has much too little.
+    """
+    texts = []
+    for field, folder in folders.items():
+        free = _free_bytes(folder)
+        if needed.is_measured and not ignore and free < needed.bytes * _SURELY_NEEDED:
+            raise StoreError(
+                f"{folder}: only {readable_bytes(free)} are free here, and the build needs about "
+                f"{readable_bytes(needed.bytes)} for {count_text(needed.recordings, 'recording')}, going by those that are built; free "
+                f"space (`bagassets gc` removes what nothing uses), set `{field}` in the recipe to a folder on a larger "
+                "disk, build fewer with --bag, or go ahead with --ignore-disk-space."
+            )
+        texts.append(f"{readable_bytes(free)} free in {folder}")
+    return f"{needed}; {', '.join(texts)}"
+
+
+def folders_written(store: Path, output: Path) -> dict[str, Path]:
+    """Return field of the recipe -> folder: the dataset takes space of its own where it cannot link to the store."""
+    folders = {"store": store}
+    if _device(store) != _device(output):
+        folders["nuscenes.output"] = output
+    return folders
+
+
+def _extracts(bag: BagPlan) -> bool:
+    """Tell whether images or sweeps are certainly to be written.
+
+    What was made before may be in the store: a recording that was only touched needs nothing, and is not known
+    from one with new content until its run has hashed it.
+    """
+    states = {name: bag.assets[name].state for name in _LARGE if name in bag.assets}
+    return any(
+        state not in {"fresh", "record-only", "skipped"} and name not in bag.recorded
+        for name, state in states.items()
+    )
+
+
+def _bytes_of(store: Store, artifacts: Iterable[str]) -> int:
+    """Return the size of artifacts: frames and sweeps only name those of their channels, so nothing counts twice."""
+    size = 0
+    for digest in set(artifacts):
+        with suppress(StoreError):
+            size += sum(entry.size for entry in store.artifact(digest).entries())
+    return size
+
+
+def _free_bytes(folder: Path) -> int:
+    """Return what this user may still write in a folder that need not exist yet."""
+    status = os.statvfs(nearest_existing(folder))
+    return status.f_bavail * status.f_frsize
+
+
+def _device(folder: Path) -> int:
+    return nearest_existing(folder).stat().st_dev

@@ -1,0 +1,116 @@
+"""The first pass over a new recording, which gives its digest and its inventory together.
+
+Both read all of it. One after the other they would read it from the disk twice, if it is larger than the page cache or lies
+on a network. The action of an inventory names the digest, so it is recorded once this is known.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
+
+from bagassets.assets import inventory
+from bagassets.base.trace import span
+from bagassets.engine.inputs import RecordingInputs
+from bagassets.engine.process import keep_freed_memory
+from bagassets.engine.source import MessageSource
+from bagassets.recipe.model import Recipe
+from bagassets.recordings.digest import (
+    DigestIndex,
+    HashedAlong,
+    RecordingDigest,
+    RecordingStat,
+    recording_digest,
+    stat_files,
+    stored_digest,
+)
+from bagassets.recordings.model import RecordingFiles
+from bagassets.store.canonical import digest_json
+from bagassets.store.lease import action_lock, in_use
+from bagassets.store.store import Outcome, Store
+
+__all__ = ["FirstPass", "first_pass", "only_reader"]
+
+
+@dataclass(frozen=True)
+class FirstPass:
+    """What the first pass gave.
+
+    Attributes:
+        digest: of the recording.
+        inventory: the outcome of its inventory, if that was made.
+    """
+
+    digest: RecordingDigest
+    inventory: Outcome | None = None
+
+
+def first_pass(
+    recipe: Recipe, store: Store, recording: RecordingFiles, stat: RecordingStat, index: DigestIndex
+) -> FirstPass:
+    """Return the digest of a recording; if it has to be hashed, make its inventory in the same pass.
+
+    A recording of which content of the same size is on record was most likely touched only, and is just hashed. If another
+    process is at the same recording, wait for it. An inventory that fails is no error here: it fails again, and is reported,
+    where it is asked for.
+
+    Args:
+        recipe: the recipe.
+        store: where the inventory goes.
+        recording: its files.
+        stat: their current sizes and times.
+        index: the project's index of digests.
+
+    Raises:
+        RecordingError: a file cannot be read.
+        ChangedWhileReadError: a file changed while it was hashed.
+        StoreError: the index cannot be written.
+    """
+    with only_reader(store, recording, stat):
+        if stored_digest(recording, index) is not None or _is_touched(recording, index):
+            return FirstPass(recording_digest(recording, index))
+        keep_freed_memory()
+        with HashedAlong(recording, index) as along:
+            return _with_inventory(recipe, store, recording, stat, along)
+
+
+@contextmanager
+def only_reader(store: Store, recording: RecordingFiles, stat: RecordingStat) -> Iterator[None]:
+    """Wait until no other process hashes a recording, and keep others from it; afterwards its digest may be on record."""
+    with in_use(store.root), action_lock(store.root, digest_json([str(recording.path), stat.as_json()])):
+        yield
+
+
+def _is_touched(recording: RecordingFiles, index: DigestIndex) -> bool:
+    rows = [(index.row(path), stat) for path, stat in stat_files(recording)]
+    return all(row is not None and row.size == stat.st_size for row, stat in rows)
+
+
+def _with_inventory(
+    recipe: Recipe, store: Store, recording: RecordingFiles, stat: RecordingStat, along: HashedAlong
+) -> FirstPass:
+    source = MessageSource(
+        recording,
+        stat,
+        recipe.bags.message_definitions,
+        recipe.limits,
+        on_read=along.follow,
+        what="hash and inventory",
+    )
+    inputs = RecordingInputs(store, recording, "", source)
+    pending = summary = made = None
+    try:
+        with suppress(Exception), span("hash and inventory"):
+            use = inventory.use(inventory.InventoryParams.of(recipe, recipe.rigs[0]), inputs)[""]
+            pending = store.begin(inventory.INVENTORY.action(use, None))
+            summary = inventory.INVENTORY.run(use, inputs, pending.out)
+        digest = along.finish()
+        if pending is not None and summary is not None:
+            with suppress(Exception):
+                pending.action = replace(
+                    pending.action, inputs={**pending.action.inputs, "bag": digest.digest}
+                )
+                made = store.use(pending.action) or pending.commit(summary)
+        return FirstPass(digest, made)
+    finally:
+        if pending is not None:
+            pending.discard()

@@ -1,0 +1,102 @@
+"""Whether the artifacts of a store are unchanged, at a bounded number of system calls.
+
+The list of artifacts is kept as bytes, 32 per digest, in 256 groups by the first byte, as the store's
+folders are. In a small store every artifact is checked. In a large one (a stat costs 2 µs, and there
+may be hundreds of thousands) only the folder of every group is, whose change time shows that artifacts
+were added or removed. The artifacts of such a group are checked, and those of a few groups chosen at
+random, so that a file removed from an artifact by hand does not go unnoticed for long.
+"""
+
+import os
+import random
+from collections.abc import Iterable
+from hashlib import blake2b
+
+from bagassets.base.fingerprints import PlanNeeded, Signature, signature
+
+__all__ = ["Group", "artifacts_fingerprint", "check_groups", "groups_of", "packed"]
+
+# No more artifacts than about this are checked at a time.
+MOST_CHECKED = 10_000
+_SIZE = 32
+
+Group = tuple[str, int, Signature, str]
+"""First byte in hex, number of artifacts, signature of the group's folder, fingerprint of its artifacts."""
+
+
+def packed(digests: Iterable[str]) -> bytes:
+    """Return digests (64 hex digits each) as bytes, 32 per digest."""
+    return bytes.fromhex("".join(digests))
+
+
+def artifacts_fingerprint(root: str, digests: bytes) -> str:
+    """Return the fingerprint of artifacts: it changes when one gains or loses files, or its manifest is replaced.
+
+    The change time of a folder is when an entry was last added, removed or renamed. Bytes that change
+    in place are found by `bagassets verify`.
+
+    Args:
+        root: folder `artifacts` of the store.
+        digests: 32 bytes per artifact.
+
+    Raises:
+        PlanNeeded: an artifact is missing.
+    """
+    hasher = blake2b(digest_size=_SIZE)
+    stat = os.stat
+    names = digests.hex()
+    for start in range(0, len(names), 2 * _SIZE):
+        path = f"{root}/{names[start : start + 2]}/{names[start : start + 2 * _SIZE]}"
+        try:
+            manifest, files = stat(f"{path}/manifest.json"), stat(f"{path}/files")
+        except OSError as err:
+            raise PlanNeeded(f"{path}: {err}") from err
+        hasher.update(
+            b"%d %d %d %d;" % (manifest.st_ino, manifest.st_ctime_ns, files.st_ino, files.st_ctime_ns)
+        )
+    return hasher.hexdigest()
+
+
+def groups_of(root: str, digests: bytes) -> list[Group]:
+    """Return the groups of a sorted list of artifact digests, as they are in the store now.
+
+    Args:
+        root: folder `artifacts` of the store.
+        digests: 32 bytes per artifact.
+
+    Raises:
+        PlanNeeded: an artifact is missing.
+    """
+    groups: list[Group] = []
+    start = 0
+    while start < len(digests):
+        end = start
+        while end < len(digests) and digests[end] == digests[start]:
+            end += _SIZE
+        name = digests[start : start + 1].hex()
+        # The folder first: an artifact added or removed meanwhile then shows next time.
+        folder = signature(f"{root}/{name}")
+        groups.append((name, (end - start) // _SIZE, folder, artifacts_fingerprint(root, digests[start:end])))
+        start = end
+    return groups
+
+
+def check_groups(root: str, digests: bytes, groups: list[Group]) -> None:
+    """Check that the artifacts are as they were when `groups_of` was called.
+
+    Raises:
+        PlanNeeded: one has changed.
+    """
+    total = len(digests) // _SIZE
+    if total != sum(number for _, number, _, _ in groups):
+        raise PlanNeeded("the list of artifacts is damaged")
+    share = min(1.0, MOST_CHECKED / max(total, 1))
+    start = 0
+    for name, number, folder, fingerprint in groups:
+        end = start + number * _SIZE
+        path = f"{root}/{name}"
+        # No secret is at stake: any groups will do, as long as they differ from time to time.
+        is_due = share == 1.0 or signature(path) != folder or random.random() < share
+        if is_due and artifacts_fingerprint(root, digests[start:end]) != fingerprint:
+            raise PlanNeeded(f"{path}: an artifact has changed")
+        start = end

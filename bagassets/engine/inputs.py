@@ -1,0 +1,159 @@
+"""The inputs of one recording's actions: the facts that they are planned from, and what they run on.
+
+Files that steps read besides the recordings count, too: the recipe names them, or they lie beside a recording.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
+from functools import cached_property
+from pathlib import Path
+
+from bagassets.assets.boxes.files.find import LabelSet, find_labels, label_paths
+from bagassets.assets.ego_poses import load_trajectory
+from bagassets.assets.selection import choose_rig
+from bagassets.base.errors import StoreError
+from bagassets.engine.source import MessageSource
+from bagassets.geometry.calibration import Calibration
+from bagassets.geometry.trajectory import Trajectory
+from bagassets.recipe.model import Recipe
+from bagassets.recipe.model_annotations import AnnotationFiles
+from bagassets.recordings.inventory import Inventory
+from bagassets.recordings.model import Format, RecordingFiles
+from bagassets.recordings.recording import Recording
+from bagassets.store.artifact import Artifact
+from bagassets.store.canonical import digest_file
+from bagassets.store.store import Store
+
+__all__ = ["RecordingInputs", "files_beside", "named_files", "not_materialized"]
+
+
+class RecordingInputs:
+    """The artifacts of one recording as they become known, and facts read from them; see `assets.asset.Inputs`.
+
+    Args:
+        store: where artifacts are.
+        recording: its files.
+        digest: its content digest.
+        source: opens its topics.
+        recorded: asset -> current artifact, for assets that are not made here.
+    """
+
+    def __init__(
+        self,
+        store: Store,
+        recording: RecordingFiles,
+        digest: str,
+        source: MessageSource,
+        recorded: Mapping[str, Artifact] | None = None,
+    ) -> None:
+        self.digest = digest
+        self._store = store
+        self._recording = recording
+        self._source = source
+        self._artifacts = dict(recorded or {})
+        self._channels: dict[str, dict[str, Artifact]] = {}
+
+    def add(self, asset: str, artifact: Artifact) -> None:
+        """Add the artifact of an asset."""
+        self._artifacts[asset] = artifact
+        self._channels.pop(asset, None)
+
+    @property
+    def key(self) -> str:
+        """Partition key."""
+        return self._recording.key
+
+    @property
+    def format(self) -> Format:
+        """The format in which it is read."""
+        return self._recording.format
+
+    @property
+    def size(self) -> int:
+        """Bytes of its files."""
+        return self._recording.size
+
+    @cached_property
+    def inventory(self) -> Inventory:
+        """Its topics and time span."""
+        return Inventory.from_json(self.artifact("inventory").read_json("inventory.json"))
+
+    @cached_property
+    def calibration(self) -> Calibration:
+        """Content of `calibration.json`."""
+        return Calibration.from_json(self.artifact("calibration").read_json("calibration.json"))
+
+    @cached_property
+    def trajectory(self) -> Trajectory:
+        """`global_SE3_ego`."""
+        return load_trajectory(self.artifact("ego_poses"))
+
+    def artifact(self, asset: str) -> Artifact:
+        """Return the artifact of an asset.
+
+        Raises:
+            StoreError: the asset has not been made.
+        """
+        try:
+            return self._artifacts[asset]
+        except KeyError:
+            raise not_materialized(self.key, asset) from None
+
+    def channels(self, asset: str) -> dict[str, Artifact]:
+        """Return channel -> artifact of `frames` or `sweeps`."""
+        if asset not in self._channels:
+            channels = self.artifact(asset).read_json("channels.json")
+            self._channels[asset] = {
+                name: self._store.artifact(entry["artifact"]) for name, entry in channels.items()
+            }
+        return self._channels[asset]
+
+    def labels(self, sources: Iterable[AnnotationFiles]) -> dict[str, LabelSet]:
+        """Return source -> label files that lie beside the recording."""
+        return find_labels(sources, self._recording)
+
+    def definitions(self, folders: Iterable[Path]) -> dict[str, str]:
+        """Return `msg:<name below its folder>` -> digest for each message definition file in `folders`."""
+        return {
+            f"msg:{path.relative_to(folder).as_posix()}": digest_file(path)
+            for folder in folders
+            for path in sorted(folder.rglob("*.msg"))
+        }
+
+    def file(self, path: Path) -> bytes:
+        """Return the content of a file that the recipe names."""
+        return path.read_bytes()
+
+    def whole(self) -> AbstractContextManager[Recording]:
+        """Open the whole recording."""
+        return self._source.whole(self.inventory if "inventory" in self._artifacts else None)
+
+    @contextmanager
+    def messages(self, topics: tuple[str, ...]) -> Iterator[Recording]:
+        """Open `topics` of the recording, from wherever they are cheapest to read."""
+        with self._source.topics(topics, self.inventory, self.artifact("inventory")) as recording:
+            yield recording
+
+
+def not_materialized(key: str, asset: str, why: str | None = None) -> StoreError:
+    """Return the error that an asset of a recording has not been made, and why it could not be when that was last tried."""
+    tried = "" if why is None else f" When that was last tried, it failed: {why}"
+    return StoreError(
+        f"{key}: {asset} is not materialized for this recording; materialize {asset} first.{tried}"
+    )
+
+
+def named_files(recipe: Recipe) -> tuple[list[Path], list[Path]]:
+    """Return the URDF and calibration files and the folders of message definitions that a recipe names, if they exist or not."""
+    files = [rig.urdf for rig in recipe.rigs if rig.urdf is not None]
+    channels = [channel for rig in recipe.rigs for channel in rig.channels.values()]
+    files += [one.file for channel in channels for one in channel.calibration_files.values()]
+    return list(dict.fromkeys(files)), list(recipe.bags.message_definitions)
+
+
+def files_beside(recipe: Recipe, recording: RecordingFiles) -> list[Path]:
+    """Return the paths of a recording's label files, and the paths where some might appear."""
+    if not any(rig.annotation_files for rig in recipe.rigs):
+        return []
+    rig = choose_rig(recipe, *recording.names)
+    return [] if rig is None else label_paths(rig, recording)

@@ -1,0 +1,257 @@
+"""The plan: the state of every asset of every recording."""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
+from hashlib import sha256
+from typing import TYPE_CHECKING, Literal, NamedTuple, Self
+
+from bagassets.base.json_types import Json, JsonObject
+from bagassets.engine.splits import Ties
+from bagassets.recordings.digest import RecordingStat
+from bagassets.recordings.model import Format
+
+if TYPE_CHECKING:
+    from bagassets.store.artifact import Artifact
+    from bagassets.store.store import Store
+
+__all__ = [
+    "AssetState",
+    "BagPlan",
+    "Plan",
+    "Recorded",
+    "State",
+    "is_skip",
+    "skip_version",
+    "version_as_input",
+]
+
+State = Literal["fresh", "record-only", "stale", "unknown", "failed", "missing", "skipped"]
+_SKIPPED = "skipped:"
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """The latest materialization of one asset partition in Dagster's event log.
+
+    Attributes:
+        data_version: digest of the recording or of the artifact; see `skip_version` for one that was skipped.
+        code_version: Dagster's code version, from step version and recipe fields.
+        inputs: upstream asset -> data version that it was made from.
+        stat: for `bag`, sizes and times of the files when the digest was taken.
+        cached: True if nothing had to run; None if that is not recorded.
+        action: digest of the action that made it.
+        run_id: the run that recorded it.
+        made_along: for `bag`, the action of the inventory if the same pass has run it.
+        content: for what was made from `bag`, the digest of the recording; "" if that is not recorded, and something else if
+            it was made from assets of several contents.
+        why_skipped: why there is no artifact, if it was skipped.
+    """
+
+    data_version: str
+    code_version: str | None
+    inputs: Mapping[str, str] = field(default_factory=dict)
+    stat: RecordingStat | None = None
+    cached: bool | None = None
+    action: str | None = None
+    run_id: str = ""
+    made_along: str = ""
+    content: str = ""
+    why_skipped: str = ""
+
+    @property
+    def is_skip(self) -> bool:
+        """True if there is no artifact, since the recording took no part."""
+        return is_skip(self.data_version)
+
+
+class AssetState(NamedTuple):
+    """State of one asset of one recording (there may be 100,000 of them).
+
+    Attributes:
+        state: see `docs/how-it-decides.md`.
+        reason: a text that says why, back to the first cause.
+        data_version: digest of the artifact that is or would be current, if known.
+        is_final: it failed for a reason that is known without running it, so trying again would not help.
+        to_record: it is skipped, and Dagster's record says something else, or there is none.
+    """
+
+    state: State
+    reason: str
+    data_version: str | None = None
+    is_final: bool = False
+    to_record: bool = False
+
+    @property
+    def is_settled(self) -> bool:
+        """True if nothing is to be done about it, and it has not failed."""
+        return self.state in {"fresh", "skipped"} and not self.to_record
+
+    def as_json(self) -> JsonObject:
+        """Return the state as JSON."""
+        return {"state": self.state, "reason": self.reason, "data_version": self.data_version}
+
+
+@dataclass(frozen=True)
+class BagPlan:
+    """States of all assets of one recording.
+
+    Attributes:
+        key: partition key.
+        assets: asset -> its state.
+        format: of the recording.
+        recorded: asset -> data version that Dagster recorded last; without those that were skipped.
+        channels: digests of the single channels' artifacts in frames and sweeps.
+        optional: assets on which no dataset but their own depends.
+        rig: name of the rig that made the recording; "" if none did.
+        touched: its files have the names and sizes on record, but another time; whether their content is the same is
+            not known, or it is known to be. So a settled recording is never one.
+        outdated: assets whose record is of other content than the record of `bag`; none if it is settled.
+        findings: severity, check and problem of what quick checks found in it; None if they have not been run.
+    """
+
+    key: str
+    assets: Mapping[str, AssetState]
+    format: Format = "ros1"
+    recorded: Mapping[str, str] = field(default_factory=dict)
+    channels: tuple[str, ...] = ()
+    optional: frozenset[str] = frozenset()
+    rig: str = ""
+    touched: bool = False
+    outdated: frozenset[str] = frozenset()
+    findings: tuple[tuple[str, str, str], ...] | None = field(default=None, compare=False)
+
+    @property
+    def skipped(self) -> str | None:
+        """Why the recording is skipped, or None."""
+        return next((state.reason for state in self.assets.values() if state.state == "skipped"), None)
+
+    @property
+    def failed(self) -> str | None:
+        """Why the first failed asset failed, or None."""
+        first = self._first_failed
+        return None if first is None else first.reason
+
+    @property
+    def can_be_retried(self) -> bool:
+        """True if the first failed asset failed when it ran, so that it may succeed another time."""
+        first = self._first_failed
+        return first is not None and not first.is_final
+
+    @property
+    def _first_failed(self) -> AssetState | None:
+        return next((state for state in self.assets.values() if state.state == "failed"), None)
+
+    @property
+    def unusable(self) -> str | None:
+        """Why the recording cannot be part of the nuScenes dataset, or None; optional assets do not matter."""
+        failures = (
+            state.reason
+            for name, state in self.assets.items()
+            if state.state == "failed" and name not in self.optional
+        )
+        return next(failures, None)
+
+    @property
+    def settled(self) -> bool:
+        """True if nothing is to be done and nothing failed."""
+        return all(state.is_settled for state in self.assets.values())
+
+    @property
+    def artifacts(self) -> tuple[str, ...]:
+        """Digests of the artifacts that the states rest on, if there is nothing to do."""
+        assets = (state.data_version for name, state in self.assets.items() if name != "bag")
+        return tuple(digest for digest in (*assets, *self.channels) if digest is not None)
+
+    def to_run(self, *, retry_failed: bool = False, select: Collection[str] | None = None) -> tuple[str, ...]:
+        """Return the assets that a run should materialize, in order; none if everything is up to date.
+
+        A run covers all assets, fresh ones too: those are hits, and Dagster's own markers agree afterwards.
+
+        Args:
+            retry_failed: retry what failed before on the same input.
+            select: assets that matter, with those that they read (see `RecordingAssets.with_upstream`). None = all.
+        """
+        idle = {"fresh", "skipped"} | (set() if retry_failed else {"failed"})
+        if self.failed is not None and not retry_failed:
+            # What depends on a failed asset stays unknown: a run would gain nothing.
+            idle.add("unknown")
+        wanted = tuple(self.assets)
+        if select is not None:
+            wanted = tuple(name for name in wanted if name in select)
+        states = [self.assets[name] for name in wanted]
+        return wanted if any(one.state not in idle or one.to_record for one in states) else ()
+
+    def current_artifact(self, store: "Store", asset: str) -> "Artifact | None":
+        """Return the current artifact of an asset, else the last recorded one, if the store still has it."""
+        state = self.assets.get(asset)
+        for digest in (state.data_version if state else None, self.recorded.get(asset)):
+            if digest and store.has(digest):
+                return store.artifact(digest)
+        return None
+
+    def as_json(self) -> JsonObject:
+        """Return the states as JSON."""
+        return {name: state.as_json() for name, state in self.assets.items()}
+
+    def as_row(self) -> list[Json]:
+        """Return a settled plan without its key as compact JSON: there may be 10,000 of them."""
+        facts = [self.assets, self.format, self.recorded, self.channels, sorted(self.optional), self.rig]
+        return [*facts, self.findings]
+
+    @classmethod
+    def from_row(cls, key: str, row: list[Json]) -> Self:
+        """Inverse of `as_row`, from decoded JSON."""
+        states, file_format, recorded, channels, optional, rig, findings = row
+        assets = {name: AssetState(*state) for name, state in states.items()}
+        plan = cls(key, assets, file_format, recorded, tuple(channels), frozenset(optional), rig)
+        return plan if findings is None else replace(plan, findings=tuple(map(tuple, findings)))
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The state of everything.
+
+    Attributes:
+        bags: partition key -> states of the recording.
+        excluded: path below the bag root -> why the globs leave it out.
+        removed: registered partition keys whose recordings are gone, except those in folders that cannot be read.
+        ties: which recordings lie in one split, and what the parts of series were called.
+        asked: path of a whole drive -> what the user is to say about its parts.
+    """
+
+    bags: Mapping[str, BagPlan]
+    excluded: Mapping[str, str]
+    removed: tuple[str, ...]
+    ties: Ties = field(default_factory=Ties)
+    asked: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def joined(self) -> dict[str, list[str]]:
+        """Series -> those of `removed` that have become its parts."""
+        removed = frozenset(self.removed)
+        found = {whole: [key for key in parts if key in removed] for whole, parts in self.ties.former.items()}
+        return {whole: keys for whole, keys in found.items() if keys}
+
+    @property
+    def gone(self) -> tuple[str, ...]:
+        """Those of `removed` that have become parts of nothing."""
+        joined = {key for keys in self.joined.values() for key in keys}
+        return tuple(key for key in self.removed if key not in joined)
+
+
+def skip_version(reason: str) -> str:
+    """Return the data version of an asset of a recording that takes no part, which is no digest of an artifact.
+
+    It differs if the reason does, so what was recorded for another reason is recorded again.
+    """
+    return _SKIPPED + sha256(reason.encode()).hexdigest()
+
+
+def is_skip(data_version: str) -> bool:
+    """Return whether a data version is of `skip_version`; all others of assets of recordings are of artifacts."""
+    return data_version.startswith(_SKIPPED)
+
+
+def version_as_input(data_version: str) -> str:
+    """Return how Dagster records the version of a partitioned input: a digest over its partitions, here a single one."""
+    return sha256(data_version.encode()).hexdigest()

@@ -1,0 +1,342 @@
+"""Planning: deciding the state of every asset of every recording, and why.
+
+The command line, the sensor and the status table all plan here. A planner reads Dagster's records, the store and the
+files on disk; it runs nothing. Recordings that have not changed since the last plan are not examined again, so that
+thousands of them can be planned.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+
+from bagassets.base.alike import names_text
+from bagassets.engine.freshness.plan_cache import PlanCache, RecordingFingerprint, recording_fingerprint
+from bagassets.engine.graph import Graph
+from bagassets.engine.inputs import files_beside
+from bagassets.engine.plan import AssetState, BagPlan, Plan, Recorded, version_as_input
+from bagassets.engine.recording_assets import RecordingAssets
+from bagassets.engine.splits import Ties
+from bagassets.engine.unsettled import Unsettled
+from bagassets.recordings.digest import DigestIndex, RecordingStat, stat_files, stored_digest
+from bagassets.recordings.discover import Discovery
+from bagassets.recordings.model import RecordingFiles
+from bagassets.store.store import Store
+
+__all__ = ["Planner", "Planning"]
+
+Fetch = Callable[[Iterable[str], Iterable[str]], Mapping[str, Mapping[str, Recorded]]]
+
+# Records of so many recordings are fetched at a time: as Dagster makes them, those of a thousand need 40 MB.
+AT_A_TIME = 200
+
+
+@dataclass
+class Planner:
+    """Plans single recordings.
+
+    Attributes:
+        assets: the assets of a recording under the recipe.
+        store: the artifact store.
+        index: index of file digests.
+    """
+
+    assets: RecordingAssets
+    store: Store
+    index: DigestIndex | None = None
+
+    def plan(self, recording: RecordingFiles, recorded: Mapping[str, Recorded]) -> BagPlan:
+        """Return the states of one recording.
+
+        Args:
+            recording: its files.
+            recorded: asset -> what Dagster recorded last; empty if the partition does not exist.
+        """
+        graph = self.graph(recording, recorded)
+        states = graph.states()
+        channels = tuple(
+            part.artifact.digest
+            for name in self.assets.names
+            if (node := graph.node(name)).artifact is not None
+            for part in node.parts
+            if part.artifact is not None
+        )
+        made = {asset: record for asset, record in recorded.items() if not record.is_skip}
+        on_record = {asset: record.data_version for asset, record in made.items()}
+        rig = "" if graph.rig is None else graph.rig.name
+        touched = _is_touched(states["bag"], recorded.get("bag"), graph.stat)
+        return BagPlan(
+            recording.key,
+            states,
+            recording.format,
+            on_record,
+            channels,
+            self.assets.optional,
+            rig,
+            touched,
+            _outdated(states, made),
+        )
+
+    def graph(self, recording: RecordingFiles, recorded: Mapping[str, Recorded]) -> Graph:
+        """Return the graph of one recording; see `plan`."""
+        digest, stat, bag = _bag_state(recording, recorded.get("bag"), self.index)
+        return Graph(self.assets, self.store, recording, digest, stat, bag=bag, recorded=recorded)
+
+
+def _bag_state(
+    recording: RecordingFiles, recorded: Recorded | None, index: DigestIndex | None
+) -> tuple[str | None, RecordingStat, AssetState]:
+    stats = stat_files(recording)
+    stat = RecordingStat(tuple((path.name, s.st_size, s.st_mtime_ns) for path, s in stats))
+    digest = stored_digest(recording, index)
+    if recorded is not None and recorded.stat == stat:
+        is_suspect = index is not None and any(index.suspects_edit(path, s) for path, s in stats)
+        # Edited in place and hashed since, it has the size and time on record, and another digest.
+        if not is_suspect and digest in {None, recorded.data_version}:
+            state = AssetState("fresh", "size and time unchanged", recorded.data_version)
+            return recorded.data_version, stat, state
+        why = "size and time unchanged, but the file was touched since"
+    else:
+        why = "size or time changed"
+    if recorded is None:
+        return digest, stat, AssetState("missing", "new recording", digest)
+    if digest == recorded.data_version:
+        return digest, stat, AssetState("record-only", "touched, content unchanged", digest)
+    differing = _differing_parts(recording, recorded.stat, stat)
+    changed = f"content changed: {differing}" if differing else "content changed"
+    reason = f"{differing or why}; its content has to be read" if digest is None else changed
+    return digest, stat, AssetState("stale", reason, digest)
+
+
+def _differing_parts(recording: RecordingFiles, before: RecordingStat | None, now: RecordingStat) -> str:
+    """Return which parts of a series are others than when it was read; empty for other recordings."""
+    if not recording.parts or before is None:
+        return ""
+    was, is_now = ({name: of_file for name, *of_file in stat.files} for stat in (before, now))
+    return names_text(
+        [
+            f"{name} {'is new' if name not in was else 'is gone' if name not in is_now else 'changed'}"
+            for name in sorted(was.keys() | is_now.keys())
+            if was.get(name) != is_now.get(name)
+        ]
+    )
+
+
+def _is_touched(state: AssetState, recorded: Recorded | None, stat: RecordingStat) -> bool:
+    """See `BagPlan.touched`."""
+    if recorded is None or recorded.stat is None or state.state not in {"stale", "record-only"}:
+        return False
+    return state.data_version in {None, recorded.data_version} and recorded.stat.sizes == stat.sizes
+
+
+def _outdated(states: Mapping[str, AssetState], recorded: Mapping[str, Recorded]) -> frozenset[str]:
+    """See `BagPlan.outdated`. What would be made again with the same bytes is not outdated."""
+    if "bag" not in recorded:
+        return frozenset()
+    content, outdated = recorded["bag"].data_version, set()
+    for name, record in recorded.items():
+        if name in states and states[name].data_version == record.data_version:
+            continue
+        is_of_bag = record.content == content if record.content else _is_of_bag(name, recorded)
+        if not is_of_bag:
+            outdated.add(name)
+    return frozenset(outdated)
+
+
+def _is_of_bag(name: str, recorded: Mapping[str, Recorded]) -> bool:
+    """Return whether an asset was made from what else is on record, up to `bag`."""
+    read = {above: version for above, version in recorded[name].inputs.items() if above in recorded}
+    return all(
+        version_as_input(recorded[above].data_version) == version and _is_of_bag(above, recorded)
+        for above, version in read.items()
+    )
+
+
+@dataclass
+class Planning:
+    """Plans all recordings; examines only those that changed since they were last planned.
+
+    Attributes:
+        assets: the assets of a recording under the recipe.
+        store: the artifact store.
+        discovery: the recordings on disk.
+        registered: the existing partition keys.
+        index: index of file digests.
+        project: fingerprint of the code, the recipe and the files that it names; None has all recordings examined.
+        storage_ids: asset -> partition key -> id of Dagster's latest record.
+        fetch: takes assets and partition keys, and returns partition key -> asset -> what Dagster recorded last.
+        kept: states of recordings that are not planned again.
+        check: returns what quick checks find in a recording with nothing to do (`BagPlan.findings`); kept with its plan.
+    """
+
+    assets: RecordingAssets
+    store: Store
+    discovery: Discovery
+    registered: frozenset[str]
+    index: DigestIndex
+    project: str | None
+    storage_ids: Mapping[str, Mapping[str, int]]
+    fetch: Fetch
+    kept: Mapping[str, BagPlan] = field(default_factory=dict)
+    check: Callable[[BagPlan], tuple[tuple[str, str, str], ...] | None] = lambda _: None
+
+    def __post_init__(self) -> None:
+        self._cache = PlanCache(self.assets.recipe.state, self.store.root / "artifacts")
+        self._before = self._cache.load()
+        self._unsettled = Unsettled(self.assets.recipe.state).noted()
+        self._fingerprints = {} if self.project is None else self._current_fingerprints(self.project)
+        # Of the recordings whose last plan may hold: that plan, and the fingerprint as it is now.
+        self._last = {
+            key: (self._before[key], now)
+            for key, now in self._fingerprints.items()
+            if key in self._before and key not in self._unsettled
+        }
+
+    def plan(
+        self, on_planned: Callable[[int, int], None] | None = None
+    ) -> tuple[Plan, dict[str, Mapping[str, Recorded]]]:
+        """Plan all recordings.
+
+        Args:
+            on_planned: called, where it takes long, with how many recordings have been examined, and how many will be.
+
+        Returns:
+            The plan, and Dagster's records of the recordings that were examined.
+        """
+        recordings = self.discovery.recordings
+        bags = {**self.kept, **self._unchanged()}
+        unchanged = frozenset(bags)
+        bags |= self._recorded_anew(key for key in recordings if key not in unchanged)
+        changed = [key for key in recordings if key not in bags]
+        recorded: dict[str, Mapping[str, Recorded]] = {}
+        planner = Planner(self.assets, self.store, self.index)
+        examined = 0
+        for some in _parts(changed):
+            recorded |= self.fetch(self.storage_ids, [key for key in some if key in self.registered])
+            for key in some:
+                bag = planner.plan(recordings[key], recorded.get(key, {}))
+                bags[key] = _once_more(bag) if key in self._unsettled else bag
+            examined += len(some)
+            if on_planned is not None and len(changed) > AT_A_TIME:
+                on_planned(examined, len(changed))
+        settled = {key: bags[key] for key in self._fingerprints.keys() - unchanged if bags[key].settled}
+        bags |= {
+            key: replace(bag, findings=self.check(bag))
+            for key, bag in settled.items()
+            if bag.findings is None
+        }
+        settled = {key: bags[key] for key in settled}
+        self._cache.save(
+            {key: (self._fingerprints[key], bag.as_row(), bag.artifacts) for key, bag in settled.items()},
+            self._before.keys() - unchanged - settled.keys(),
+        )
+        ordered = {key: bags[key] for key in recordings}
+        found = self.discovery
+        ties = Ties(found.near, found.former_keys)
+        removed = found.removed(self.registered)
+        asked = {**found.asked, **ties.disputed(self.assets.recipe.splits)}
+        return Plan(ordered, dict(found.excluded), removed, ties, asked), recorded
+
+    def touched(self) -> dict[str, Recorded]:
+        """Return the recordings of which only the time changed, as far as can be told without reading -> record of `bag`.
+
+        They are those whose plan would say so (`BagPlan.touched`).
+        """
+        found = {}
+        changed = [
+            key
+            for key in self.discovery.recordings
+            if key in self.registered and key not in self.kept and not self._has_same_files(key)
+        ]
+        for some in _parts(changed):
+            for key, records in self.fetch(("bag",), some).items():
+                recorded = records.get("bag")
+                _, stat, state = _bag_state(self.discovery.recordings[key], recorded, self.index)
+                if recorded is not None and _is_touched(state, recorded, stat):
+                    found[key] = recorded
+        return found
+
+    def _current_fingerprints(self, project: str) -> dict[str, RecordingFingerprint]:
+        found = {}
+        for key, recording in self.discovery.recordings.items():
+            if key in self.kept:
+                continue
+            ids = {asset: keys[key] for asset, keys in self.storage_ids.items() if key in keys}
+            found[key] = recording_fingerprint(
+                project,
+                recording.relative,
+                recording.files,
+                files_beside(self.assets.recipe, recording),
+                ids if key in self.registered else {},
+            )
+        return found
+
+    def _has_same_files(self, key: str) -> bool:
+        """Return whether the files of a recording, and the record of `bag`, are those of its last plan."""
+        if key not in self._last:
+            return False
+        entry, now = self._last[key]
+        last = entry.recording_fingerprint
+        return (last.files, last.bag) == (now.files, now.bag)
+
+    def _unchanged(self) -> dict[str, BagPlan]:
+        """Return the last plans of the recordings that have not changed since."""
+        found = {}
+        for key, (entry, now) in self._last.items():
+            if entry.recording_fingerprint != now:
+                continue
+            bag = BagPlan.from_row(key, entry.plan)
+            if self._cache.holds(entry, bag.artifacts):
+                found[key] = bag
+            else:
+                _remove_incomplete(self.store, bag)
+        return found
+
+    def _recorded_anew(self, keys: Iterable[str]) -> dict[str, BagPlan]:
+        """Return the last plans of recordings that changed, but only in time, and `bag` is on record with the new one.
+
+        Everything else rests on their content, and so has not changed.
+        """
+        found = {}
+        alike = []
+        for key in keys:
+            if key in self._last:
+                entry, now = self._last[key]
+                if now.bag is not None and entry.recording_fingerprint.rest == now.rest:
+                    alike.append(key)
+        for some in _parts(alike):
+            for key, records in self.fetch(("bag",), some).items():
+                entry = self._before[key]
+                last = BagPlan.from_row(key, entry.plan)
+                digest, _, state = _bag_state(self.discovery.recordings[key], records.get("bag"), self.index)
+                is_same = state.state == "fresh" and digest == last.assets["bag"].data_version
+                if is_same and self._cache.holds(entry, last.artifacts):
+                    found[key] = last
+        return found
+
+
+def _parts(keys: list[str]) -> Iterator[list[str]]:
+    """Yield the keys in parts whose records may be fetched at a time."""
+    for start in range(0, len(keys), AT_A_TIME):
+        yield keys[start : start + AT_A_TIME]
+
+
+def _once_more(bag: BagPlan) -> BagPlan:
+    """Return the plan of a recording whose last run did not end well: what is up to date is recorded again.
+
+    Not where anything failed: until that changes, a run would end no better. `bag` stays fresh, as its content is known.
+    """
+    if bag.failed is not None:
+        return bag
+    states = {
+        name: AssetState("record-only", "up to date, but its last run did not end well", state.data_version)
+        if state.state == "fresh" and name != "bag"
+        else state
+        for name, state in bag.assets.items()
+    }
+    return replace(bag, assets=states)
+
+
+def _remove_incomplete(store: Store, plan: BagPlan) -> None:
+    """Remove artifacts that lack files from the store, so that they are made again."""
+    for digest in plan.artifacts:
+        if store.has(digest) and not store.is_complete(digest):
+            store.remove(digest)

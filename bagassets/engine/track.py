@@ -1,0 +1,78 @@
+"""The track of a recording, from the store, or made now."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property, partial
+
+from bagassets.assets import track
+from bagassets.assets.ego_poses import load_trajectory
+from bagassets.engine.run_action import run_action
+from bagassets.geometry.trajectory import Trajectory
+from bagassets.recipe.model_base import Clock
+from bagassets.recordings.inventory import Inventory
+from bagassets.recordings.pack import PACK_FILE, PackedRecording
+from bagassets.recordings.recording import Recording
+from bagassets.store.artifact import Artifact
+from bagassets.store.store import Store
+
+__all__ = ["Track", "track_of"]
+
+
+@dataclass(frozen=True)
+class Track:
+    """Where a recording was driven, about once a second.
+
+    Attributes:
+        source: `ego_poses`, a NavSatFix topic, or None if the position on Earth is unknown.
+        points: (stamp_ns, latitude, longitude), in order of time; empty without source.
+        local: (stamp_ns, x, y) in the global frame of the ego poses, metres.
+        digest: digest of its artifact.
+    """
+
+    source: str | None
+    points: tuple[tuple[int, float, float], ...]
+    local: tuple[tuple[int, float, float], ...]
+    digest: str = ""
+
+
+@dataclass(frozen=True)
+class _Stored:
+    """The inputs of a track, all from the store: the recording itself need not exist any more."""
+
+    artifacts: dict[str, Artifact]
+
+    def artifact(self, asset: str) -> Artifact:
+        return self.artifacts[asset]
+
+    @cached_property
+    def inventory(self) -> Inventory:
+        return Inventory.from_json(self.artifact("inventory").read_json("inventory.json"))
+
+    @cached_property
+    def trajectory(self) -> Trajectory:
+        return load_trajectory(self.artifact("ego_poses"))
+
+    @contextmanager
+    def messages(self, topics: tuple[str, ...]) -> Iterator[Recording]:
+        packed = self.artifact("inventory")
+        with PackedRecording(packed.read_json("inventory.json"), packed.path(PACK_FILE)) as recording:
+            yield recording.restrict(topics)
+
+
+def track_of(store: Store, inventory: Artifact, ego_poses: Artifact, clock: Clock) -> Track:
+    """Return the track of the recording with these artifacts; it is made only once.
+
+    Raises:
+        StoreError: the store cannot be written.
+    """
+    stored = _Stored({"inventory": inventory, "ego_poses": ego_poses})
+    use = track.use(track.TrackParams(clock), stored)[""]
+    outcome = run_action(store, track.TRACK.action(use, stored.inventory), partial(track.make, use, stored))
+    content = outcome.artifact.read_json(track.FILE)
+    return Track(
+        content["source"],
+        tuple((int(t), float(lat), float(lon)) for t, lat, lon in content["points"]),
+        tuple((int(t), float(x), float(y)) for t, x, y in content["local"]),
+        outcome.artifact.digest,
+    )

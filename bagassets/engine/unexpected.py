@@ -1,0 +1,44 @@
+"""Turning unexpected errors into a sentence for users, so that one costs a single asset of a recording, not the run."""
+
+import traceback
+from pathlib import Path
+
+from bagassets.base.errors import BagAssetsError, MemoryShortageError, UnexpectedError
+
+__all__ = ["explained_error"]
+
+_OPENCV_NO_MEMORY = -4  # cv2.Error.StsNoMem, as `cv2.error.code`
+_PACKAGE = Path(__file__).parents[1]
+
+
+def explained_error(err: Exception, path: Path, what: str) -> BagAssetsError:
+    """Return a `BagAssetsError` unchanged, and any other error as one that says where it came from.
+
+    Args:
+        err: what was raised.
+        path: the recording.
+        what: name of the node that was being made, such as `frames CAM_FRONT`.
+    """
+    if isinstance(err, BagAssetsError):
+        return err
+    if isinstance(err, MemoryError) or getattr(err, "code", None) == _OPENCV_NO_MEMORY:
+        return MemoryShortageError(
+            f"{path}: {what} ran out of memory; nothing of it is on record. Build again with fewer recordings at a time "
+            "(--jobs), or on a machine with more memory."
+        )
+    ours = [
+        frame for frame in traceback.extract_tb(err.__traceback__) if frame.filename.startswith(str(_PACKAGE))
+    ]
+    place = (
+        f"{Path(ours[-1].filename).relative_to(_PACKAGE.parent)}, line {ours[-1].lineno}"
+        if ours
+        else "a library"
+    )
+    text = str(err).strip().splitlines()
+    reason = f"{type(err).__name__}: {text[0]}" if text else type(err).__name__
+    explained = UnexpectedError(
+        f"{path}: {what} met something in this recording that bagassets was not made for ({reason}; {place}); the others "
+        "go on. If the recording is sound, please report this."
+    )
+    explained.__cause__ = err
+    return explained
