@@ -1,7 +1,7 @@
 """Running one action: whatever is made, of a recording or of a whole dataset, is made by `run_action`.
 
-The exceptions are `build.execute.run_pass`, which makes several channels at once from one pass over a recording, and
-`build.first_pass`, which makes an inventory before its action is known. The store itself runs nothing: it looks results
+The exceptions are `engine.execute.run_pass`, which makes several channels at once from one pass over a recording, and
+`engine.first_pass`, which makes an inventory before its action is known. The store itself runs nothing: it looks results
 up, puts them in place and records them.
 """
 
