@@ -155,7 +155,7 @@ def _load(plugin: DecoderPlugin) -> object:
     entry = importlib.metadata.EntryPoint(plugin.name, plugin.reference, "")
     try:
         # Code imported only now must have the version in the action's key.
-        version = importlib.metadata.version(plugin.distribution)
+        version = importlib.metadata.version(plugin.package)
         if version == plugin.version:
             return entry.load()
     except Exception as err:  # any exception of foreign code is the plug-in's fault

@@ -21,7 +21,7 @@ from bagassets.assets.preview import PREVIEW
 from bagassets.assets.quality.check import RecordingCheck
 from bagassets.assets.sweeps import SWEEPS
 from bagassets.base.errors import BagAssetsError, DatasetError, PluginError
-from bagassets.base.extensions import ASSETS, FORMATS, Extension, installed_extensions
+from bagassets.base.plugins import ASSETS, FORMATS, Extension, installed_extensions
 from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.formats.dataset_lock import DatasetLock
 from bagassets.formats.format import AnyFormat, DatasetCheck, Format, LooseFiles, UnitFolders

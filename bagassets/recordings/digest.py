@@ -2,7 +2,7 @@
 
 import os
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,8 +14,10 @@ from bagassets.base.json_types import Json
 from bagassets.base.trace import span
 from bagassets.recordings.digest_record import (
     DigestIndex,
+    Disagreement,
     Kept,
     digest_on_record,
+    disagreements,
     is_unchanged,
     put_on_record,
 )
@@ -29,6 +31,7 @@ __all__ = [
     "RecordingDigest",
     "RecordingStat",
     "assert_unchanged",
+    "check_digests",
     "combined_digest",
     "hash_file",
     "name_in",
@@ -182,6 +185,17 @@ def recording_digest(
         digests[name] = digest
         statuses.append((path, stat))
     return RecordingDigest(combined_digest(recording, digests), size, digests, hashed, kept, tuple(statuses))
+
+
+def check_digests(recording: RecordingFiles, index: DigestIndex | None) -> Iterator[Disagreement]:
+    """Hash all files of a recording, and yield each digest on record that should match but does not.
+
+    Raises:
+        RecordingError: a file cannot be read.
+        ChangedWhileReadError: a file changed while it was hashed.
+    """
+    for path, stat in stat_files(recording):
+        yield from disagreements(path, stat, hash_file(path, stat), index)
 
 
 class HashedAlong:

@@ -17,8 +17,7 @@ from bagassets.base.errors import BagAssetsError, ChangedWhileReadError, Recordi
 from bagassets.base.fingerprints import Signature, signature_of
 from bagassets.recipe.model import Bags
 from bagassets.recordings.digest import hash_file
-from bagassets.recordings.digest_check import disagreements
-from bagassets.recordings.digest_record import DigestIndex, digest_on_record, put_on_record
+from bagassets.recordings.digest_record import DigestIndex, digest_on_record, disagreements, put_on_record
 from bagassets.recordings.discover import discover
 from bagassets.recordings.model import RecordingFiles
 from bagassets.recordings.notify import Notifications

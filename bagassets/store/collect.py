@@ -65,7 +65,7 @@ class Collected:
     """The result of a collection.
 
     Attributes:
-        removed: the removed artifacts.
+        removed: the removed artifacts; datasets may still hold some of their files as hard links.
         spared: number of artifacts that a build began to use meanwhile.
         leftovers: number of temporary folders and files of dead processes.
     """
@@ -73,11 +73,6 @@ class Collected:
     removed: list[Garbage] = field(default_factory=list)
     spared: int = 0
     leftovers: int = 0
-
-    @property
-    def size(self) -> int:
-        """Bytes of the removed artifacts; datasets may still hold some of their files as hard links."""
-        return sum(garbage.size for garbage in self.removed)
 
 
 def find_garbage(
