@@ -237,6 +237,7 @@ print(sorted(name for name in sys.modules if name.startswith(("bagassets.", "num
     assert set(ast.literal_eval(reported)) == {
         "bagassets.decode",
         "bagassets.decode.registry",
+        "bagassets.base",
         "bagassets.base.errors",
         "bagassets.base.escaping",
         "bagassets.base.plugins",

@@ -110,7 +110,9 @@ class Server:
         _LOG.info("serving %s, stamp %s", ", ".join(self._spec.modules) or "nothing ahead", self._files.stamp)
         try:
             while self._listener is not None or self._jobs:
-                due = None if self._can_wait and self._is_at_work() else self._later
+                # What can wait does while a job is at work, or was a moment ago.
+                is_at_work = bool(self._jobs) or time.monotonic() - self._last_job < _QUIET_S
+                due = None if self._can_wait and is_at_work else self._later
                 ready = self._selector.select(0.0 if due is not None else _TICK_S)
                 for key, _ in ready:
                     key.data()
@@ -133,10 +135,6 @@ class Server:
             self._later = None
         if self._later is None or self._can_wait:
             gc.freeze()
-
-    def _is_at_work(self) -> bool:
-        """Return whether a job is at work, or was a moment ago."""
-        return bool(self._jobs) or time.monotonic() - self._last_job < _QUIET_S
 
     def _listen(self) -> None:
         path = self._files.choose_socket()
@@ -248,11 +246,20 @@ class Server:
     def _on_message(self, connection: Connection, message: Message) -> None:
         match message.get("op"):
             case "hello":
-                answer = self._hello()
+                answer = {
+                    "reply": "hello",
+                    "stamp": self._files.stamp,
+                    "process": self._process.as_json(),
+                    "draining": self._drain_if_old(),
+                }
             case "submit":
                 answer = self._submit(connection, message["job"])
             case "cancel":
-                answer = self._cancel(message)
+                job = self._jobs.get(message["job"])
+                found = job is not None and not job.is_done
+                if job is not None and found:
+                    job.cancel(message["grace_s"])
+                answer = {"reply": "cancelled", "found": found}
             case "status":
                 answer = self._status()
             case "drain":
@@ -274,14 +281,6 @@ class Server:
                 _LOG.info("job %s: its client is gone; cancelled", job.label)
                 job.cancel(job.request["grace_s"])
 
-    def _hello(self) -> Message:
-        return {
-            "reply": "hello",
-            "stamp": self._files.stamp,
-            "process": self._process.as_json(),
-            "draining": self._drain_if_old(),
-        }
-
     def _submit(self, connection: Connection, request: Message) -> Message:
         if self._listener is None or self._drain_if_old():
             return {"reply": "refused", "message": "the server is outdated and takes no more jobs"}
@@ -293,13 +292,6 @@ class Server:
         if not job.request["detached"]:
             self._owners[job.id] = connection
         return {"reply": "submitted", "job": job.id, "process": job.process.as_json()}
-
-    def _cancel(self, message: Message) -> Message:
-        job = self._jobs.get(message["job"])
-        if job is None or job.is_done:
-            return {"reply": "cancelled", "found": False}
-        job.cancel(message["grace_s"])
-        return {"reply": "cancelled", "found": True}
 
     def _status(self) -> Message:
         now = time.monotonic()
