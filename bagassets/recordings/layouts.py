@@ -357,10 +357,7 @@ def compile_common_types() -> Iterator[None]:
 
 @cache
 def _times() -> Types:
-    types: Typesdict = {}
-    for name in _TIME_NAMES:
-        types |= get_types_from_msg(_TIMES, name)
-    return types
+    return {name: get_types_from_msg(_TIMES, name)[name] for name in _TIME_NAMES}
 
 
 @cache

@@ -126,9 +126,11 @@ def collect(store: Store, garbage: Collection[Garbage], now_s: float) -> Collect
     for folder in _leftovers(store, now_s):
         shutil.rmtree(folder, ignore_errors=True)
         collected.leftovers += 1
-    for path in _torn_records(store, now_s):
-        path.unlink(missing_ok=True)
-        collected.leftovers += 1
+    for path in (store.root / "actions").glob("*/.*"):  # records that killed processes did not finish
+        with suppress(FileNotFoundError):
+            if now_s - path.stat().st_mtime > _UNRECORDED_S:
+                path.unlink()
+                collected.leftovers += 1
     return collected
 
 
@@ -227,14 +229,6 @@ def _leftovers(store: Store, now_s: float) -> Iterator[Path]:
                 if not _is_alive(int(rest)) and now_s - _newest_s(path) > _DEAD_S:
                     yield path
             elif now_s - _newest_s(path) > _UNRECORDED_S:
-                yield path
-
-
-def _torn_records(store: Store, now_s: float) -> Iterator[Path]:
-    """Yield records that killed processes did not finish."""
-    for path in (store.root / "actions").glob("*/.*"):
-        with suppress(FileNotFoundError):
-            if now_s - path.stat().st_mtime > _UNRECORDED_S:
                 yield path
 
 
