@@ -15,7 +15,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from bagassets.base.errors import BagAssetsError
-from bagassets.base.fingerprints import signature
+from bagassets.base.fingerprints import Signature, signature
 from bagassets.base.lock_files import LockFile
 from bagassets.forkserver.connection import Connection
 from bagassets.forkserver.job import Job
@@ -53,7 +53,7 @@ class Server:
         self._done_once: set[str] = set()
         self._count = 0
         self._last_use = self._last_job = self._last_age_check = time.monotonic()
-        self._loaded: LoadedSources | None = None
+        self._loaded: dict[Path, Signature] = {}
         self._later: Iterator[object] | None = None
         self._can_wait = False
         self._end_requested = False
@@ -93,7 +93,7 @@ class Server:
                 f"importing {', '.join(self._spec.modules)} started threads ({', '.join(sorted(others))}), and a "
                 "process with threads cannot be forked safely; start them inside assets or resources instead."
             )
-        self._loaded = LoadedSources(self._spec.sources)
+        self._loaded = _loaded_sources(self._spec.sources)
         gc.freeze()  # keeps a worker's garbage collector from copying shared pages
         gc.enable()
 
@@ -226,9 +226,8 @@ class Server:
         """Return why nobody should use this server any more: code, recipe or environment changed since they were imported."""
         if self._is_displaced:
             return "its state folder was removed"
-        changed = self._loaded.changed() if self._loaded is not None else []
-        if changed:
-            return str(changed[0])
+        if changed := [file for file, seen in self._loaded.items() if signature(file)[:2] != seen]:
+            return str(min(changed))
         return None if self._spec.stamp() == self._files.stamp else "another stamp"
 
     # --- clients ---------------------------------------------------------------------
@@ -398,21 +397,13 @@ class Server:
             owner.send(event)
 
 
-class LoadedSources:
-    """The source files of all loaded modules, except those of Python and installed packages.
+def _loaded_sources(others: Sequence[str]) -> dict[Path, Signature]:
+    """Return size and time of the source files of all loaded modules, except those of Python and installed packages.
 
     Args:
         others: files and folders that are watched in another way.
     """
-
-    def __init__(self, others: Sequence[str] = ()) -> None:
-        installed = {Path(sysconfig.get_path(name)).resolve() for name in ("stdlib", "purelib", "platlib")}
-        ignored = installed | set(map(Path, others))
-        files = {Path(name) for m in list(sys.modules.values()) if (name := getattr(m, "__file__", None))}
-        self._seen = {
-            file: signature(file)[:2] for file in files if ignored.isdisjoint({file, *file.parents})
-        }
-
-    def changed(self) -> list[Path]:
-        """Return the files that changed since they were loaded."""
-        return sorted(file for file, seen in self._seen.items() if signature(file)[:2] != seen)
+    installed = {Path(sysconfig.get_path(name)).resolve() for name in ("stdlib", "purelib", "platlib")}
+    ignored = installed | set(map(Path, others))
+    files = {Path(name) for m in list(sys.modules.values()) if (name := getattr(m, "__file__", None))}
+    return {file: signature(file)[:2] for file in files if ignored.isdisjoint({file, *file.parents})}
