@@ -29,7 +29,7 @@ class SpaceNeeded:
     Attributes:
         recordings: number of recordings whose images or sweeps are extracted for the first time.
         recorded_bytes: their size.
-        bytes: what will be written; of no known recording, what at most is likely.
+        bytes: what will be written; the most that is likely, if no recording was built before.
         is_measured: recordings that were built before say so.
     """
 

@@ -124,10 +124,10 @@ class Server:
             self._stop_listening()
         _LOG.info("ended")
 
-    def _prepare_more(self, steps: Iterator[object]) -> None:
-        """Do one step of the deferred preparation, while there is no request."""
+    def _prepare_more(self, later: Iterator[object]) -> None:
+        """Do a piece of the deferred preparation, while there is no request."""
         try:
-            self._can_wait = bool(next(steps))
+            self._can_wait = bool(next(later))
         except StopIteration:
             self._later = None
         except Exception:  # noqa: BLE001  (modules of users may raise anything)

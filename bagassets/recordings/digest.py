@@ -292,8 +292,8 @@ def name_in(recording: RecordingFiles, path: Path) -> str:
 def combined_digest(recording: RecordingFiles, digests: dict[str, str]) -> str:
     """Return the digest of a recording, given those of its files (name -> digest).
 
-    That of a series is one of its parts in order, whatever they are called; that of a folder is one of its sorted (name,
-    digest); that of a single file is the file's.
+    For a series it is taken over the digests of its parts in order, whatever they are called; for a folder, over its sorted
+    (name, digest) pairs; for a single file it is the file's.
     """
     if recording.parts:
         return digest_json(["series", *digests.values()])

@@ -292,7 +292,7 @@ class _Walk:
             self.folder(entry.path, relative, ancestors)
 
     def _may_hold_included(self, folder: str) -> bool:
-        """Tell whether a folder is worth a walk: that of one recording in a home folder must not be one through all of it."""
+        """Tell whether a folder is worth a walk: for one recording in a home folder, not all of that is walked."""
         return any(may_match_within(pattern, folder) for pattern in self.bags.include)
 
     def _take(self, recording: RecordingFiles) -> None:

@@ -342,7 +342,7 @@ def _standard(name: str) -> Lookup:
 
 
 def compile_common_types() -> Iterator[None]:
-    """Compile the types of most recordings, one per step, before processes are forked from this one.
+    """Compile the types of most recordings, one at a time, before processes are forked from this one.
 
     The standard types are loaded by the way (30 ms for each version of ROS), for recordings without definitions.
     """
