@@ -34,8 +34,9 @@ def describe_inventory(inventory: JsonMapping) -> str:
 def _about(inventory: JsonMapping) -> dict[str, str]:
     """Return what holds for the whole recording, by name."""
     topics, gnss, start_ns = inventory["topics"], inventory["gnss"], inventory["start_ns"]
+    file_format: str = inventory["format"]
     about = {
-        "format": _FORMATS.get(inventory["format"], inventory["format"]),
+        "format": _FORMATS.get(file_format, file_format),
         "size": readable_bytes(inventory["size"]),
         "span": "no messages" if start_ns is None else f"{_utc(start_ns)} to {_utc(inventory['end_ns'])}",
     }

@@ -53,6 +53,11 @@ def edited(events: Iterator[Event], topics: Collection[str], edit: Edit) -> Iter
         yield event(one.log_time_ns, one.topic, one.msgtype, partial(_edit, edit, make, number))
 
 
+def _editing(topic: str, edit: Edit) -> Oddity:
+    """Return the oddity that the messages of a topic are edited."""
+    return lambda events, _truth: edited(events, {topic}, edit)
+
+
 def _edit(edit: Edit, make: Make, number: int, messages: Messages) -> Message:
     return edit(messages, make(messages), number)
 
@@ -133,7 +138,7 @@ def _clouds(change: Change) -> Oddity:
             points[name] = values
         return messages.cloud(header_ns, frame, points)
 
-    return lambda events, _truth: edited(events, {"/lidar_top/points"}, edit)
+    return _editing("/lidar_top/points", edit)
 
 
 def _dated(columns: Columns, header_ns: int, _number: int) -> Columns:
@@ -241,21 +246,13 @@ def _clock_set_back(events: Iterator[Event], truth: Truth) -> Iterator[Event]:
     return on_clock(events, lambda at_ns: at_ns if at_ns < set_ns else at_ns - SET_BACK_NS)
 
 
-def _stray_fixes(events: Iterator[Event], _: Truth) -> Iterator[Event]:
+def _stray_fix(_: Messages, fix: Message, number: int) -> Message:
     """The first two fixes are 512 km off."""
-    return edited(
-        events,
-        ["/gnss/fix"],
-        lambda _, fix, number: with_fields(fix, latitude=fix.latitude + _STRAY_DEG * (number < 2)),
-    )
+    return with_fields(fix, latitude=fix.latitude + _STRAY_DEG * (number < 2))
 
 
-def _zero_quaternions(events: Iterator[Event], _: Truth) -> Iterator[Event]:
+def _zero_quaternion(_: Messages, odometry: Message, number: int) -> Message:
     """The quaternions of the first ten odometry messages are zero."""
-    return edited(events, ["/odom"], _unset)
-
-
-def _unset(_: Messages, odometry: Message, number: int) -> Message:
     if number < 10:
         with_fields(odometry.pose.pose.orientation, x=0.0, y=0.0, z=0.0, w=0.0)
     return odometry
@@ -284,7 +281,7 @@ def _with_edge(parent: str, child: str, parent_SE3_child: SE3) -> Oddity:
         edge.header.stamp = message.transforms[0].header.stamp
         return with_fields(message, transforms=[*message.transforms, edge])
 
-    return lambda events, _truth: edited(events, ["/tf_static"], edit)
+    return _editing("/tf_static", edit)
 
 
 # --- namespaces: which robot a topic belongs to ---------------------------------------------
@@ -337,8 +334,8 @@ ODDITIES: dict[str, Oddity] = {
     "radar-scan": _turned("radar_msgs/msg/RadarScan", _scan),
     "clock-set-late": _clock_set_late,
     "clock-set-back": _clock_set_back,
-    "stray-fixes": _stray_fixes,
-    "zero-quaternions": _zero_quaternions,
+    "stray-fixes": _editing("/gnss/fix", _stray_fix),
+    "zero-quaternions": _editing("/odom", _zero_quaternion),
     "two-publishers": _two_publishers,
     "static-again": _with_edge("base_link", "lidar_top", SE3(translation=(0.9 + 3e-8, 0.0, 1.85))),
     "static-disputed": _with_edge("base_link", "lidar_top", SE3(translation=(0.9, 0.0, 1.95))),
