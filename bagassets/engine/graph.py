@@ -16,6 +16,7 @@ from functools import cached_property
 from bagassets.assets.asset import AnyAsset, AnyUse
 from bagassets.assets.selection import choose_rig, skip_reason
 from bagassets.base.errors import BagAssetsError, RecipeError
+from bagassets.base.json_types import JsonMapping
 from bagassets.engine.differences import compare_actions, describe_changes
 from bagassets.engine.inputs import RecordingInputs, not_materialized
 from bagassets.engine.plan import AssetState, Recorded, skip_version, version_as_input
@@ -346,22 +347,24 @@ class Graph:
         if before is None:
             return "the record of the action that made it is gone"
         if node.action is not None:
-            return (
-                describe_changes(compare_actions(before, node.action.as_json()))
-                or "its artifact is gone from the store"
-            )
+            return _difference(before, node.action)
         reasons = []
         actions = before["params"].get("actions", {})
         for part in node.parts:
             if part.action is None or not part.is_open:
                 continue
             old = self.store.action(actions[part.channel]) if part.channel in actions else None
-            if old is None:
-                reasons.append(f"{part.channel} is new")
-            else:
-                changed = describe_changes(compare_actions(old, part.action.as_json()))
-                reasons.append(f"{part.channel}: {changed or 'its artifact is gone from the store'}")
+            told = (
+                f"{part.channel} is new"
+                if old is None
+                else f"{part.channel}: {_difference(old, part.action)}"
+            )
+            reasons.append(told)
         return "; ".join(reasons)
+
+
+def _difference(before: JsonMapping, now: Action) -> str:
+    return describe_changes(compare_actions(before, now.as_json())) or "its artifact is gone from the store"
 
 
 @contextmanager
