@@ -159,7 +159,7 @@ def _dry_run(recipe: Path, options: "BuildOptions", *, check: bool, as_json: boo
     """Show what a build would do; return the exit status of --check, or 0 for a dry run."""
     from bagassets.cli.dry_run import dry_run_json, dry_run_lines, verdict
     from bagassets.cli.summary import move_text, print_remarks, summary_console
-    from bagassets.defs.builds.own_build import load_own
+    from bagassets.defs.builds.own_states import load_own
     from bagassets.defs.builds.pending_work import expected_moves, find_pending_work, open_project
     from bagassets.formats.checking import remarks_on_record
     from bagassets.formats.emptiness import why_empty

@@ -14,17 +14,17 @@ from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.base.quantities import count_text
 from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.options import recipe_option
+from bagassets.cli.targets import target_states, targets_json
 from bagassets.cli.terminal import echo_json, echo_lines, print_lines
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from bagassets.defs.builds.own_build import OwnWork
+    from bagassets.defs.builds.own_states import OwnWork
     from bagassets.defs.builds.pending_work import PendingWork
 
 __all__ = ["status"]
 
-_OWN_WITH_REASON = ("missing", "stale", "unknown", "blocked", "failed")
 # Beyond this number, fresh recordings are not listed.
 MOST_ROWS = 40
 # Narrower terminals get shorter column headings.
@@ -72,7 +72,7 @@ def status(recipe: Path, bags: tuple[str, ...], show_all: bool, as_json: bool) -
     recording is read: changes are found by sizes, times and stored digests.
     """
     from bagassets.cli.progress import planning_shown
-    from bagassets.defs.builds.own_build import load_own
+    from bagassets.defs.builds.own_states import load_own
     from bagassets.defs.builds.pending_work import find_pending_work, open_project
     from bagassets.engine.build_report import BuildOptions
     from bagassets.engine.choose import SelectionError
@@ -109,9 +109,7 @@ def status_json(pending: "PendingWork", own: "OwnWork", problems: Sequence[str] 
             key: {"format": bag.format, "registered": key in pending.planned.live, "assets": bag.as_json()}
             for key, bag in bags.items()
         },
-        "datasets": {name: one.state for name, one in pending.dataset_states.items()},
-        "dataset_reasons": {name: one.reason for name, one in pending.dataset_states.items() if one.reason},
-        "own": own.as_json(),
+        **targets_json(pending, own),
         "removed": list(pending.plan.removed),
         "excluded": dict(pending.plan.excluded),
         **({"asked": dict(pending.plan.asked)} if pending.plan.asked else {}),
@@ -135,24 +133,27 @@ def _print(pending: "PendingWork", own: "OwnWork", *, show_all: bool) -> None:
         console.print(f"{number} more {'is' if number == 1 else 'are'} fresh or skipped; --all lists all.")
     for line in _reasons(pending, listed):
         print_lines(console, line)
-    for name, one in pending.dataset_states.items():
-        print_lines(console, f"{name} {one.state}: {one.reason}" if one.reason else f"{name}: {one.state}")
-    for line in _own_lines(own):
+    for line in _target_lines(pending, own):
         print_lines(console, line)
     counts = Counter[str](state.state for bag in bags.values() for state in bag.assets.values())
     counted = ", ".join(f"{counts[state]} {state}" for state in _ORDER if counts[state])
     console.print(f"{count_text(len(bags), 'recording')}: {counted or 'none'}.")
 
 
-def _own_lines(own: "OwnWork") -> Iterator[str]:
-    """Yield how many recordings of each of the user's own assets are in which state, then why."""
-    for name in own.project.wanted:
-        states = [one.state for other, _, one in own.having() if other == name]
-        is_partitioned = own.project.assets[name].is_partitioned
-        counts = Counter(states)
-        yield f"{name}: {', '.join(f'{counts[state]} {state}' if is_partitioned else state for state in counts) or 'no recordings'}"
-    for name, key, one in own.having(*_OWN_WITH_REASON):
-        yield f"{f'{key}: ' if key else ''}{name} {one.state}: {visible(one.reason)}"
+def _target_lines(pending: "PendingWork", own: "OwnWork") -> Iterator[str]:
+    """Yield the state of each dataset and of each of the user's own assets, or how many recordings are in which, and why."""
+    found = []
+    for name, states in target_states(pending, own).items():
+        if states.keys() == {""}:
+            one = states[""]
+            yield f"{name} {one.state}: {visible(one.reason)}" if one.state != "fresh" else f"{name}: fresh"
+            continue
+        counts = Counter(one.state for one in states.values())
+        yield f"{name}: {', '.join(f'{counts[state]} {state}' for state in counts) or 'no recordings'}"
+        to_tell = {key: one for key, one in states.items() if one.state not in {"fresh", "skipped"}}
+        found += [((name, one.state), key, one.reason) for key, one in to_tell.items()]
+    for told in told_once(found):
+        yield f"{told.title}: {' '.join(told.kind)}: {visible(told.text)}"
     for name, why in own.project.left_out.items():
         yield f"{name}: not made by a build ({why})"
     if own.project.problem:

@@ -25,7 +25,7 @@ __all__ = [
     "version_as_input",
 ]
 
-State = Literal["fresh", "record-only", "stale", "unknown", "failed", "missing", "skipped"]
+State = Literal["fresh", "record-only", "stale", "unknown", "blocked", "failed", "missing", "skipped"]
 _SKIPPED = "skipped:"
 
 
@@ -65,7 +65,7 @@ class Recorded:
 
 
 class AssetState(NamedTuple):
-    """State of one asset of one recording (there may be 100,000 of them).
+    """State of one asset of one recording (there may be 100,000 of them), or of a target (see `bagassets.engine.targets`).
 
     Attributes:
         state: see `docs/how-it-decides.md`.

@@ -25,6 +25,7 @@ __all__ = [
     "recorded_partition",
     "recorded_states",
     "recorded_whole",
+    "recorded_wholes",
     "recordings_made",
     "runs_of",
 ]
@@ -88,6 +89,19 @@ def recorded_whole(instance: dg.DagsterInstance, names: Naming, asset: AssetName
         if record.asset_materialization is not None:
             return _recorded(names, record.asset_materialization, record.run_id)
     return None
+
+
+def recorded_wholes(
+    instance: dg.DagsterInstance, names: Naming, assets: Iterable[str]
+) -> dict[str, Recorded]:
+    """Return asset -> latest record, of assets without partitions, in one query."""
+    keys = {names.key(asset): asset for asset in assets}
+    latest = instance.event_log_storage.get_latest_materialization_events(list(keys))
+    return {
+        keys[key]: _recorded(names, made, event.run_id)
+        for key, event in latest.items()
+        if event is not None and (made := event.asset_materialization) is not None
+    }
 
 
 def recordings_made(instance: dg.DagsterInstance, run_id: str) -> frozenset[str]:
