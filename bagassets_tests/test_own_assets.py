@@ -462,14 +462,14 @@ def test_status_dry_run_and_explain_tell_of_them(project, capsys):
     assert printed("build", "--check") == (3, "to do: make blur, sharp, table.\n")
     status, out = printed("status")
     assert status == 3
-    assert "blur: 2 stale\nupload: fresh\nsharp: 2 unknown\ntable: unknown\n" in out
+    assert "blur: 2 stale\nupload: fresh\nsharp: 2 unknown\ntable unknown: sharp comes first\n" in out
     assert "a.bag: blur stale: its code version is 2, was 1\n" in out
     assert "train: not made by a build (only with --select)\n" in out
     told = json.loads(printed("status", "--json")[1])
     assert not told["settled"]
-    assert told["own"]["assets"]["upload"] == {
-        "": {"state": "fresh", "reason": "what it reads is as it was when it was made"}
-    }
+    upload = told["own"]["assets"]["upload"][""]
+    assert (upload["state"], upload["reason"]) == ("fresh", "what it reads is as it was when it was made")
+    assert upload["data_version"]
     told = json.loads(printed("build", "--dry-run", "--json")[1])
     assert (told["settled"], told["own"]["assets"]["blur"]["a.bag"]["state"]) == (False, "stale")
     status, out = printed("explain", "a.bag", "blur")
