@@ -7,11 +7,10 @@ from bagassets.base.alike import names_text, told_once
 from bagassets.base.escaping import visible
 from bagassets.base.json_types import JsonObject
 from bagassets.base.quantities import count_text
-from bagassets.cli.targets import target_states, targets_json
 from bagassets.engine.build_report import Remark
 
 if TYPE_CHECKING:
-    from bagassets.defs.builds.own_states import OwnWork
+    from bagassets.defs.builds.own_states import OwnProject
     from bagassets.defs.builds.pending_work import PendingWork
 
 __all__ = ["dry_run_json", "dry_run_lines", "verdict"]
@@ -28,7 +27,7 @@ _VERBS: dict[str, str] = {
 _TO_DO = {"missing", "stale", "unknown"}
 
 
-def dry_run_lines(pending: "PendingWork", own: "OwnWork") -> Iterator[str]:
+def dry_run_lines(pending: "PendingWork", own: "OwnProject") -> Iterator[str]:
     """Yield what a build would do to recordings, datasets and the user's own assets, as lines of text."""
     found = []
     for key, assets in pending.todo.items():
@@ -52,23 +51,21 @@ def dry_run_lines(pending: "PendingWork", own: "OwnWork") -> Iterator[str]:
         yield f"{key}\n  is gone: {then}"
     for question in pending.plan.asked.values():
         yield f"to be decided: {visible(question)}"
-    if own.project.problem:
-        yield f"error: {visible(own.project.problem)}"
-    for name, states in target_states(pending, own).items():
+    if own.problem:
+        yield f"error: {visible(own.problem)}"
+    for name, states in own.targets.items():
         told = [(key, one) for key, one in states.items() if one.state != "fresh"]
         yield from [name] if told else [f"{name}\n  up to date"] if "" in states else []
         for key, one in told:
             yield f"  {_VERBS[one.state]:<8} {f'{key}: ' if key else ''}{visible(one.reason)}"
-    for name, why in own.project.left_out.items():
+    for name, why in own.left_out.items():
         yield f"{name}\n  not made: {why}"
 
 
-def verdict(pending: "PendingWork", own: "OwnWork") -> str:
+def verdict(pending: "PendingWork", own: "OwnProject") -> str:
     """Return whether there is something to do, and what, as one line."""
     to_do = [
-        name
-        for name, states in target_states(pending, own).items()
-        if any(one.state in _TO_DO for one in states.values())
+        name for name, states in own.targets.items() if any(one.state in _TO_DO for one in states.values())
     ]
     behind, to_make = (
         [one for one in to_do if (one in pending.datasets) == is_ours] for is_ours in (True, False)
@@ -91,7 +88,7 @@ def verdict(pending: "PendingWork", own: "OwnWork") -> str:
 
 def dry_run_json(
     pending: "PendingWork",
-    own: "OwnWork",
+    own: "OwnProject",
     moved: Mapping[str, tuple[str, str]],
     remarks: Sequence[Remark],
 ) -> JsonObject:
@@ -116,5 +113,5 @@ def dry_run_json(
         "removed": list(pending.plan.removed),
         "moved": {key: list(splits) for key, splits in moved.items()},
         "remarks": [remark.as_json() for remark in remarks],
-        **targets_json(pending, own),
+        **own.as_json(),
     }

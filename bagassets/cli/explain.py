@@ -99,9 +99,9 @@ def explain(bag: str | None, asset: str | None, recipe: Path, as_json: bool) -> 
             explanation = Explanation("", asset, state, recorded, datasets[asset])
             value, lines = _of_dataset(explanation, contents, keys)
         elif asset in own.assets:
-            work = own.survey(instance, find_pending_work(instance, workspace), BuildOptions())
+            own = own.survey(instance, find_pending_work(instance, workspace), BuildOptions())
             key = keys[0] if own.assets[asset].is_partitioned else ""
-            value, lines = _of_own(own.assets[asset], key, work.states[asset][key], work.evidence[asset][key])
+            value, lines = _of_own(own.assets[asset], key, own.states[asset][key], own.evidence[asset][key])
         else:
             recorded_of_key = recorded_assets(instance, workspace.names, keys[0])
             explanation = explain_asset(planner, recordings[keys[0]], recorded_of_key, asset)

@@ -14,13 +14,12 @@ from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.base.quantities import count_text
 from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.options import recipe_option
-from bagassets.cli.targets import target_states, targets_json
 from bagassets.cli.terminal import echo_json, echo_lines, print_lines
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from bagassets.defs.builds.own_states import OwnWork
+    from bagassets.defs.builds.own_states import OwnProject
     from bagassets.defs.builds.pending_work import PendingWork
 
 __all__ = ["status"]
@@ -100,7 +99,7 @@ def status(recipe: Path, bags: tuple[str, ...], show_all: bool, as_json: bool) -
         sys.exit(ExitStatus.FAILED)
 
 
-def status_json(pending: "PendingWork", own: "OwnWork", problems: Sequence[str] = ()) -> JsonObject:
+def status_json(pending: "PendingWork", own: "OwnProject", problems: Sequence[str] = ()) -> JsonObject:
     """Return all states as JSON, and the problems of installed packages."""
     bags = {key: bag for key, bag in pending.plan.bags.items() if key in pending.chosen}
     return {
@@ -109,7 +108,7 @@ def status_json(pending: "PendingWork", own: "OwnWork", problems: Sequence[str] 
             key: {"format": bag.format, "registered": key in pending.planned.live, "assets": bag.as_json()}
             for key, bag in bags.items()
         },
-        **targets_json(pending, own),
+        **own.as_json(),
         "removed": list(pending.plan.removed),
         "excluded": dict(pending.plan.excluded),
         **({"asked": dict(pending.plan.asked)} if pending.plan.asked else {}),
@@ -117,7 +116,7 @@ def status_json(pending: "PendingWork", own: "OwnWork", problems: Sequence[str] 
     }
 
 
-def _print(pending: "PendingWork", own: "OwnWork", *, show_all: bool) -> None:
+def _print(pending: "PendingWork", own: "OwnProject", *, show_all: bool) -> None:
     from rich.console import Console
 
     console = Console(highlight=False, width=None if sys.stdout.isatty() else 140)
@@ -133,17 +132,17 @@ def _print(pending: "PendingWork", own: "OwnWork", *, show_all: bool) -> None:
         console.print(f"{number} more {'is' if number == 1 else 'are'} fresh or skipped; --all lists all.")
     for line in _reasons(pending, listed):
         print_lines(console, line)
-    for line in _target_lines(pending, own):
+    for line in _target_lines(own):
         print_lines(console, line)
     counts = Counter[str](state.state for bag in bags.values() for state in bag.assets.values())
     counted = ", ".join(f"{counts[state]} {state}" for state in _ORDER if counts[state])
     console.print(f"{count_text(len(bags), 'recording')}: {counted or 'none'}.")
 
 
-def _target_lines(pending: "PendingWork", own: "OwnWork") -> Iterator[str]:
+def _target_lines(own: "OwnProject") -> Iterator[str]:
     """Yield the state of each dataset and of each of the user's own assets, or how many recordings are in which, and why."""
     found = []
-    for name, states in target_states(pending, own).items():
+    for name, states in own.targets.items():
         if states.keys() == {""}:
             one = states[""]
             yield f"{name} {one.state}: {visible(one.reason)}" if one.state != "fresh" else f"{name}: fresh"
@@ -154,10 +153,10 @@ def _target_lines(pending: "PendingWork", own: "OwnWork") -> Iterator[str]:
         found += [((name, one.state), key, one.reason) for key, one in to_tell.items()]
     for told in told_once(found):
         yield f"{told.title}: {' '.join(told.kind)}: {visible(told.text)}"
-    for name, why in own.project.left_out.items():
+    for name, why in own.left_out.items():
         yield f"{name}: not made by a build ({why})"
-    if own.project.problem:
-        yield f"error: {visible(own.project.problem)}"
+    if own.problem:
+        yield f"error: {visible(own.problem)}"
 
 
 def _table(states: Mapping[str, Mapping[str, str]], *, short: bool) -> "Table":

@@ -11,7 +11,7 @@ from dataclasses import replace
 import dagster as dg
 
 from bagassets.base.quantities import count_text
-from bagassets.defs.builds.own_states import OwnProject, OwnWork
+from bagassets.defs.builds.own_states import OwnProject
 from bagassets.defs.builds.pending_work import PendingWork
 from bagassets.defs.graph.own_assets import OwnAsset, inputs_tag
 from bagassets.defs.graph.own_location import code_digest
@@ -50,7 +50,7 @@ class OwnBuild:
         self._code = code_digest()
         self._tried: dict[tuple[str, str], EndedRun | None] = {}
 
-    def work(self, pending: PendingWork, *, is_dataset_current: bool) -> OwnWork:
+    def work(self, pending: PendingWork, *, is_dataset_current: bool) -> OwnProject:
         """Make everything that can be made; return how it stands then.
 
         Args:
@@ -74,7 +74,7 @@ class OwnBuild:
                 return work
             self._run(work, todo)
 
-    def _run(self, work: OwnWork, todo: list[tuple[str, str]]) -> None:
+    def _run(self, work: OwnProject, todo: list[tuple[str, str]]) -> None:
         """Make some assets, those of the same partition and code location in one run."""
         self._tried |= dict.fromkeys(todo)
         assets = self._project.assets
@@ -94,7 +94,7 @@ class OwnBuild:
                 self._run_in(location, by_partition, work)
 
     def _run_in(
-        self, location: CodeLocation, by_partition: Mapping[str, Collection[OwnAsset]], work: OwnWork
+        self, location: CodeLocation, by_partition: Mapping[str, Collection[OwnAsset]], work: OwnProject
     ) -> None:
         def on_event(event: Event) -> None:
             self._on_event(replace(event, key=_label(by_partition[event.key], event.key)))
@@ -123,7 +123,7 @@ class OwnBuild:
         """True if there were any runs."""
         return bool(self._tried)
 
-    def outcomes(self, work: OwnWork) -> dict[str, OwnOutcome]:
+    def outcomes(self, work: OwnProject) -> dict[str, OwnOutcome]:
         """Return what became of each asset that the build was for."""
         found = {}
         for name in self._project.wanted:

@@ -24,14 +24,14 @@ from bagassets.engine.targets import TO_MAKE, Evidence, Read, state_as_read, tar
 from bagassets.formats.dataset_build import dataset_code_versions
 from bagassets.propose.project import dagster_home
 
-__all__ = ["OwnProject", "OwnWork", "load_own"]
+__all__ = ["OwnProject", "load_own"]
 
 _MANUAL = "only with --select"
 
 
 @dataclass(frozen=True)
 class OwnProject:
-    """The user's assets of a project, and where it is at home.
+    """The user's assets of a project, and where it is at home; once they were surveyed, also how they stand.
 
     Attributes:
         workspace: the project, below the prefix that the user gave it.
@@ -41,6 +41,9 @@ class OwnProject:
         left_out: name -> why a build does not.
         problem: why none are known, if so.
         files: what they were read from.
+        states: asset -> partition key, "" for one of all recordings -> state.
+        evidence: the same -> what is known of it.
+        datasets: dataset that a build brings up to date -> state.
     """
 
     workspace: Workspace
@@ -50,6 +53,9 @@ class OwnProject:
     left_out: Mapping[str, str] = field(default_factory=dict)
     problem: str = ""
     files: tuple[str, ...] = ()
+    states: Mapping[str, Mapping[str, AssetState]] = field(default_factory=dict)
+    evidence: Mapping[str, Mapping[str, Evidence]] = field(default_factory=dict)
+    datasets: Mapping[str, AssetState] = field(default_factory=dict)
 
     def ours_read_by(self, names: Collection[str]) -> set[str]:
         """Return the assets of ours that some of the user's read, directly or through others of the user's."""
@@ -76,8 +82,8 @@ class OwnProject:
         options: BuildOptions,
         *,
         is_dataset_current: bool = False,
-    ) -> "OwnWork":
-        """Return the state of each asset, for the chosen recordings.
+    ) -> "OwnProject":
+        """Return the project with the state of each asset, for the chosen recordings.
 
         Args:
             instance: where materializations are recorded.
@@ -85,51 +91,39 @@ class OwnProject:
             options: `retry_failed` takes what failed on the same inputs as to be made.
             is_dataset_current: the datasets are up to date, whatever `pending` says.
         """
-        work = OwnWork(self)
         if not self.assets:
-            return work
-        survey = _Survey(instance, work, pending, {} if is_dataset_current else pending.dataset_states)
-        recordings = sorted(pending.chosen & pending.plan.bags.keys())
-        for name, asset in self.assets.items():  # each after those that it reads
-            found = survey.evidence(asset, recordings, retry_failed=options.retry_failed)
-            work.evidence[name] = found
-            work.states[name] = {
-                key: target_state(asset, one, survey.above(asset, key)) for key, one in found.items()
-            }
-        return work
+            return replace(self, datasets=pending.dataset_states)
+        survey = _Survey(instance, self, pending, {} if is_dataset_current else pending.dataset_states)
+        for asset in self.assets.values():  # each after those that it reads
+            survey.add(asset, retry_failed=options.retry_failed)
+        return replace(self, states=survey.states, evidence=survey.evidence, datasets=pending.dataset_states)
 
-
-@dataclass(frozen=True)
-class OwnWork:
-    """How the user's assets stand, and so what a build would do to them.
-
-    Attributes:
-        project: which there are.
-        states: asset -> partition key, "" for one of all recordings -> state.
-        evidence: the same -> what is known of it.
-    """
-
-    project: OwnProject
-    states: dict[str, dict[str, AssetState]] = field(default_factory=dict)
-    evidence: dict[str, dict[str, Evidence]] = field(default_factory=dict)
+    @property
+    def targets(self) -> dict[str, Mapping[str, AssetState]]:
+        """The states of all that a build brings up to date besides assets of recordings: datasets, then assets of the user's."""
+        datasets = {name: {"": one} for name, one in self.datasets.items()}
+        return {**datasets, **{name: self.states.get(name, {}) for name in self.wanted}}
 
     def having(self, *wanted: str) -> list[tuple[str, str, AssetState]]:
         """Return asset, partition key and state of what is in one of these states, or in any; of what a build is for."""
         return [
             (name, partition, one)
-            for name in self.project.wanted
+            for name in self.wanted
             for partition, one in self.states.get(name, {}).items()
             if not wanted or one.state in wanted
         ]
 
     def as_json(self) -> JsonObject:
-        """Return the states as JSON, and which assets a build leaves out, and why."""
+        """Return the states of all targets as JSON, and which assets a build leaves out, and why."""
+        reasons = {name: one.reason for name, one in self.datasets.items() if one.state != "fresh"}
         states = {
-            name: {key: one.as_json() for key, one in self.states.get(name, {}).items()}
-            for name in self.project.wanted
+            name: {key: one.as_json() for key, one in self.targets[name].items()} for name in self.wanted
         }
-        left_out, problem = dict(self.project.left_out), self.project.problem
-        return {"assets": states, "left_out": left_out, "problem": problem}
+        return {
+            "datasets": {name: one.state for name, one in self.datasets.items()},
+            "dataset_reasons": reasons,
+            "own": {"assets": states, "left_out": dict(self.left_out), "problem": self.problem},
+        }
 
     @property
     def is_settled(self) -> bool:
@@ -139,12 +133,12 @@ class OwnWork:
     @property
     def failed(self) -> bool:
         """True if something failed on its current inputs, or could not even be read."""
-        return bool(self.project.problem or self.having("failed"))
+        return bool(self.problem or self.having("failed"))
 
     @property
     def is_up_to_date(self) -> bool:
         """True if nothing failed either, or waits for what failed."""
-        return not self.project.problem and len(self.having("fresh", "skipped")) == len(self.having())
+        return not self.problem and len(self.having("fresh", "skipped")) == len(self.having())
 
 
 def load_own(workspace: Workspace, options: BuildOptions | None = None) -> OwnProject:
@@ -187,68 +181,74 @@ def load_own(workspace: Workspace, options: BuildOptions | None = None) -> OwnPr
 
 
 class _Survey:
-    """What is known of the user's assets; those that are not wanted, and are read by others, are taken as they are.
+    """Finds out how the user's assets stand; those that are not wanted, and are read by others, are taken as they are.
 
     Args:
         instance: where materializations are recorded.
-        work: the states that are known so far.
+        project: the user's assets.
         pending: the state of our assets.
         datasets: state of the datasets that are brought up to date as well.
+
+    Attributes:
+        states: see `OwnProject`.
+        evidence: likewise.
     """
 
     def __init__(
         self,
         instance: dg.DagsterInstance,
-        work: OwnWork,
+        project: OwnProject,
         pending: PendingWork,
         datasets: Mapping[str, AssetState],
     ) -> None:
-        self._instance, self._work, self._bags = instance, work, pending.plan.bags
-        self._names = work.project.workspace.names
+        self.states: dict[str, dict[str, AssetState]] = {}
+        self.evidence: dict[str, dict[str, Evidence]] = {}
+        self._instance, self._project, self._bags = instance, project, pending.plan.bags
+        self._recordings = sorted(pending.chosen & pending.plan.bags.keys())
+        self._names = project.workspace.names
         self._versions = Versions(instance, self._names)
         self._code = code_digest()
         behind = (one for one in datasets.values() if one.state != "fresh")
         self._datasets = {**datasets, DATASET_INPUTS: next(behind, AssetState("fresh", ""))}
 
-    def evidence(
-        self, asset: OwnAsset, recordings: Collection[str], *, retry_failed: bool
-    ) -> dict[str, Evidence]:
-        """Return partition key, "" for one of all recordings -> what is known of an asset."""
-        recorded = self._recorded(asset, recordings)
-        runs = {}
+    def add(self, asset: OwnAsset, *, retry_failed: bool) -> None:
+        """Find out how an asset stands, whose inputs of the user's have been added."""
+        recorded = self._recorded(asset)
+        runs: dict[str, str] = {}
         if any(read.how == "all" for read in asset.reads):  # of which only the run says what it has read
-            found_runs = runs_of(self._instance, {one.run_id for one in recorded.values()})
-            runs = {run.run_id: told_inputs(run, asset.key) for run in found_runs}
+            found = runs_of(self._instance, {one.run_id for one in recorded.values()})
+            runs = {run.run_id: told_inputs(run, asset.key) for run in found}
 
         def told(run_id: str) -> str | None:
             if run_id not in runs and (run := self._instance.get_run_by_id(run_id)) is not None:
                 runs[run_id] = told_inputs(run, asset.key)
             return runs.get(run_id)
 
-        found = {}
-        for partition in recordings if asset.is_partitioned else [""]:
+        self.evidence[asset.name], self.states[asset.name] = {}, {}
+        for partition in self._recordings if asset.is_partitioned else [""]:
             now, last = self._versions.read_by(asset, partition), recorded.get(partition)
-            found[partition] = Evidence(
+            before = {} if last is None else last.inputs
+            evidence = Evidence(
                 now,
                 last,
-                {} if last is None else self._read_before(asset, last),
+                {read.name: before.get(self._names.shorten(read.name), "") for read in asset.reads},
                 partial(told, "" if last is None else last.run_id),
-                failure=partial(self._failure, asset, partition, now) if not retry_failed else lambda: "",
+                failure=(lambda: "") if retry_failed else partial(self._failure, asset, partition, now),
             )
-        return found
+            self.evidence[asset.name][partition] = evidence
+            self.states[asset.name][partition] = target_state(asset, evidence, self._above(asset, partition))
 
-    def above(self, asset: OwnAsset, partition: str) -> Iterator[tuple[Read, AssetState]]:
+    def _above(self, asset: OwnAsset, partition: str) -> Iterator[tuple[Read, AssetState]]:
         """Yield what an asset reads that a build brings up to date, too, and its state."""
-        project = self._work.project
         for read in asset.reads:
             ours = self._names.asset_of(dg.AssetKey.from_user_string(read.name))
-            if read.name in project.wanted:
-                states = self._work.states[read.name]
+            if read.name in self._project.wanted:
+                states = self.states[read.name]
                 one = partition if read.how == "same" else ""
                 yield from (
                     (read, state) for state in (states.values() if read.how == "all" else [states[one]])
                 )
-            elif read.name in project.assets:
+            elif read.name in self._project.assets:
                 if self._versions.of(read, partition) is None:
                     yield read, AssetState("blocked", f"{read.name} was never made")
             elif ours is not None and read.how == "whole":
@@ -257,16 +257,13 @@ class _Survey:
                 bags = [self._bags[partition]] if read.how == "same" else self._bags.values()
                 yield from ((read, state_as_read(bag, ours, read.name)) for bag in bags if ours in bag.assets)
 
-    def _recorded(self, asset: OwnAsset, partitions: Collection[str]) -> dict[str, Recorded]:
+    def _recorded(self, asset: OwnAsset) -> dict[str, Recorded]:
         if asset.is_partitioned:
             ids = latest_ids(self._instance, self._names, [asset.key])
-            found = fetch_recorded(self._instance, self._names, ids, partitions)
+            found = fetch_recorded(self._instance, self._names, ids, self._recordings)
             return {key: made[asset.key] for key, made in found.items() if asset.key in made}
         newest = recorded_whole(self._instance, self._names, asset.key)
         return {} if newest is None else {"": newest}
-
-    def _read_before(self, asset: OwnAsset, recorded: Recorded) -> dict[str, str]:
-        return {read.name: recorded.inputs.get(self._names.shorten(read.name), "") for read in asset.reads}
 
     def _failure(self, asset: OwnAsset, partition: str, reads: Mapping[str, str]) -> str:
         """Return why the last run with the same inputs failed, or "" if it did not."""

@@ -19,7 +19,7 @@ from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.base.trace import span
 from bagassets.defs.builds.made_ahead import making_ahead
 from bagassets.defs.builds.own_build import OwnBuild
-from bagassets.defs.builds.own_states import OwnProject, OwnWork, load_own
+from bagassets.defs.builds.own_states import OwnProject, load_own
 from bagassets.defs.builds.pending_work import (
     PendingWork,
     find_pending_work,
@@ -233,7 +233,7 @@ def _build_own(
     options: BuildOptions,
     report: BuildReport,
     on_event: Listener,
-) -> tuple[OwnWork, bool]:
+) -> tuple[OwnProject, bool]:
     """Bring the user's own assets up to date, and say in the report what became of them.
 
     Returns:
@@ -241,7 +241,7 @@ def _build_own(
     """
     report.own_problem, report.own_left_out = own.problem, own.left_out
     if not own.wanted or report.interrupted:
-        return OwnWork(own), False
+        return own, False
     building = OwnBuild(instance, own, options, on_event)
     work = building.work(now, is_dataset_current=now.dataset_is_current or report.dataset == "updated")
     report.own = building.outcomes(work)
