@@ -144,12 +144,8 @@ class BagPlan:
     @property
     def unusable(self) -> str | None:
         """Why the recording cannot be part of the nuScenes dataset, or None; optional assets do not matter."""
-        failures = (
-            state.reason
-            for name, state in self.assets.items()
-            if state.state == "failed" and name not in self.optional
-        )
-        return next(failures, None)
+        needed = (state for name, state in self.assets.items() if name not in self.optional)
+        return next((state.reason for state in needed if state.state == "failed"), None)
 
     @property
     def settled(self) -> bool:

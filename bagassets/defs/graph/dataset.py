@@ -26,9 +26,9 @@ from bagassets.formats.catalogue import MAIN, formats, recording_assets
 from bagassets.formats.dataset_build import (
     DatasetInputs,
     build_dataset,
+    damage_of,
     dataset_code_versions,
     datasets_of,
-    is_on_disk,
     select_inputs,
 )
 from bagassets.formats.report_data import build_map, map_path, report_data, report_path
@@ -88,16 +88,12 @@ def dataset_states(
             now,
             last,
             {} if last is None else last.inputs,
-            damage=partial(_damage, recipe, asset),
+            damage=partial(damage_of, recipe, asset),
             waits_for=waits_for,
             is_due=is_due,
         )
         found[asset] = target_state(Target(asset, _READS, version, code_changed=_CODE_CHANGED), evidence)
     return found
-
-
-def _damage(recipe: Recipe, asset: str) -> str:
-    return "" if is_on_disk(recipe, asset) else "its files are gone or were changed"
 
 
 def record_inputs(instance: dg.DagsterInstance, workspace: Workspace, inputs: DatasetInputs) -> None:

@@ -55,7 +55,8 @@ def find_own_assets(
     downstream = _downstream([one.repository.asset_graph for one in locations], roots)
     for one in locations:
         graph = one.repository.asset_graph
-        followed = _followed(one.repository)
+        said = [sensor.metadata.get(FOLLOWS) for sensor in one.repository.sensor_defs]
+        followed = {dg.AssetKey.from_user_string(str(key.value)) for key in said if key is not None}
         for key in downstream & graph.materializable_asset_keys:
             node, name = graph.get(key), key.to_user_string()
             is_automatic = node.automation_condition is not None or key in followed
@@ -105,12 +106,6 @@ def _own_asset(
         is_automatic=is_automatic,
         together=frozenset(node.execution_set_asset_keys) | {key},
     )
-
-
-def _followed(repository: dg.RepositoryDefinition) -> set[dg.AssetKey]:
-    """Return the assets that `follow_recordings` runs."""
-    found = (sensor.metadata.get(FOLLOWS) for sensor in repository.sensor_defs)
-    return {dg.AssetKey.from_user_string(str(key.value)) for key in found if key is not None}
 
 
 def _reads(graph: AssetGraph, key: dg.AssetKey, names: Naming, ours: Collection[str]) -> Iterator[Read]:
