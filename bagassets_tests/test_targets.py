@@ -45,7 +45,7 @@ def found(target, recorded, **known):
             "stale",
             "its recordings changed",
         ),
-        (DATASET, MADE, {"damage": lambda: "its files are gone"}, "stale", "its files are gone"),
+        (DATASET, MADE, {"is_whole": lambda: False}, "stale", "its files are gone or were changed"),
         (DATASET, MADE, {"failure": lambda: "no"}, "fresh", FRESH),
         (STEP, Recorded("d1", "any"), {}, "fresh", FRESH),
         (STEP, MADE, {"before": {"frames": version_as_input("v1")}}, "fresh", FRESH),

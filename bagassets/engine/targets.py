@@ -69,7 +69,7 @@ class Evidence:
         recorded: its latest record.
         before: what it has read -> version, as Dagster recorded it, which it does for single partitions only.
         told: returns the `inputs_digest` that its run was given: "" if it was given none, None if the run is gone.
-        damage: returns what is wrong with its files, or "".
+        is_whole: returns whether its files are as they were when it was made.
         failure: returns why making it from the same inputs failed, or "".
         waits_for: results that it takes as soon as they are there, and is made without until then.
         is_due: False while there is nothing to make it from.
@@ -79,7 +79,7 @@ class Evidence:
     recorded: Recorded | None
     before: Mapping[str, str] = field(default_factory=dict)
     told: Callable[[], str | None] = lambda: None
-    damage: Callable[[], str] = lambda: ""
+    is_whole: Callable[[], bool] = lambda: True
     failure: Callable[[], str] = lambda: ""
     waits_for: str = ""
     is_due: bool = True
@@ -159,7 +159,7 @@ def _change(target: Target, found: Evidence) -> str | None:
             return "made by hand, so what it has read is not on record"
         if told not in {None, inputs_digest(target, found.now)}:
             return "a recording was added, changed or removed"
-    return found.damage() or None
+    return None if found.is_whole() else "its files are gone or were changed"
 
 
 def _spellings(version: str) -> set[str]:

@@ -30,12 +30,12 @@ __all__ = [
     "DatasetContents",
     "DatasetInputs",
     "build_dataset",
-    "damage_of",
     "dataset_code_versions",
     "dataset_contents",
     "dataset_folders",
     "datasets_of",
     "deal_contents",
+    "is_on_disk",
     "made_from",
     "main_lock",
     "recordings_without_scenes",
@@ -373,8 +373,7 @@ def dataset_folders(recipe: Recipe) -> dict[str, Path]:
     return {asset: dataset.settings.output for asset, dataset in datasets_of(recipe).items()}
 
 
-def damage_of(recipe: Recipe, asset: str) -> str:
-    """Return why a dataset on disk is not as it was published, or ""."""
+def is_on_disk(recipe: Recipe, asset: str) -> bool:
+    """Tell whether a dataset on disk is as it was published."""
     root = recipe.state if asset == "trajectory_map" else dataset_folders(recipe)[asset]
-    is_whole = Publication(recipe.state, asset).is_as_published(root, lambda path: digest_file(Path(path)))
-    return "" if is_whole else "its files are gone or were changed"
+    return Publication(recipe.state, asset).is_as_published(root, lambda path: digest_file(Path(path)))

@@ -26,9 +26,9 @@ from bagassets.formats.catalogue import MAIN, formats, recording_assets
 from bagassets.formats.dataset_build import (
     DatasetInputs,
     build_dataset,
-    damage_of,
     dataset_code_versions,
     datasets_of,
+    is_on_disk,
     select_inputs,
 )
 from bagassets.formats.report_data import build_map, map_path, report_data, report_path
@@ -88,7 +88,7 @@ def dataset_states(
             now,
             last,
             {} if last is None else last.inputs,
-            damage=partial(damage_of, recipe, asset),
+            is_whole=partial(is_on_disk, recipe, asset),
             waits_for=waits_for,
             is_due=is_due,
         )
