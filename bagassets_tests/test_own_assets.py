@@ -375,7 +375,7 @@ def test_what_another_run_is_about_to_make_is_left_to_it(project):
             instance,
             ["blur"],
             partition_key="a.bag",
-            location=own_location.load_locations(project.folder)[0].location,
+            location=next(iter(own_location.load_locations(project.folder))),
         )
     assert sorted(project.build()) == [("blur", "b.bag"), ("sharp", "b.bag"), ("upload", "")]
     assert project.reasons("blur") == {"a.bag": ("not made", "another run is about to make it")}
@@ -436,9 +436,9 @@ def test_the_ways_in_which_a_workspace_names_a_location(project, how):
     }
     others = [{"grpc_server": {"host": "localhost", "port": 4266, "location_name": "far"}}]
     project.workspace.write_text(yaml.safe_dump({"load_from": [spelled[how], *others]}))
-    (found,) = own_location.load_locations(project.folder)
-    assert (found.location.module, found.location.attribute) == (name, "defs")
-    assert dg.AssetKey("blur") in found.repository.asset_graph.get_all_asset_keys()
+    ((location, repository),) = own_location.load_locations(project.folder).items()
+    assert (location.module, location.attribute) == (name, "defs")
+    assert dg.AssetKey("blur") in repository.asset_graph.get_all_asset_keys()
 
 
 def test_status_dry_run_and_explain_tell_of_them(project, capsys):

@@ -59,16 +59,12 @@ class OwnProject:
 
     def ours_read_by(self, names: Collection[str]) -> set[str]:
         """Return the assets of ours that some of the user's read, directly or through others of the user's."""
-        read = {read.name for name in self._with_upstream(names) for read in self.assets[name].reads}
+        read = {read.name for name in self.with_upstream(names) for read in self.assets[name].reads}
         found = {self.workspace.names.asset_of(dg.AssetKey.from_user_string(name)) for name in read}
         return {name for name in found if name is not None}
 
-    def choose(self, selected: Collection[str]) -> "OwnProject":
-        """Return the project with only these, and what they read, as wanted."""
-        wanted = self._with_upstream(selected)
-        return replace(self, wanted=tuple(name for name in self.assets if name in wanted), left_out={})
-
-    def _with_upstream(self, names: Iterable[str]) -> set[str]:
+    def with_upstream(self, names: Iterable[str]) -> set[str]:
+        """Return those of `names` that are the user's, with what they read of the user's."""
         found = set(names) & self.assets.keys()
         for name in reversed(list(self.assets)):  # each stands after what it reads
             if name in found:
@@ -177,7 +173,10 @@ def load_own(workspace: Workspace, options: BuildOptions | None = None) -> OwnPr
     automatic = tuple(name for name, asset in assets.items() if asset.is_automatic)
     left_out |= {name: _MANUAL for name in assets if name not in automatic}
     project = OwnProject(workspace, location, assets, automatic, left_out, files=files_of(home))
-    return project.choose(selected) if selected else project
+    if not selected:
+        return project
+    wanted = project.with_upstream(selected)
+    return replace(project, wanted=tuple(name for name in assets if name in wanted), left_out={})
 
 
 class _Survey:

@@ -8,7 +8,7 @@ from graphlib import TopologicalSorter
 import dagster as dg
 
 from bagassets.defs.dagster_private import AssetGraph
-from bagassets.defs.graph.own_location import OwnLocation, code_digest
+from bagassets.defs.graph.own_location import Locations, code_digest
 from bagassets.defs.records.events import DATA_VERSION, live_partitions, recorded_whole
 from bagassets.defs.records.naming import DATASET_INPUTS, Naming
 from bagassets.defs.runs.execution import CodeLocation
@@ -46,16 +46,16 @@ class OwnAsset(Target):
 
 
 def find_own_assets(
-    locations: Collection[OwnLocation], recipe: Recipe, names: Naming, ours: Collection[str]
+    locations: Locations, recipe: Recipe, names: Naming, ours: Collection[str]
 ) -> tuple[dict[str, OwnAsset], dict[str, str]]:
     """Return the assets downstream of ours, each after what it reads, and those that no build runs -> why."""
     own: dict[str, OwnAsset] = {}
     never: dict[str, str] = {}
     roots = {names.key(asset) for asset in (*ours, DATASET_INPUTS, *dataset_code_versions(recipe))}
-    downstream = _downstream([one.repository.asset_graph for one in locations], roots)
-    for one in locations:
-        graph = one.repository.asset_graph
-        said = [sensor.metadata.get(FOLLOWS) for sensor in one.repository.sensor_defs]
+    downstream = _downstream([one.asset_graph for one in locations.values()], roots)
+    for location, repository in locations.items():
+        graph = repository.asset_graph
+        said = [sensor.metadata.get(FOLLOWS) for sensor in repository.sensor_defs]
         followed = {dg.AssetKey.from_user_string(str(key.value)) for key in said if key is not None}
         for key in downstream & graph.materializable_asset_keys:
             node, name = graph.get(key), key.to_user_string()
@@ -65,7 +65,7 @@ def find_own_assets(
                 isinstance(partitions, dg.DynamicPartitionsDefinition) and partitions.name == names.partitions
             )
             if partitions is None or is_ours:
-                own[name] = _own_asset(graph, key, one.location, names, ours, is_automatic=is_automatic)
+                own[name] = _own_asset(graph, key, location, names, ours, is_automatic=is_automatic)
             elif is_automatic:
                 never[name] = "its partitions are not the recordings"
     # Assets of one code location may read those of another.
