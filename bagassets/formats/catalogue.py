@@ -15,6 +15,7 @@ from bagassets.assets.annotations import ANNOTATIONS
 from bagassets.assets.asset import AnyAsset, AnyUse, Asset, Facts, as_json
 from bagassets.assets.calibration import CALIBRATION
 from bagassets.assets.ego_poses import EGO_POSES
+from bagassets.assets.face import Face
 from bagassets.assets.frames import FRAMES
 from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.preview import PREVIEW
@@ -23,6 +24,7 @@ from bagassets.assets.sweeps import SWEEPS
 from bagassets.base.errors import BagAssetsError, DatasetError, PluginError
 from bagassets.base.extensions import ASSETS, FORMATS, Extension, installed_extensions
 from bagassets.engine.recording_assets import RecordingAssets
+from bagassets.formats import trajectory_map
 from bagassets.formats.dataset_lock import DatasetLock
 from bagassets.formats.format import AnyFormat, DatasetCheck, Format, LooseFiles, UnitFolders
 from bagassets.formats.nuscenes.format import NUSCENES
@@ -61,9 +63,10 @@ _OUR_NAMES = frozenset(asset.name for asset in OUR_ASSETS)
 _CALLABLE = ("join", "links", "counts", "duration_s", "folder", "row")
 _CALLABLE_OR_NONE = ("fills_split", "samples", "select", "check")
 # Names of assets in Dagster that are not assets of recordings.
-_TAKEN = {"bag", "dataset_inputs", "trajectory_map"}
+_TAKEN = {"bag", "dataset_inputs", trajectory_map.STEP.name}
 _A = ParamSpec("_A")
 _R = TypeVar("_R")
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
@@ -321,6 +324,7 @@ def _guarded(asset: AnyAsset, extension: Extension) -> AnyAsset:
         use=guard(use, "use"),
         make=None if asset.make is None else guard(asset.make, "make"),
         extract=None if asset.extract is None else guard(asset.extract, "extract"),
+        face=_guarded_face(asset.face, guard),
         checks=tuple(
             replace(check, rule=guard(check.rule, f"the check {check.name}")) for check in asset.checks
         ),
@@ -328,6 +332,29 @@ def _guarded(asset: AnyAsset, extension: Extension) -> AnyAsset:
         libraries=(*asset.libraries, extension.package),
         optional=True,
         distribution=extension.distribution,
+    )
+
+
+def _guarded_face(face: Face, guard: "_Guard") -> Face:
+    """Return a face that, where it would raise, shows what an asset without one does, and why."""
+
+    def safe(function: Callable[[_T], _R], instead: Callable[[_T, BagAssetsError], _R]) -> Callable[[_T], _R]:
+        guarded = guard(function, "the face")
+
+        def shown(of: _T) -> _R:
+            try:
+                return guarded(of)
+            except BagAssetsError as err:
+                return instead(of, err)
+
+        return shown
+
+    return replace(
+        face,
+        shown=safe(face.shown, lambda artifact, err: {"problem": str(err), **artifact.summary()}),
+        counts={name: safe(count, lambda *_: None) for name, count in face.counts.items()},
+        losses=safe(lambda summary: list(face.losses(summary)), lambda *_: []),
+        pictures=safe(face.pictures, lambda *_: ()),
     )
 
 

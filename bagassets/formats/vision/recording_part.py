@@ -121,9 +121,9 @@ class VisionUse(VisionParams):
 
 def use(params: VisionParams, facts: Facts) -> dict[str, Use[VisionUse]]:
     """Return the inputs of a recording's part: images, poses, extrinsics, metadata, and transforms if needed."""
-    mounts, images = facts.calibration.mounts, facts.channels("frames")
+    mounts, images = facts.calibration.mounts, facts.channels(FRAMES.name)
     cameras = {name: images[name] for name in params.cameras if name in images}
-    poses = facts.artifact("ego_poses")
+    poses = facts.artifact(EGO_POSES.name)
     bodies = Bodies.of(mounts, poses.read_json("ego_poses.json")["global_frame"])
     through_tf = not all(bodies.has(*pair.split(":")) for pair in params.trajectories)
     tf, tf_static = (
@@ -139,13 +139,13 @@ def use(params: VisionParams, facts: Facts) -> dict[str, Use[VisionUse]]:
     )
     inputs = {f"channel:{name}": artifact.digest for name, artifact in cameras.items()}
     topics = tuple(sorted({*tf, *tf_static}))
-    return {"": Use(read, topics, {**inputs, "ego_poses": poses.digest})}
+    return {"": Use(read, topics, {**inputs, EGO_POSES.name: poses.digest})}
 
 
 def make(use: Use[VisionUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
     """Write the recording's part of the dataset; return the summary."""
-    params, trajectory, images = use.params, inputs.trajectory, inputs.channels("frames")
-    poses_json = inputs.artifact("ego_poses").read_json("ego_poses.json")
+    params, trajectory, images = use.params, inputs.trajectory, inputs.channels(FRAMES.name)
+    poses_json = inputs.artifact(EGO_POSES.name).read_json("ego_poses.json")
     cameras = {name: images[name].read_json("channel.json") for name in params.cameras}
     written = [
         out.write_json("metadata.json", params.metadata),
