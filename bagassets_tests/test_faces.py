@@ -21,7 +21,7 @@ from bagassets.engine.plan import AssetState, BagPlan, Plan
 from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.engine.run_action import run_action
 from bagassets.engine.summary_rows import summary_rows
-from bagassets.formats import catalogue, report_data
+from bagassets.formats import catalogue, foreign, report_data
 from bagassets.recipe import load_recipe
 from bagassets.report.page import report_page
 from bagassets.store.store import Store
@@ -146,7 +146,7 @@ def test_what_a_face_of_a_package_raises_is_shown_and_costs_nothing_else(made):
 
     entry = Extension("front_doors", "doors", "1.0", "doors:DOORS")
     face = replace(DOORS.face, shown=broken, counts={"doors": broken}, losses=broken, pictures=broken)
-    guarded = catalogue._guarded(replace(DOORS, face=face), entry)
+    guarded = foreign._guarded(replace(DOORS, face=face), entry)
     store, artifact, plan = made
     rows = summary_rows(
         BuildReport(plan, outcomes={"a": BagOutcome("built")}),

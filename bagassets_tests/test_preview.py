@@ -30,14 +30,16 @@ from bagassets.assets.pictures.canvas import (
     turbo,
 )
 from bagassets.assets.pictures.channels import CameraImages, Clouds
-from bagassets.assets.pictures.contact_sheet import GAP_PX, HEADER_PX, contact_sheet
 from bagassets.assets.pictures.future import future_trajectory
 from bagassets.assets.pictures.lens import View
 from bagassets.assets.pictures.lidar_over_camera import lidar_over_camera
 from bagassets.assets.pictures.pictures import (
+    GAP_PX,
+    HEADER_PX,
     TITLES,
     best_moment,
     boxes_at,
+    contact_sheet,
     evenly_spaced,
     reading_at,
     suitable_range_m,

@@ -19,11 +19,15 @@ from bagassets.base.errors import CalibrationError, DatasetError
 from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.formats.format import FACTS
 from bagassets.formats.json_files import rows_bytes
-from bagassets.formats.vision.join import SEQUENCES
 from bagassets.formats.vision.metadata import recording_metadata, transforms_json
-from bagassets.formats.vision.relative import relative_poses
 from bagassets.formats.vision.sequences import cut_sequences
-from bagassets.formats.vision.trajectories import Bodies, csv_bytes, tf_poses, trajectory_table
+from bagassets.formats.vision.trajectories import (
+    Bodies,
+    csv_bytes,
+    relative_poses,
+    tf_poses,
+    trajectory_table,
+)
 from bagassets.geometry.calibration import Mounts
 from bagassets.geometry.tf_tree import TfTree
 from bagassets.geometry.trajectory import Trajectory
@@ -34,9 +38,11 @@ from bagassets.recordings.recording import Recording
 from bagassets.store.artifact import Artifact, ArtifactWriter
 from bagassets.store.canonical import digest_json
 
-__all__ = ["FILES", "VISION_SEQUENCES"]
+__all__ = ["FILES", "SEQUENCES", "VISION_SEQUENCES"]
 
 FILES = "files.json"
+# Has the rows of all sequences.
+SEQUENCES = "sequences.json"
 _LEAST_DIGITS = 4
 
 
