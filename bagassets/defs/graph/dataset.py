@@ -22,6 +22,7 @@ from bagassets.defs.records.workspace import Workspace
 from bagassets.defs.runs.fence import refuse_if_ended
 from bagassets.engine.plan import AssetState
 from bagassets.engine.targets import Evidence, Read, Target, target_state
+from bagassets.formats import trajectory_map
 from bagassets.formats.catalogue import MAIN, formats, recording_assets
 from bagassets.formats.dataset_build import (
     DatasetInputs,
@@ -45,7 +46,7 @@ __all__ = [
     "write_report",
 ]
 
-TRAJECTORY_MAP = "trajectory_map"
+TRAJECTORY_MAP = trajectory_map.STEP.name
 INPUTS_CODE_VERSION = "1"
 _READS = (Read(DATASET_INPUTS, "whole", "its recordings changed since it was made"),)
 _CODE_CHANGED = "its settings, the splits or its version changed"
