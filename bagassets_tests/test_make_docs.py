@@ -35,9 +35,7 @@ def test_a_stale_part_is_written_anew(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(docs, "PICTURES", tmp_path)
     monkeypatch.setattr(docs, "pages", lambda: [page])
     docs.write()
-    assert page.read_text() == (
-        f"before\n<!-- graph -->\n\n```mermaid\n{docs.graph()}\n```\n\n<!-- end of graph -->\nafter\n"
-    )
+    assert page.read_text() == (f"before\n<!-- graph -->\n{docs.graph()}\n<!-- end of graph -->\nafter\n")
     names = ["page.md", "recipe.md", "assets.md", "architecture.svg", "architecture-dark.svg"]
     assert capsys.readouterr().out.splitlines() == [f"{name}: written anew" for name in names]
     docs.write()

@@ -8,45 +8,20 @@ from collections.abc import Callable
 from pathlib import Path
 
 from bagassets.cli.docs import asset_reference
-from bagassets.formats.catalogue import formats, known_assets
 from bagassets.formats.checking import render_checks
 from bagassets.recipe.reference import render_reference
 from benchmarks.pages import pages, with_figures
-from scripts.architecture import PICTURES, THEMES, draw, edges
-from scripts.input_table import input_table
+from scripts.architecture import PICTURES, THEMES, draw
+from scripts.input_table import graph, input_table
 
-__all__ = ["generated", "graph", "write"]
+__all__ = ["generated", "write"]
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
-# What an asset does not always read: (source, target) -> when it does.
-SOMETIMES = {("ego_poses", "sweeps"): "if deskewed or compensated"}
-
-
-def graph() -> str:
-    """Return the graph of assets and datasets, for Mermaid."""
-    lines = ["flowchart LR", "  bag([bag]) --> inventory"]
-    for asset in known_assets():
-        sources = [source for source, target in edges() if target == asset.name]
-        always = [source for source in sources if (source, asset.name) not in SOMETIMES]
-        lines += [f"  {' & '.join(always)} --> {asset.name}"] if always else []
-        lines += [
-            f"  {one} -. {SOMETIMES[one, asset.name]} .-> {asset.name}"
-            for one in sources
-            if one not in always
-        ]
-    lines += [
-        f"  {' & '.join(kind.part for kind in formats())} --> dataset_inputs([dataset_inputs])",
-        f"  dataset_inputs --> {' & '.join(f'{kind.name}_dataset' for kind in formats())}",
-        "  ego_poses --> trajectory_map",
-    ]
-    return "\n".join(lines)
-
-
 # What stands between two comments, `<!-- name -->` and `<!-- end of name -->`.
 PARTS: dict[str, Callable[[], str]] = {
     "checks": lambda: f"\n{render_checks()}\n",
-    "graph": lambda: f"\n```mermaid\n{graph()}\n```\n\n",
+    "graph": lambda: f"{graph()}\n",
     "inputs": lambda: f"{input_table()}\n",
 }
 

@@ -1,7 +1,7 @@
 """Models of the settings of formats that installed packages add."""
 
 from bagassets.base.errors import PluginError
-from bagassets.base.extensions import FORMATS, Extension, installed_extensions
+from bagassets.base.plugins import FORMATS, Extension, installed_extensions
 from bagassets.recipe.model_base import DatasetSettings
 
 __all__ = ["section_model", "settings_model"]

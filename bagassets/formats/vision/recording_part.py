@@ -7,6 +7,7 @@ them from the artifacts of `frames`.
 """
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use, as_json, inlined
@@ -19,24 +20,31 @@ from bagassets.base.errors import CalibrationError, DatasetError
 from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.formats.format import FACTS
 from bagassets.formats.json_files import rows_bytes
-from bagassets.formats.vision.join import SEQUENCES
-from bagassets.formats.vision.metadata import recording_metadata, transforms_json
-from bagassets.formats.vision.relative import relative_poses
 from bagassets.formats.vision.sequences import cut_sequences
-from bagassets.formats.vision.trajectories import Bodies, csv_bytes, tf_poses, trajectory_table
+from bagassets.formats.vision.trajectories import (
+    Bodies,
+    csv_bytes,
+    relative_poses,
+    tf_poses,
+    trajectory_table,
+)
 from bagassets.geometry.calibration import Mounts
+from bagassets.geometry.sun import sun_elevation_deg
 from bagassets.geometry.tf_tree import TfTree
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.recipe.model import CameraChannel, Recipe, Rig
 from bagassets.recipe.model_base import Clock
 from bagassets.recipe.model_poses import FixedPose
+from bagassets.recordings.inventory import Inventory
 from bagassets.recordings.recording import Recording
 from bagassets.store.artifact import Artifact, ArtifactWriter
 from bagassets.store.canonical import digest_json
 
-__all__ = ["FILES", "VISION_SEQUENCES"]
+__all__ = ["FILES", "SEQUENCES", "VISION_SEQUENCES", "recording_metadata", "transforms_json"]
 
 FILES = "files.json"
+# Has the rows of all sequences.
+SEQUENCES = "sequences.json"
 _LEAST_DIGITS = 4
 
 
@@ -121,9 +129,9 @@ class VisionUse(VisionParams):
 
 def use(params: VisionParams, facts: Facts) -> dict[str, Use[VisionUse]]:
     """Return the inputs of a recording's part: images, poses, extrinsics, metadata, and transforms if needed."""
-    mounts, images = facts.calibration.mounts, facts.channels("frames")
+    mounts, images = facts.calibration.mounts, facts.channels(FRAMES.name)
     cameras = {name: images[name] for name in params.cameras if name in images}
-    poses = facts.artifact("ego_poses")
+    poses = facts.artifact(EGO_POSES.name)
     bodies = Bodies.of(mounts, poses.read_json("ego_poses.json")["global_frame"])
     through_tf = not all(bodies.has(*pair.split(":")) for pair in params.trajectories)
     tf, tf_static = (
@@ -139,13 +147,13 @@ def use(params: VisionParams, facts: Facts) -> dict[str, Use[VisionUse]]:
     )
     inputs = {f"channel:{name}": artifact.digest for name, artifact in cameras.items()}
     topics = tuple(sorted({*tf, *tf_static}))
-    return {"": Use(read, topics, {**inputs, "ego_poses": poses.digest})}
+    return {"": Use(read, topics, {**inputs, EGO_POSES.name: poses.digest})}
 
 
 def make(use: Use[VisionUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
     """Write the recording's part of the dataset; return the summary."""
-    params, trajectory, images = use.params, inputs.trajectory, inputs.channels("frames")
-    poses_json = inputs.artifact("ego_poses").read_json("ego_poses.json")
+    params, trajectory, images = use.params, inputs.trajectory, inputs.channels(FRAMES.name)
+    poses_json = inputs.artifact(EGO_POSES.name).read_json("ego_poses.json")
     cameras = {name: images[name].read_json("channel.json") for name in params.cameras}
     written = [
         out.write_json("metadata.json", params.metadata),
@@ -299,3 +307,53 @@ VISION_SEQUENCES = Asset(
     use=use,
     make=make,
 )
+
+
+def recording_metadata(key: str, rig: str, inventory: Inventory) -> JsonObject:
+    """Return the facts about a recording as a whole.
+
+    It does not change when the recording is re-indexed, re-compressed or converted, so it lacks file size and format.
+
+    Args:
+        key: partition key.
+        rig: name of the rig.
+        inventory: inventory of the recording.
+    """
+    first, last = inventory.gnss or (None, None)
+    # Without daylight the clock of the fix cannot be trusted, and so neither can the sun.
+    elevation = None
+    if first is not None and inventory.daylight is not None:
+        elevation = round(sun_elevation_deg(first.lat, first.lon, first.stamp_ns), 1)
+    return {
+        "name": key,
+        "rig": rig,
+        "start_ns": inventory.start_ns,
+        "end_ns": inventory.end_ns,
+        "duration_s": round(inventory.duration_s, 6),
+        "messages": sum(topic.count for topic in inventory.topics.values()),
+        "topics": {
+            name: {"type": topic.msgtype, "messages": topic.count} for name, topic in inventory.topics.items()
+        },
+        "gnss": None if first is None or last is None else {"first": as_json(first), "last": as_json(last)},
+        "daylight": inventory.daylight,
+        "sun_elevation_deg": elevation,
+    }
+
+
+def transforms_json(mounts: Mounts, cameras: Mapping[str, JsonMapping]) -> JsonObject:
+    """Return the content of `transforms.json`: extrinsics of all sensors, and intrinsics of the images as written.
+
+    Args:
+        mounts: extrinsics of the sensors.
+        cameras: channel -> content of `channel.json` of its images.
+    """
+    return {
+        "ego_frame": mounts.ego_frame,
+        "sensors": {
+            name: {
+                **as_json(mount),
+                **({"intrinsics": cameras[name]["camera_intrinsic"]} if name in cameras else {}),
+            }
+            for name, mount in sorted(mounts.channels.items())
+        },
+    }
