@@ -9,6 +9,7 @@ import pytest
 from scripts import docs
 from scripts.call_path import call_path_table, cut
 from scripts.code_size import ROOT, code_size_table, count
+from scripts.wrap import WIDTH, wrapped
 
 
 @pytest.fixture(scope="module")
@@ -74,3 +75,31 @@ def test_stops_and_climbs_are_shown_before_and_after():
     header, _, *rows = call_path_table(counts).splitlines()
     assert header == f"| stops / climbs | {' | '.join(counts)} |"
     assert len(rows) == 4
+
+
+def test_prose_is_wrapped_and_nothing_else():
+    words = " ".join(["word"] * 30)
+    page = f"""# {words}
+
+{words} `{words}`
+more
+- {words}
+  {words}
+
+| {words} |
+|---|
+
+```
+{words}
+```
+<!-- {words} -->
+1. {words}
+> {words}
+"""
+    new = wrapped(page)
+    assert wrapped(new) == new
+    assert new.split() == page.split()
+    whole = [line for line in new.splitlines() if len(line) > WIDTH]
+    assert whole == [f"# {words}", f"`{words}`", f"| {words} |", words, f"<!-- {words} -->", f"> {words}"]
+    of_items = [line for line in new.splitlines() if line.startswith(("- ", "1. ", " "))]
+    assert [line[:3].count(" ") for line in of_items] == [1, 2, 2, 1, 3]

@@ -15,7 +15,8 @@ from bagassets.base.cache import _FORMAT
 from bagassets.forkserver.client import Client
 from bagassets.formats.catalogue import known_assets
 from bagassets.recipe import load_recipe
-from bagassets_tests.services import BIN, bare_environment
+from bagassets_tests.services import BIN, bare_environment, eventually, free_port, running
+from bagassets_tests.small_drive import write_drive
 
 OLD = sorted((Path(__file__).parent / "upgrade").glob("*.tar.xz"))
 BEFORE_THE_FIRST_RELEASE = "bb81e10"
@@ -167,3 +168,20 @@ def test_a_recipe_of_a_later_version_is_refused(project, tmp_path):
     recipe.write_text((project / "recipe.yaml").read_text() + "field_of_tomorrow: 1\n")
     [line] = run(tmp_path, "status", status=1).splitlines()
     assert "field_of_tomorrow" in line
+
+
+@pytest.mark.long
+def test_daemon_and_sensor_build_what_is_copied_in(old, tmp_path):
+    """`dagster.yaml` of then names modules by the places that they had: those of launcher and storage."""
+    project = unpack(old, tmp_path)
+    bags = project.parent / "bags"
+    log = project / "ui.log"
+    call = [BIN / "bagassets", "ui", "--no-browser", "--port", free_port()]
+    with running(call, project, log):
+        eventually(lambda: "http" in log.read_text(), "it prints its address", 180)
+        write_drive(bags / "new.mcap", "mcap", duration_s=1.0)
+
+        def is_built():
+            return run(project, "build", "--check", status={0, 3}).endswith("2 recordings up to date.\n")
+
+        eventually(is_built, f"sensor and daemon build it: {log}", 300)
