@@ -122,7 +122,7 @@ _PLACES = {
     "ConfigurableClass": "dagster._serdes",  # 1.7
     "ConfigurableClassData": "dagster._serdes",  # 1.7
     "GRPC_INFO_TAG": "dagster._core.storage.tags",  # 1.7
-    # What a run about several recordings records of each: `batches`, `batch_job`.
+    # What a run records of what Dagster has no step for: `recorder`.
     "AssetCheckEvaluationTargetMaterializationData": "dagster._core.definitions.asset_checks.asset_check_evaluation",  # 1.7
     "AssetMaterializationPlannedData": "dagster._core.events",  # 1.7
     "AssetObservationData": "dagster._core.events",  # 1.7
@@ -143,7 +143,7 @@ _PLACES = {
     "get_alembic_config": "dagster._core.storage.sql",  # 1.7
     "sqlite_event_log": "dagster._core.storage.event_log.sqlite",  # 1.7
     "sqlite_run_storage": "dagster._core.storage.runs.sqlite",  # 1.7
-    # One database for the events of all runs: `sqlite_storage`; checks in it: `check_records`, `old_runs`.
+    # One database for the events of all runs: `sqlite_storage`; checks in it: `recorder`, `old_runs`.
     "ASSET_EVENTS": "dagster._core.events",  # 1.7
     "AssetCheckExecutionsTable": "dagster._core.storage.event_log.schema",  # 1.7
     "SqlEventLogStorage": "dagster._core.storage.event_log.sql_event_log",  # 1.7

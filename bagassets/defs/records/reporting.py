@@ -50,7 +50,7 @@ _CHANNEL_ASSETS = ("frames", "sweeps")
 _COUNTS = {"read", "written", "merged", "lost"}
 _MOST_ROWS = 60
 _SHOWN_AT_ONCE = 1000  # characters of Markdown; Dagster shows more on a click
-_PACKAGE = Path(__file__).resolve().parent.parent
+_PACKAGE = Path(__file__).resolve().parents[2]
 
 
 def bag_metadata(recording: RecordingFiles, stat: RecordingStat, digest: RecordingDigest) -> Metadata:
