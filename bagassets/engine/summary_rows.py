@@ -69,7 +69,8 @@ def _row_of_removed(key: str, outcome: BagOutcome) -> SummaryRow:
 
 
 def _summary(store: Store, bag: BagPlan, asset: str) -> JsonObject:
-    digest = bag.assets[asset].data_version
+    state = bag.assets.get(asset)
+    digest = None if state is None else state.data_version
     if digest is None:
         return {}
     try:

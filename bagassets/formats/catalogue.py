@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache, wraps
+from importlib import import_module
 from typing import Any, ParamSpec, TypeVar
 
 from bagassets.assets.annotations import ANNOTATIONS
@@ -25,28 +26,25 @@ from bagassets.base.extensions import ASSETS, FORMATS, Extension, installed_exte
 from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.formats.dataset_lock import DatasetLock
 from bagassets.formats.format import AnyFormat, DatasetCheck, Format, LooseFiles, UnitFolders
-from bagassets.formats.nuscenes.format import NUSCENES
-from bagassets.formats.vision.format import VISION
-from bagassets.recipe.format_settings import settings_model
+from bagassets.recipe.format_settings import OUR_FORMATS, settings_model
 from bagassets.recipe.model import Recipe, Rig
 from bagassets.recipe.model_checks import Checks
 
 __all__ = [
-    "MAIN",
     "Catalogue",
     "catalogue",
     "format_of",
     "formats",
+    "formats_of",
     "installed_format",
     "known_assets",
     "problems_of",
     "recording_assets",
 ]
 
-MAIN = NUSCENES
-"""The format of the dataset that every recipe has; reports count its recordings, and all datasets share its splits."""
-
-OURS: tuple[AnyFormat, ...] = (NUSCENES, VISION)
+OURS: tuple[AnyFormat, ...] = tuple(
+    getattr(import_module(f"bagassets.formats.{name}.format"), name.upper()) for name in OUR_FORMATS
+)
 OUR_ASSETS: tuple[AnyAsset, ...] = (
     INVENTORY,
     CALIBRATION,
@@ -58,7 +56,7 @@ OUR_ASSETS: tuple[AnyAsset, ...] = (
     PREVIEW,
 )
 _OUR_NAMES = frozenset(asset.name for asset in OUR_ASSETS)
-_CALLABLE = ("join", "links", "counts", "duration_s", "folder", "row")
+_CALLABLE = ("join", "links", "counts", "duration_s", "folder", "row", "why_empty")
 _CALLABLE_OR_NONE = ("fills_split", "samples", "select", "check")
 # Names of assets in Dagster that are not assets of recordings.
 _TAKEN = {"bag", "dataset_inputs", "trajectory_map"}
@@ -71,7 +69,7 @@ class Catalogue:
     """The formats and assets in this Python environment.
 
     Attributes:
-        formats: all formats, the main one first.
+        formats: all formats, those of bagassets first.
         assets: assets of recordings that packages add, by name, each after those it reads.
         problems: a sentence about each format or asset that cannot be used.
     """
@@ -149,8 +147,13 @@ def recording_assets(recipe: Recipe) -> RecordingAssets:
 
 
 def formats() -> tuple[AnyFormat, ...]:
-    """Return all formats, the main one first."""
+    """Return all formats, those of bagassets first."""
     return catalogue().formats
+
+
+def formats_of(recipe: Recipe) -> tuple[AnyFormat, ...]:
+    """Return the formats of the whole datasets of a recipe, in order; reports count the recordings of the first."""
+    return tuple(kind for kind in formats() if kind.name in recipe.dataset_settings)
 
 
 def installed_format(name: str) -> AnyFormat | None:

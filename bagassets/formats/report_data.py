@@ -20,7 +20,7 @@ from bagassets.engine.track import Track, track_of
 from bagassets.formats import trajectory_map
 from bagassets.formats.catalogue import formats
 from bagassets.formats.checking import Verdict, check_bag, check_datasets
-from bagassets.formats.dataset_build import deal_contents, recordings_without_scenes
+from bagassets.formats.dataset_build import datasets_of, deal_contents, recordings_without_scenes
 from bagassets.recipe.model import Recipe
 from bagassets.recordings.discover import Discovery
 from bagassets.report.grid_map import colour_of_split
@@ -70,7 +70,7 @@ def report_data(
     problems, passed = ((), 0) if discovery is None else _outcome(check_datasets(recipe))
     scenes_s = [(r.key, r.scenes_s) for r in recordings if r.state in {"ready", "stale"}]
     shares = shares_of(scenes_s, recipe.splits, dealt)
-    dataset = recipe.nuscenes.output / recipe.nuscenes.version
+    dataset = next((one.folder for one in datasets_of(recipe).values()), recipe.output)
     former = {key for keys in plan.ties.former.values() for key in keys}
     idle_pins = sorted(recipe.splits.pinned.keys() - plan.bags.keys() - former)
     return ReportData(
@@ -230,10 +230,10 @@ def _state(bag: BagPlan) -> tuple[str, str]:
         return "skipped", bag.skipped
     if bag.unusable is not None:
         return "failed", bag.unusable
-    tables = bag.assets["nuscenes_tables"]
-    if tables.state in {"fresh", "record-only"}:
+    part = next((kind.part for kind in formats() if kind.part in bag.assets), "")
+    if not part or bag.assets[part].state in {"fresh", "record-only"}:
         return "ready", ""
-    return "stale", f"nuscenes_tables: {tables.reason}"
+    return "stale", f"{part}: {bag.assets[part].reason}"
 
 
 def _counts(summaries: Mapping[str, JsonMapping]) -> dict[str, int]:

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from bagassets.formats.format import FACTS, Entry, Format, Link, UnitFolders
 from bagassets.formats.vision.join import RECORDINGS, SEQUENCES, join
 from bagassets.formats.vision.recording_part import FILES, VISION_SEQUENCES
-from bagassets.recipe.model_datasets import Vision
+from bagassets.formats.vision.settings import Vision
 
 __all__ = ["VISION"]
 

@@ -7,7 +7,7 @@ from bagassets.base.json_types import JsonObject
 from bagassets.engine.splits import SplitShare
 from bagassets.formats.format import Joined, Member
 from bagassets.formats.json_files import json_bytes, rows_text, write_hashed, write_joined
-from bagassets.recipe.model_datasets import Vision
+from bagassets.formats.vision.settings import Vision
 
 __all__ = ["RECORDINGS", "SEQUENCES", "join"]
 
