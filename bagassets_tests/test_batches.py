@@ -8,9 +8,10 @@ from dagster._core.loader import LoadingContextForTest
 from dagster._core.storage.partition_status_cache import get_and_update_asset_status_cache_value
 
 from bagassets.base.errors import DatasetError
-from bagassets.defs import batch_job, making, pending_work, project_build
-from bagassets.defs import batches as defs_batches
+from bagassets.defs.builds import pending_work, project_build
+from bagassets.defs.graph import batch_job, making
 from bagassets.defs.graph.location import build_definitions
+from bagassets.defs.records import batches as defs_batches
 from bagassets.defs.records.batches import batch_of, batches, without_steps
 from bagassets.defs.records.events import MADE_ALONG
 from bagassets.defs.records.partitions import DATASET

@@ -416,7 +416,7 @@ def test_an_engine_is_made_once_for_a_file_and_migrations_are_read_once(tmp_path
     from alembic.script import base
     from sqlalchemy.pool import NullPool
 
-    from bagassets.defs import connections
+    from bagassets.defs.records import connections
 
     made = []
     engine = connections.create_engine

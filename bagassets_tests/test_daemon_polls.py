@@ -7,7 +7,7 @@ import dagster as dg
 from dagster._daemon import cli, controller
 from dagster._daemon.backfill import execute_backfill_iteration_loop
 
-from bagassets.defs import daemon, dev
+from bagassets.defs.ui import daemon, dev
 
 
 def pauses(number=1):

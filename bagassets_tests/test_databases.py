@@ -21,7 +21,7 @@ import pytest
 from sqlalchemy import create_engine, text
 
 from bagassets.base.errors import StoreError
-from bagassets.defs import databases
+from bagassets.defs.records import databases
 from bagassets.defs.records.databases import database_errors_explained, ready_to_open
 from bagassets.defs.records.events import event_database
 from bagassets.defs.records.instances import open_instance

@@ -15,7 +15,7 @@ import pytest
 from bagassets.base import lock_files
 from bagassets.base.errors import RecipeError, RecordingError
 from bagassets.base.lock_files import LockFile, is_locked
-from bagassets.defs import project_build
+from bagassets.defs.builds import project_build
 from bagassets.defs.runs.exclusive import exclusive
 from bagassets.engine.build_report import BagOutcome, BuildReport
 from bagassets.engine.plan import Plan

@@ -12,7 +12,7 @@ import yaml
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
-from bagassets.defs import made_ahead, project_build
+from bagassets.defs.builds import made_ahead, project_build
 from bagassets.defs.builds.made_ahead import (
     make_ahead,
     make_first_inventories,

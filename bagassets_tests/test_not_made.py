@@ -4,7 +4,7 @@ import dagster as dg
 import pytest
 
 from bagassets.base.errors import RecordingError
-from bagassets.defs import pending_work
+from bagassets.defs.builds import pending_work
 from bagassets.defs.graph.making import make_assets, recorded_bag
 from bagassets.defs.records.not_made import observations_of
 from bagassets.engine.execute import BuildFailure

@@ -5,7 +5,7 @@ import shutil
 
 import pytest
 
-from bagassets.defs import assets, batch_job, making
+from bagassets.defs.graph import assets, batch_job, making
 from bagassets.recipe import load_recipe
 from bagassets_tests.in_process import build, make_project
 from bagassets_tests.small_drive import write_drive

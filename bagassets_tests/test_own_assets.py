@@ -11,7 +11,7 @@ import yaml
 
 from bagassets.base.errors import RecipeError
 from bagassets.cli.main import main
-from bagassets.defs import own_location
+from bagassets.defs.graph import own_location
 from bagassets.defs.records.instances import open_instance
 from bagassets.defs.runs.execution import create_run
 from bagassets.engine.choose import SelectionError

@@ -7,7 +7,8 @@ import pytest
 from click.testing import CliRunner
 
 from bagassets.cli.main import root
-from bagassets.defs import instance_plan, pending_work
+from bagassets.defs.builds import pending_work
+from bagassets.defs.records import instance_plan
 from bagassets.engine import planner
 from bagassets.engine.planner import Planner
 from bagassets.store.store import Store

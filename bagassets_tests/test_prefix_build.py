@@ -12,7 +12,7 @@ from dagster._core.definitions.reconstruct import ReconstructableJob
 from bagassets.base.errors import RecipeError
 from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.main import main
-from bagassets.defs import pending_work
+from bagassets.defs.builds import pending_work
 from bagassets.defs.records.partitions import DATASET
 from bagassets.defs.records.projects import note_project
 from bagassets.engine.freshness.decide import nothing_to_do

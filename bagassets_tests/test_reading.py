@@ -7,8 +7,8 @@ import pytest
 from rich.console import Console
 
 from bagassets.cli.progress import LinesProgress, LiveProgress
-from bagassets.defs import run_pool
 from bagassets.defs.builds.pending_work import open_project
+from bagassets.defs.runs import run_pool
 from bagassets.engine import reading
 from bagassets.engine.build_report import Event
 from bagassets.engine.reading import readings_told

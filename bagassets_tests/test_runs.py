@@ -10,10 +10,10 @@ import small_definitions
 from dagster._core.execution import compute_logs
 
 from bagassets.base.errors import BagAssetsError
-from bagassets.defs import runs
 from bagassets.defs.builds.pending_work import open_project, rehearse
 from bagassets.defs.records.instances import dotenv_variables, open_instance, pack_instance
 from bagassets.defs.records.partitions import add_partitions
+from bagassets.defs.runs import execution as runs
 from bagassets.defs.runs.execution import CodeLocation, StepError, create_run, execute_run, mark_canceling
 from bagassets_tests.in_process import make_project
 
@@ -243,7 +243,7 @@ def test_a_rehearsal_leaves_no_thread_and_no_database_open_and_statements_compil
     code = (
         "import sys, threading\n"
         "from pathlib import Path\n"
-        "from bagassets.defs import connections, pending_work\n"
+        "from bagassets.defs.builds import pending_work; from bagassets.defs.records import connections\n"
         "pending_work.rehearse(Path(sys.argv[1]))\n"
         "links = [link.readlink() for link in Path('/proc/self/fd').iterdir() if link.is_symlink()]\n"
         "print(len(threading.enumerate()), sum(link.suffix == '.db' for link in links))\n"

@@ -15,7 +15,7 @@ from dagster._core.loader import LoadingContextForTest
 from dagster._core.storage.tags import PARTITION_NAME_TAG
 
 from bagassets.base.errors import RecordingError
-from bagassets.defs import sensor, sensor_scan
+from bagassets.defs.graph import sensor, sensor_scan
 from bagassets.defs.graph.location import build_definitions
 from bagassets.defs.graph.sensor_cursor import MOST_TRIES, RETRY_S, Cursor
 from bagassets.defs.graph.sensor_scan import Scan

@@ -14,7 +14,7 @@ from bagassets.base.errors import RecordingError
 from bagassets.cli.build import _dry_run
 from bagassets.cli.dry_run import dry_run_lines, verdict
 from bagassets.cli.summary import print_summary
-from bagassets.defs import snapshot
+from bagassets.defs.builds import snapshot
 from bagassets.defs.builds.pending_work import expected_moves, open_project
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.records.partitions import _no_such_recording, add_partitions

@@ -6,8 +6,8 @@ import dagster as dg
 import pytest
 
 from bagassets.base.errors import StoreError
-from bagassets.defs import making
 from bagassets.defs.builds.pending_work import find_pending_work
+from bagassets.defs.graph import making
 from bagassets.defs.graph.own_assets import Read, Versions
 from bagassets.defs.graph.sensor_cursor import Cursor
 from bagassets.defs.graph.steps import all_recordings, skipped

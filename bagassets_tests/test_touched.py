@@ -9,8 +9,9 @@ from dagster._core.definitions.data_version import CachingStaleStatusResolver, S
 from dagster._core.loader import LoadingContextForTest
 
 from bagassets.base.errors import ChangedWhileReadError
-from bagassets.defs import instance_plan, pending_work, touched
+from bagassets.defs.builds import pending_work
 from bagassets.defs.graph.location import build_definitions
+from bagassets.defs.records import instance_plan, touched
 from bagassets.defs.records.events import DATA_VERSION, MADE_ALONG, STAT
 from bagassets.engine.choose import SelectionError
 from bagassets.engine.first_pass import first_pass

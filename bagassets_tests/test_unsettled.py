@@ -7,7 +7,8 @@ import pytest
 
 from bagassets.assets.frames import FrameExtractor
 from bagassets.base.errors import DecodeError
-from bagassets.defs import batch_job, pending_work
+from bagassets.defs.builds import pending_work
+from bagassets.defs.graph import batch_job
 from bagassets.defs.graph.location import build_definitions
 from bagassets.defs.records.batches import batch_config
 from bagassets.defs.records.instances import open_instance

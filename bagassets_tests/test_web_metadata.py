@@ -7,7 +7,8 @@ import dagster as dg
 import pyarrow.parquet as pq
 import pytest
 
-from bagassets.defs import dataset, pending_work
+from bagassets.defs.builds import pending_work
+from bagassets.defs.graph import dataset
 from bagassets.defs.graph.check_records import findings_on_record
 from bagassets.defs.graph.location import build_definitions
 from bagassets.defs.records.artifact_files import page_file
