@@ -76,6 +76,7 @@ rigs:
   - name: car
     ego_pose: {{source: fixed}}
     channels: {{CAM: {{modality: camera, topic: /c}}}}
+nuscenes: {{}}
 formats: {formats}
 """
 

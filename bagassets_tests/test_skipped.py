@@ -15,7 +15,7 @@ from bagassets.defs.records.events import recorded_partition
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.records.workspace import Workspace
 from bagassets.engine.plan import is_skip
-from bagassets.formats.dataset_build import main_lock
+from bagassets.formats.dataset_build import first_lock
 from bagassets.store.canonical import digest_json
 from bagassets_tests.in_process import QUICK
 from bagassets_tests.small_drive import write_drive
@@ -55,7 +55,7 @@ def states(project, key=SHORT):
 
 
 def in_dataset(project):
-    lock = main_lock(project.recipe).value
+    lock = first_lock(project.recipe).value
     return [bag["key"] for bag in lock["bags"]], set(lock["skipped"])
 
 

@@ -70,9 +70,18 @@ class MovingRigParams:
     urdf: Path | None
 
 
-def params(recipe: Recipe, rig: Rig) -> FixedPose | MovingRigParams | None:
-    """Return the parameters of a rig; for a stationary one, that is its pose and nothing else; None if it has no poses."""
-    if rig.ego_pose is None or isinstance(rig.ego_pose, FixedPose):
+@dataclass(frozen=True)
+class Unposed:
+    """Parameters of `ego_poses` for a rig that the recipe gives no source of poses: its trajectory is empty."""
+
+    source: None = None
+
+
+def params(recipe: Recipe, rig: Rig) -> FixedPose | Unposed | MovingRigParams:
+    """Return the parameters of a rig; for a stationary one, that is its pose and nothing else."""
+    if rig.ego_pose is None:
+        return Unposed()
+    if isinstance(rig.ego_pose, FixedPose):
         return rig.ego_pose
     return MovingRigParams(
         rig.ego_pose,
@@ -86,8 +95,8 @@ def params(recipe: Recipe, rig: Rig) -> FixedPose | MovingRigParams | None:
 
 
 def use(
-    params: FixedPose | MovingRigParams | None, facts: Facts
-) -> dict[str, Use[FixedPose | MovingRig | None]]:
+    params: FixedPose | Unposed | MovingRigParams, facts: Facts
+) -> dict[str, Use[FixedPose | Unposed | MovingRig]]:
     """Return what the poses of a recording depend on.
 
     Raises:
@@ -95,7 +104,7 @@ def use(
         CalibrationError: the URDF cannot be used.
         PluginError: several decoder plug-ins claim the type of the topic.
     """
-    if params is None or isinstance(params, FixedPose):
+    if isinstance(params, FixedPose | Unposed):
         return {"": Use(params)}
     source, inventory = params.source, facts.inventory
     joints: tuple[Joint, ...] = ()
@@ -132,16 +141,18 @@ def _require(topic: str, inventory: Inventory) -> None:
     )
 
 
-def make_ego_poses(use: FixedPose | MovingRig | None, recording: Recording, out: ArtifactWriter) -> Summary:
+def make_ego_poses(
+    use: FixedPose | Unposed | MovingRig, recording: Recording, out: ArtifactWriter
+) -> Summary:
     """Write the trajectory, which is empty without a source of poses, and return the summary.
 
     Raises:
         PoseError: there is no usable pose.
         LossLimitError: more messages were lost than the recipe allows.
     """
-    if use is None:
+    if isinstance(use, Unposed):
         nowhere = PoseSamples(global_frame="global")
-        return _write(None, nowhere, np.zeros(0, dtype=np.int64), np.zeros((0, len(_NUMBERS))), out)
+        return _write(use, nowhere, np.zeros(0, dtype=np.int64), np.zeros((0, len(_NUMBERS))), out)
     if isinstance(use, FixedPose):
         pose = SE3.create(use.pose.rotation, use.pose.translation)
         samples = PoseSamples([0], [pose], global_frame="global")
@@ -178,7 +189,7 @@ def make_ego_poses(use: FixedPose | MovingRig | None, recording: Recording, out:
 
 
 def _write(
-    source: FixedPose | MovingPoseSource | None,
+    source: FixedPose | Unposed | MovingPoseSource,
     samples: PoseSamples,
     stamps_ns: Stamps,
     rows: Floats,
@@ -190,7 +201,7 @@ def _write(
     out.write_table("ego_poses.parquet", pa.table(columns, schema=POSE_SCHEMA))
     steps = np.diff(rows[:, :3], axis=0)
     summary = {
-        "source": None if source is None else source.source,
+        "source": source.source,
         "count": len(stamps_ns),
         "counts": samples.counts.as_json(),
         "length_m": round(float(np.sqrt((steps * steps).sum(axis=1)).sum()), 3),
@@ -198,9 +209,7 @@ def _write(
         "helpers": {topic: helper.as_json() for topic, helper in sorted(samples.helpers.items())},
     }
     max_gap_s, extrapolate_s = (
-        (0.0, 0.0)
-        if source is None or isinstance(source, FixedPose)
-        else (source.max_gap_s, source.extrapolate_s)
+        (0.0, 0.0) if isinstance(source, FixedPose | Unposed) else (source.max_gap_s, source.extrapolate_s)
     )
     out.write_json(
         "ego_poses.json",
@@ -282,7 +291,7 @@ def _recentre(rows: Floats) -> JsonObject | None:
     return {"kind": "local", "x": origin[0], "y": origin[1], "z": origin[2]}
 
 
-def _make(use: Use[FixedPose | MovingRig | None], inputs: Inputs, out: ArtifactWriter) -> Summary:
+def _make(use: Use[FixedPose | Unposed | MovingRig], inputs: Inputs, out: ArtifactWriter) -> Summary:
     with inputs.messages(use.topics) as recording:
         return make_ego_poses(use.params, recording, out)
 

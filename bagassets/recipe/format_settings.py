@@ -49,7 +49,9 @@ def with_our_sections(base: type[M]) -> type[M]:
     for name in OUR_FORMATS:
         model, default = _our_model(name), "none"
         if name == DEFAULT_FORMAT:
-            default = "with all defaults if `datasets` are selected from it, or no other format is named"
+            default = (
+                "one with all defaults if `datasets` select from it, or no other format is named, else none"
+            )
         what = (model.__doc__ or "").partition(":")[0].removesuffix(".")
         sections[name] = (
             model if name == DEFAULT_FORMAT else model | None,

@@ -196,7 +196,7 @@ Channel = Annotated[CameraChannel | LidarChannel | RadarChannel, Field(discrimin
 class Rig(Model):
     """One sensor set-up: the recordings that it made, and the meaning of their topics.
 
-    It needs ego poses if a format asks for them, as nuScenes does, and vision unless `trajectories` spare `global`.
+    It needs ego poses if a format asks for them: nuScenes does, vision does for trajectories in the `global` frame.
     """
 
     name: Slug = Field(description="Name, used in tokens and logs.")

@@ -49,7 +49,7 @@ from bagassets.forkserver.worker import note
 from bagassets.formats.after_crash import noted_build
 from bagassets.formats.catalogue import problems_of
 from bagassets.formats.checking import remarks_on_record
-from bagassets.formats.dataset_build import dataset_folders, first_lock, split_on_disk
+from bagassets.formats.dataset_build import dataset_folders, first_lock, left_behind, split_on_disk
 from bagassets.formats.dataset_integrity import remove_changed_sources
 from bagassets.formats.emptiness import why_empty
 from bagassets.recipe import load_recipe
@@ -108,7 +108,11 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
             _refuse_empty(recipe, before.planned)
         # These hold until somebody does something about them.
         standing = _warnings(
-            {"installed_packages": problems_of(recipe), "series": before.plan.asked.values()}
+            {
+                "installed_packages": problems_of(recipe),
+                "left_behind": left_behind(recipe),
+                "series": before.plan.asked.values(),
+            }
         )
         held = {"removed": [f"{key} is gone: {why}." for key, why in before.held.items()]}
         report.remarks = (*_warnings(repaired), *standing, *_warnings(held))
