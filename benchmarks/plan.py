@@ -45,6 +45,7 @@ from benchmarks.common import machine, markdown
 RECIPE = """
 name: many
 bags: {root: bags}
+nuscenes: {}
 vision: {}
 preview: {trajectory_map: false}
 checks: {enabled: false}

@@ -110,17 +110,14 @@ def undecided(data: JsonMapping) -> Iterator[Problem]:
 
 def _who_asks_for_poses(data: JsonMapping) -> str:
     """Return the beginning of a sentence that says for which formats each rig needs poses; "" if for none."""
-    asking, ways_out = [], []
+    asking = []
     for name, section in asked_formats(data).items():
         with suppress(PluginError):
             model = section_model(name)
             if model is not None and model.asks_for_poses(section):
-                asking.append(name)
-                ways_out += [f"{name} needs none with {model.without_poses}"] if model.without_poses else []
-    if not asking:
-        return ""
-    ways_out = [f" ({', '.join(ways_out)})"] if len(ways_out) == len(asking) else []
-    return f"this field is required by {' and '.join(asking)}{''.join(ways_out)}"
+                unless = model.without_poses and f" (unless it has {model.without_poses})"
+                asking.append(f"{name}{unless}")
+    return f"this field is required by {' and '.join(asking)}" if asking else ""
 
 
 def open_questions(problems: Iterable[Problem], data: JsonMapping) -> dict[int, list[Problem]]:
