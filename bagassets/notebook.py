@@ -150,7 +150,7 @@ def build(
     if report.interrupted:
         raise KeyboardInterrupt(counts_line(report))
     return Report(
-        recordings={row["recording"]: SummaryRow(**row) for row in value["summary"]},
+        recordings={row["recording"]: SummaryRow.from_json(row) for row in value["summary"]},
         dataset=report.dataset_path,
         dataset_state=report.dataset,
         dataset_problem=report.dataset_problem,

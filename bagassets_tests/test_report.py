@@ -63,6 +63,9 @@ class Page(HTMLParser):
         return " ".join(" ".join(self.words).split())
 
 
+COUNTED = ("images", "sweeps", "poses", "boxes", "scenes", "keyframes")
+
+
 def facts(key, **fields):
     plain = {"state": "ready", "format": "mcap", "size": 5_000_000, "start_ns": 1_700_000_000 * 10**9,
              "duration_s": 20.0, "rig": "car", "split": "train", "daylight": "day", "length_m": 160.0,
@@ -73,7 +76,7 @@ def facts(key, **fields):
 def data_of(tmp_path, recordings, excluded=None):
     durations = [(r.key, r.duration_s) for r in recordings if r.state == "ready"]
     shares = shares_of(durations, SPLITS, deal([key for key, _ in durations], SPLITS))
-    return ReportData("yard", tmp_path / "nuscenes", recordings, excluded or {}, shares)
+    return ReportData("yard", tmp_path / "nuscenes", recordings, excluded or {}, shares, counted=COUNTED)
 
 
 class TestPage:
@@ -348,7 +351,7 @@ def plan_of(recipe, made, number=1, content="x"):
     bags = {}
     for n in range(number):
         key, bag = f"drive_{n:04d}", AssetState("fresh", "", content.format(n))
-        bags[key] = BagPlan(key, {"bag": bag, **states}, "mcap")
+        bags[key] = BagPlan(key, {"bag": bag, **states}, "mcap", rig="car")
     return Plan(bags, {}, ())
 
 

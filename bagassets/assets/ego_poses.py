@@ -3,6 +3,7 @@
 Files: `ego_poses.parquet` (stamp_ns, x, y, z, qw, qx, qy, qz) and `ego_poses.json`.
 """
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,15 +11,15 @@ import numpy as np
 import pyarrow as pa
 
 from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use
+from bagassets.assets.face import Face, Loss, Table, counts_table
 from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.pose_outliers import Mask, Stamps, overlaps, strays
-from bagassets.assets.pose_samples import Joint, MovingRig, PoseSamples
+from bagassets.assets.pose_samples import Joint, MovingRig, PoseSamples, counted_in_poses
 from bagassets.assets.pose_sources import read_samples
-from bagassets.assets.quality.counted import counted_in_poses
 from bagassets.assets.quality.finding import clock
 from bagassets.assets.transform_logs import read_urdf
 from bagassets.base.errors import LossLimitError, PoseError
-from bagassets.base.json_types import JsonObject
+from bagassets.base.json_types import Json, JsonMapping, JsonObject
 from bagassets.decode.registry import decoder_key, types_of
 from bagassets.geometry.se3 import SE3, Floats
 from bagassets.geometry.trajectory import Trajectory
@@ -296,6 +297,17 @@ def _make(use: Use[FixedPose | Unposed | MovingRig], inputs: Inputs, out: Artifa
         return make_ego_poses(use.params, recording, out)
 
 
+def _shown(artifact: Artifact) -> Mapping[str, Json | Table]:
+    summary = dict(artifact.summary())
+    counts = {"all": summary.pop("counts")}
+    return {"counts": counts_table(counts, f"{counted_in_poses(summary['source'])}s"), **summary}
+
+
+def _losses(summary: JsonMapping) -> Iterator[Loss]:
+    for reason, number in summary.get("counts", {}).get("lost", {}).items():
+        yield Loss(EGO_POSES.name, reason, number, counted_in_poses(summary["source"]))
+
+
 EGO_POSES = Asset(
     name="ego_poses",
     version=4,
@@ -305,6 +317,12 @@ EGO_POSES = Asset(
     description="""From odometry, poses, TF, GNSS with IMU, or fixed; the origin in the world is kept where it is known:
 `ego_poses.parquet`.""",
     kinds=frozenset({"parquet"}),
+    face=Face(
+        columns=POSE_SCHEMA,
+        shown=_shown,
+        counts={"poses": lambda summary: summary.get("count")},
+        losses=_losses,
+    ),
     reads=(INVENTORY,),
     families=("pose",),
     params=params,

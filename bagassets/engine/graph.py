@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from bagassets.assets.asset import AnyAsset, AnyUse
+from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.selection import choose_rig, skip_reason
 from bagassets.base.errors import BagAssetsError, RecipeError
 from bagassets.engine.differences import compare_actions, describe_changes
@@ -166,7 +167,7 @@ class Graph:
             return [BAG]
         names = [one.name for one in asset.reads]
         if self.rig is not None and asset.waits_for is not None:
-            inventory = None if self.node("inventory").artifact is None else self.inputs.inventory
+            inventory = None if self.node(INVENTORY.name).artifact is None else self.inputs.inventory
             needs = asset.needs(self.assets.params(asset, self.rig), inventory)
             names = [name for name in names if name in needs]
         return [SELECTION, *names]
@@ -209,10 +210,10 @@ class Graph:
         return node
 
     def _expand_selection(self, node: Node) -> None:
-        inventory = self.node("inventory")
+        inventory = self.node(INVENTORY.name)
         if inventory.artifact is None:
-            is_here = self.makes("inventory")
-            node.waits_for, node.error = ("inventory", None) if is_here else (None, inventory.error)
+            is_here = self.makes(INVENTORY.name)
+            node.waits_for, node.error = (INVENTORY.name, None) if is_here else (None, inventory.error)
             return
         with _noted(node, self.recording):
             node.skipped = skip_reason(self.assets.recipe, self.rig, self.inputs.inventory)
@@ -227,7 +228,7 @@ class Graph:
             elif above.error is not None and (name == SELECTION or not self.makes(name)):
                 node.error = above.error  # nothing that is made here would change it
             elif above.waits_for or (above.artifact is None and name not in {BAG, SELECTION}):
-                node.waits_for = "inventory" if name == SELECTION else name
+                node.waits_for = INVENTORY.name if name == SELECTION else name
             if node.skipped or node.error or node.waits_for:
                 return
         with _noted(node, self.recording):

@@ -6,6 +6,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from bagassets.assets.ego_poses import EGO_POSES
 from bagassets.base.errors import BagAssetsError, DatasetError
 from bagassets.base.json_types import JsonObject
 from bagassets.base.trace import span
@@ -108,7 +109,7 @@ def datasets_of(recipe: Recipe) -> dict[str, Dataset]:
 def made_from(recipe: Recipe) -> dict[str, str]:
     """Return each dataset, and the map -> the asset of recordings that it is made from."""
     return {asset: one.kind.part for asset, one in datasets_of(recipe).items()} | {
-        "trajectory_map": "ego_poses"
+        trajectory_map.STEP.name: EGO_POSES.name
     }
 
 
@@ -375,7 +376,7 @@ def dataset_code_versions(recipe: Recipe) -> dict[str, str]:
     }
     if recipe.preview.has_map:
         fields = [recipe.splits.model_dump(mode="json")]
-        versions["trajectory_map"] = f"{trajectory_map.STEP.version}-{digest_json(fields)[:12]}"
+        versions[trajectory_map.STEP.name] = f"{trajectory_map.STEP.version}-{digest_json(fields)[:12]}"
     for asset, dataset in datasets.items():
         if dataset.selection is not None:
             chosen = dataset.selection.model_dump(mode="json", exclude={"output"})
@@ -402,5 +403,5 @@ def left_behind(recipe: Recipe) -> Iterator[str]:
 
 def is_on_disk(recipe: Recipe, asset: str) -> bool:
     """Tell whether a dataset on disk is as it was published."""
-    root = recipe.state if asset == "trajectory_map" else dataset_folders(recipe)[asset]
+    root = recipe.state if asset == trajectory_map.STEP.name else dataset_folders(recipe)[asset]
     return Publication(recipe.state, asset).is_as_published(root, lambda path: digest_file(Path(path)))

@@ -59,9 +59,9 @@ class RecordingFacts:
         split: name of its split.
         daylight: day, night, twilight, or None if unknown.
         length_m: metres driven.
-        counts: numbers of images, sweeps, poses, boxes, scenes and keyframes.
+        counts: what its assets count, such as images, boxes and scenes -> number.
         boxes: category -> number of boxes.
-        lost: a line per channel and reason about lost messages.
+        lost: a line per channel or topic and reason about what was lost.
         problems: what checks found.
         checks_passed: how many checks found nothing.
         gaps: topics with pauses, the worst first.
@@ -110,6 +110,7 @@ class ReportData:
         idle_pins: keys pinned to a split in the recipe that no recording has.
         problems: what checks of whole datasets found.
         checks_passed: how many of those found nothing.
+        counted: the names of what recordings count, in order.
     """
 
     name: str
@@ -120,3 +121,4 @@ class ReportData:
     idle_pins: Sequence[str] = ()
     problems: Sequence[Problem] = ()
     checks_passed: int = 0
+    counted: Sequence[str] = ()

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import dagster as dg
 
+from bagassets.assets.inventory import INVENTORY
 from bagassets.base.alike import names_text
 from bagassets.base.errors import RecordingError
 from bagassets.base.json_types import JsonMapping, JsonObject
@@ -47,7 +48,7 @@ from bagassets.engine.summary_rows import summary_rows
 from bagassets.engine.unsettled import Unsettled
 from bagassets.forkserver.worker import note
 from bagassets.formats.after_crash import noted_build
-from bagassets.formats.catalogue import problems_of
+from bagassets.formats.catalogue import problems_of, recording_assets
 from bagassets.formats.checking import remarks_on_record
 from bagassets.formats.dataset_build import dataset_folders, first_lock, left_behind, split_on_disk
 from bagassets.formats.dataset_integrity import remove_changed_sources
@@ -213,7 +214,8 @@ def build_project_in_worker(args: JsonObject) -> JsonObject:
         note({"build": event.as_json()})
 
     report = build_project(recipe_file, BuildOptions.from_json(args["options"]), send)
-    rows = summary_rows(report, Store(load_recipe(recipe_file).store_path), most=args["most"])
+    recipe = load_recipe(recipe_file)
+    rows = summary_rows(report, Store(recipe.store_path), recording_assets(recipe), most=args["most"])
     return {**report.as_json(), "summary": [row.as_json() for row in rows]}
 
 
@@ -225,7 +227,7 @@ def _is_quick(before: PendingWork, batch: Batch, sizes: Mapping[str, int]) -> bo
     """
     recorded = before.planned.recorded
     return bool(before.datasets) and all(
-        sizes[key] <= WORTH_STEPS_BYTES or "inventory" in recorded.get(key, {}) for key in batch
+        sizes[key] <= WORTH_STEPS_BYTES or INVENTORY.name in recorded.get(key, {}) for key in batch
     )
 
 
@@ -279,7 +281,7 @@ def _disk_space(pending: PendingWork, workspace: Workspace, options: BuildOption
     """
     recipe, store = workspace.recipe, workspace.store
     sizes = {key: one.size for key, one in pending.planned.discovery.recordings.items()}
-    needed = space_needed(pending.plan, sizes, pending.todo, store)
+    needed = space_needed(pending.plan, sizes, pending.todo, store, workspace.assets)
     if needed is None:
         return ""
     folders = folders_written(store.root, recipe)

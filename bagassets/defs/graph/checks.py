@@ -4,7 +4,8 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 
 import dagster as dg
 
-from bagassets.assets.quality.check import Evidence, RecordingCheck, severity_of
+from bagassets.assets.quality.check import RecordingCheck, severity_of
+from bagassets.assets.quality.evidence import Evidence
 from bagassets.assets.quality.finding import Finding
 from bagassets.assets.selection import choose_rig, skip_reason
 from bagassets.base.escaping import markdown, visible

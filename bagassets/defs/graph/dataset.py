@@ -20,6 +20,7 @@ from bagassets.defs.records.naming import DATASET_INPUTS, Naming
 from bagassets.defs.records.reporting import code_link, dataset_metadata, errors_explained, inputs_metadata
 from bagassets.defs.records.workspace import Workspace
 from bagassets.defs.runs.fence import refuse_if_ended
+from bagassets.formats import trajectory_map
 from bagassets.formats.catalogue import formats, formats_of, recording_assets
 from bagassets.formats.dataset_build import (
     DatasetInputs,
@@ -44,7 +45,7 @@ __all__ = [
     "write_report",
 ]
 
-TRAJECTORY_MAP = "trajectory_map"
+TRAJECTORY_MAP = trajectory_map.STEP.name
 INPUTS_CODE_VERSION = "1"
 RECORDINGS_CHANGED = "its recordings changed since it was made"
 MOST_REPORTED = 1000

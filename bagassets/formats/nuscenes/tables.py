@@ -20,6 +20,7 @@ from bagassets.assets.boxes.motion import MotionRule
 from bagassets.assets.boxes.table import BoxTable
 from bagassets.assets.calibration import CALIBRATION
 from bagassets.assets.ego_poses import EGO_POSES
+from bagassets.assets.face import Face
 from bagassets.assets.frames import FRAMES
 from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.sweeps import SWEEPS
@@ -154,12 +155,12 @@ def use(params: TablesParams, facts: Facts) -> dict[str, Use[TablesUse]]:
         attributes_by_motion=params.attributes_by_motion,
     )
     inputs = {f"channel:{name}": artifact.digest for name, artifact in channels.items()}
-    inputs |= {name: facts.artifact(name).digest for name in ("ego_poses", "annotations")}
+    inputs |= {one.name: facts.artifact(one.name).digest for one in (EGO_POSES, ANNOTATIONS)}
     return {"": Use(read, inputs=inputs)}
 
 
 def _channels(facts: Facts) -> dict[str, Artifact]:
-    return {**facts.channels("frames"), **facts.channels("sweeps")}
+    return {**facts.channels(FRAMES.name), **facts.channels(SWEEPS.name)}
 
 
 def _extrinsics(calibration: Calibration, channel: str) -> SE3:
@@ -203,14 +204,14 @@ def make(use: Use[TablesUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
     _check_poses(readings[scenes.reference], trajectory, params.key)
     holes = [last_ns for _, last_ns in trajectory.holes_ns]
     plan = plan_scenes({name: channel.stamps_ns for name, channel in readings.items()}, scenes, holes)
-    origin = inputs.artifact("ego_poses").read_json("ego_poses.json")["origin"]
+    origin = inputs.artifact(EGO_POSES.name).read_json("ego_poses.json")["origin"]
     log = {"logfile": params.key, "vehicle": params.vehicle, "location": params.location, "origin": origin}
     tokens = RecordingTokens(params.rig, params.key)
     sensors = sensor_rows(tokens, readings, plan.scenes, log)
     motion = params.attributes_by_motion
     objects = annotation_rows(
         tokens,
-        BoxTable.from_arrow(inputs.artifact("annotations").read_table("annotations.parquet")),
+        BoxTable.from_arrow(inputs.artifact(ANNOTATIONS.name).read_table("annotations.parquet")),
         readings,
         plan.scenes,
         scenes,
@@ -282,6 +283,13 @@ def _channel_counts(
     }
 
 
+def _shown(artifact: Artifact) -> JsonObject:
+    summary = artifact.summary()
+    counts = summary["counts"]
+    numbers = {"scenes": counts["scenes"], "keyframes": counts["samples"]}
+    return {**numbers, "boxes": counts["boxes"]["annotations"], **summary}
+
+
 NUSCENES_TABLES = Asset(
     name="nuscenes_tables",
     enabled=lambda recipe: recipe.settings(NuScenes) is not None,
@@ -290,6 +298,14 @@ NUSCENES_TABLES = Asset(
     title="This recording's rows of the nuScenes tables: scenes, keyframes, readings, poses, boxes.",
     description="Keyframe rate, scene length and tolerance act here; nothing is extracted again when they change.",
     kinds=frozenset({"nuscenes", "json"}),
+    face=Face(
+        shown=_shown,
+        counts={
+            "scenes": lambda summary: summary.get("counts", {}).get("scenes"),
+            "keyframes": lambda summary: summary.get("counts", {}).get("samples"),
+        },
+        operation="tables",
+    ),
     reads=(INVENTORY, CALIBRATION, EGO_POSES, ANNOTATIONS, FRAMES, SWEEPS),
     params=TablesParams.of,
     use=use,

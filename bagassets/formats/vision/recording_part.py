@@ -22,12 +22,16 @@ from bagassets.base.errors import CalibrationError
 from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.formats.format import FACTS
 from bagassets.formats.json_files import rows_bytes
-from bagassets.formats.vision.join import SEQUENCES
 from bagassets.formats.vision.metadata import recording_metadata, transforms_json
-from bagassets.formats.vision.relative import relative_poses
 from bagassets.formats.vision.sequences import cut_sequences
 from bagassets.formats.vision.settings import Vision
-from bagassets.formats.vision.trajectories import Bodies, csv_bytes, tf_poses, trajectory_table
+from bagassets.formats.vision.trajectories import (
+    Bodies,
+    csv_bytes,
+    relative_poses,
+    tf_poses,
+    trajectory_table,
+)
 from bagassets.geometry.calibration import Mounts
 from bagassets.geometry.tf_tree import TfTree
 from bagassets.geometry.trajectory import Trajectory
@@ -38,9 +42,11 @@ from bagassets.recordings.recording import Recording
 from bagassets.store.artifact import Artifact, ArtifactWriter
 from bagassets.store.canonical import digest_json
 
-__all__ = ["FILES", "VISION_SEQUENCES"]
+__all__ = ["FILES", "SEQUENCES", "VISION_SEQUENCES"]
 
 FILES = "files.json"
+# Has the rows of all sequences.
+SEQUENCES = "sequences.json"
 _LEAST_DIGITS = 4
 
 
@@ -121,9 +127,9 @@ class VisionUse(VisionParams):
 
 def use(params: VisionParams, facts: Facts) -> dict[str, Use[VisionUse]]:
     """Return the inputs of a recording's part: images, poses, extrinsics, metadata, and transforms if needed."""
-    mounts, images = facts.calibration.mounts, facts.channels("frames")
+    mounts, images = facts.calibration.mounts, facts.channels(FRAMES.name)
     cameras = {name: images[name] for name in params.cameras if name in images}
-    poses = facts.artifact("ego_poses")
+    poses = facts.artifact(EGO_POSES.name)
     bodies = Bodies.of(mounts, poses.read_json("ego_poses.json")["global_frame"])
     through_tf = not all(bodies.has(*pair.split(":")) for pair in params.trajectories)
     tf, tf_static = (
@@ -139,13 +145,13 @@ def use(params: VisionParams, facts: Facts) -> dict[str, Use[VisionUse]]:
     )
     inputs = {f"channel:{name}": artifact.digest for name, artifact in cameras.items()}
     topics = tuple(sorted({*tf, *tf_static}))
-    return {"": Use(read, topics, {**inputs, "ego_poses": poses.digest})}
+    return {"": Use(read, topics, {**inputs, EGO_POSES.name: poses.digest})}
 
 
 def make(use: Use[VisionUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
     """Write the recording's part of the dataset; return the summary."""
-    params, trajectory, images = use.params, inputs.trajectory, inputs.channels("frames")
-    poses_json = inputs.artifact("ego_poses").read_json("ego_poses.json")
+    params, trajectory, images = use.params, inputs.trajectory, inputs.channels(FRAMES.name)
+    poses_json = inputs.artifact(EGO_POSES.name).read_json("ego_poses.json")
     cameras = {name: images[name].read_json("channel.json") for name in params.cameras}
     written = [
         out.write_json("metadata.json", params.metadata),
