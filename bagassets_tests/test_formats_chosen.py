@@ -70,8 +70,8 @@ class TestWhichFormats:
         assert recipe.output == next(iter(datasets_of(recipe).values())).settings.output
 
     def test_an_empty_section_is_refused_and_one_in_the_wrong_place(self, tmp_path):
-        assert refusal(MINIMAL + self.POSE + "nuscenes:\n", tmp_path).startswith(
-            "recipe.yaml:7: nuscenes: needs a value: the nuScenes dataset; default: "
+        assert refusal(MINIMAL + self.POSE + "nuscenes:\n", tmp_path) == (
+            "recipe.yaml:7: nuscenes: needs a value: the nuScenes dataset."
         )
         assert refusal(MINIMAL + self.POSE + "formats: {vision: {output: v}}\n", tmp_path) == (
             "recipe.yaml:7: formats.vision: vision is a section at the top level of the recipe; move it there."

@@ -76,8 +76,8 @@ rigs:
   - name: car
     ego_pose: {{source: fixed}}
     channels: {{CAM: {{modality: camera, topic: /c}}}}
-nuscenes: {{}}
 formats: {formats}
+nuscenes: {{}}
 """
 
 

@@ -50,14 +50,11 @@ def paths_in(value: object, at: tuple[str | int, ...] = ()) -> Iterator[tuple[tu
             yield from paths_in(inner, (*at, name))
 
 
-def _own_paths(recipe: Recipe) -> Iterator[tuple[tuple[str | int, ...], Path]]:
-    """Yield the paths in a recipe but those that only the package of a format knows about."""
-    return ((at, path) for at, path in paths_in(recipe) if at[0] != "formats" or at[2:] == ("output",))
-
-
 def _paths(recipe: Recipe, data: JsonObject) -> Iterator[Problem]:
-    for at, path in _own_paths(recipe):
+    for at, path in paths_in(recipe):
         match at:
+            case ("formats", _, name, *_) if name != "output":  # only the package knows what it means
+                pass
             case _ if str(value_at(data, at)).startswith("~"):
                 yield (
                     at,
@@ -85,18 +82,18 @@ def _paths(recipe: Recipe, data: JsonObject) -> Iterator[Problem]:
 
 def _outputs(recipe: Recipe) -> Iterator[Problem]:
     """Check that each dataset has its own folder, or its own one in an output that others share."""
-    owned: dict[tuple[str | int, ...], str | None] = {
-        (*section_at(name), "output"): section.own_folder for name, section in recipe.dataset_settings.items()
-    }
-    for number, dataset in enumerate(recipe.datasets):
-        owned["datasets", number, "output"] = dataset.version or owned[DEFAULT_FORMAT, "output"]
+    sections = recipe.dataset_settings
+    outputs: list[tuple[str, tuple[str | int, ...], Path, str | None]] = [
+        (name, (*section_at(name), "output"), one.output, one.own_folder) for name, one in sections.items()
+    ]
+    for number, one in enumerate(recipe.datasets):
+        if one.output is not None:
+            own = one.version or sections[DEFAULT_FORMAT].own_folder
+            outputs.append((one.name, ("datasets", number, "output"), one.output, own))
     taken: list[tuple[str, Path, str | None]] = [("state folder", recipe.state, None)]
     if recipe.store is not None:
         taken.append(("store", recipe.store, None))
-    for at, output in _own_paths(recipe):
-        if at[-1] != "output":
-            continue
-        own = owned.get(at)
+    for name, at, output, own in outputs:
         for owner, folder, other in taken:
             both = output == folder and own is not None and other is not None and own != other
             if not both and (output == folder or folder in output.parents or output in folder.parents):
@@ -104,7 +101,6 @@ def _outputs(recipe: Recipe) -> Iterator[Problem]:
                     at,
                     f"{output} and the {owner} {folder} must be different, and neither may contain the other",
                 )
-        name = at[-2] if isinstance(at[-2], str) else recipe.datasets[at[-2]].name
         taken.append((f"output of {name}", output, own))
 
 

@@ -47,19 +47,14 @@ def with_our_sections(base: type[M]) -> type[M]:
     """Return a model of the recipe with a section for each of our formats; None where a recipe has none."""
     sections: dict[str, Any] = {}
     for name in OUR_FORMATS:
-        model, default = _our_model(name), "none"
-        if name == DEFAULT_FORMAT:
-            default = (
-                "one with all defaults if `datasets` select from it, or no other format is named, else none"
-            )
-        what = (model.__doc__ or "").partition(":")[0].removesuffix(".")
-        sections[name] = (
-            model if name == DEFAULT_FORMAT else model | None,
-            Field(None, description=f"{what}; default: {default}."),
-        )
-    return create_model(
+        own = _our_model(name)
+        what = (own.__doc__ or "").partition(":")[0].removesuffix(".")
+        sections[name] = own if name == DEFAULT_FORMAT else own | None, Field(None, description=f"{what}.")
+    model = create_model(
         base.__name__, __base__=base, __doc__=base.__doc__, __module__=base.__module__, **sections
     )
+    model.model_rebuild()  # here, and not in every process that is forked from this one
+    return model
 
 
 def asked_formats(recipe: JsonMapping) -> dict[str, object]:

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
 
-from pydantic import Field, PrivateAttr, model_validator
+from pydantic import ConfigDict, Field, PrivateAttr, model_validator
 
 from bagassets.base.json_types import JsonMapping
 from bagassets.recipe.format_settings import OUR_FORMATS, with_our_sections
@@ -451,7 +451,13 @@ READING_LIMITS = (
 
 @with_our_sections
 class Recipe(Model):
-    """Everything that shapes a dataset."""
+    """Everything that shapes a dataset.
+
+    It asks for datasets by their sections: `nuscenes`, `vision`, those in `formats`. One without any of them, or with
+    `datasets`, has a nuScenes dataset, if need be with all defaults.
+    """
+
+    model_config = ConfigDict(defer_build=True)  # it is built once, with the sections
 
     name: Slug = Field(description="Name of the project and of its partitions in Dagster.")
     bags: Bags = Field(description="Where recordings are, and which of them to use.")
