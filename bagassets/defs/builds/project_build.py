@@ -19,7 +19,8 @@ from bagassets.base.errors import RecordingError
 from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.base.trace import span
 from bagassets.defs.builds.made_ahead import making_ahead
-from bagassets.defs.builds.own_build import OwnBuild, OwnProject, OwnWork, load_own
+from bagassets.defs.builds.own_build import OwnBuild
+from bagassets.defs.builds.own_states import OwnProject, load_own
 from bagassets.defs.builds.pending_work import (
     PendingWork,
     find_pending_work,
@@ -29,7 +30,7 @@ from bagassets.defs.builds.pending_work import (
 )
 from bagassets.defs.builds.snapshot import Snapshot
 from bagassets.defs.graph.check_records import remarks_of_runs
-from bagassets.defs.graph.dataset import datasets_behind, record_inputs
+from bagassets.defs.graph.dataset import dataset_states, record_inputs
 from bagassets.defs.records.batches import WORTH_STEPS_BYTES, Batch
 from bagassets.defs.records.events import recordings_made
 from bagassets.defs.records.instance_plan import InstancePlan, InstancePlanning
@@ -238,7 +239,7 @@ def _build_own(
     options: BuildOptions,
     report: BuildReport,
     on_event: Listener,
-) -> tuple[OwnWork, bool]:
+) -> tuple[OwnProject, bool]:
     """Bring the user's own assets up to date, and say in the report what became of them.
 
     Returns:
@@ -246,7 +247,7 @@ def _build_own(
     """
     report.own_problem, report.own_left_out = own.problem, own.left_out
     if not own.wanted or report.interrupted:
-        return OwnWork(own), False
+        return own, False
     building = OwnBuild(instance, own, options, on_event)
     work = building.work(now, is_dataset_current=now.dataset_is_current or report.dataset == "updated")
     report.own = building.outcomes(work)
@@ -402,8 +403,10 @@ def _dataset_states(
     """See `BuildReport.datasets`. One run makes all of them; if it failed, some may be up to date."""
     left = {*asked}
     # Where results are yet to come, nobody knows whether a dataset that is not behind is up to date.
-    if outcome == "failed" or (outcome == "stopped" and now.others.state == "fresh"):
-        left &= datasets_behind(instance, workspace, now.planned.inputs).keys()
+    is_waiting = any(one.state == "unknown" for one in now.states.values())
+    if outcome == "failed" or (outcome == "stopped" and not is_waiting):
+        states = dataset_states(instance, workspace, now.planned.inputs)
+        left &= {asset for asset, one in states.items() if one.state != "fresh"}
 
     def state(asset: str) -> str:
         return outcome if asset in left else "fresh" if asset in asked else "not selected"
