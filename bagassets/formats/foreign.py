@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Enabled", "checked_asset", "checked_format"]
 
-_CALLABLE = ("join", "links", "counts", "duration_s", "folder", "row")
+_CALLABLE = ("join", "links", "counts", "duration_s", "folder", "row", "why_empty")
 _CALLABLE_OR_NONE = ("fills_split", "samples", "select", "check")
 _A = ParamSpec("_A")
 _D = TypeVar("_D", bound="DataclassInstance")
