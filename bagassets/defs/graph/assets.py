@@ -6,10 +6,6 @@ import dagster as dg
 import pyarrow as pa
 
 from bagassets.assets.asset import AnyAsset
-from bagassets.assets.boxes.table import SCHEMA as BOX_SCHEMA
-from bagassets.assets.ego_poses import POSE_SCHEMA
-from bagassets.assets.frames import INDEX_SCHEMA
-from bagassets.assets.sweep_files import LIDAR_SCHEMA
 from bagassets.defs.graph.checks import check_recording
 from bagassets.defs.graph.making import dependencies, make_recording, read_bag
 from bagassets.defs.records.naming import Naming
@@ -23,23 +19,12 @@ from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.formats.catalogue import recording_assets
 from bagassets.recipe.model import Recipe
 from bagassets.recordings.model import RecordingFiles
-from bagassets.recordings.pack import PACK_SCHEMA
 
 __all__ = ["recording_definitions"]
 
 _BAG = """A recording: a ROS 1 bag, a ROS 2 bag or an MCAP file.
 
 Its data version is the digest of its content; each file is hashed once. Touching a file does not change it."""
-# Operations of assets that are not called `make_<asset>` in the runs on record.
-_OPERATIONS = {"nuscenes_tables": "tables"}
-# Columns of the tables that assets hold.
-_SCHEMAS = {
-    "inventory": PACK_SCHEMA,
-    "ego_poses": POSE_SCHEMA,
-    "annotations": BOX_SCHEMA,
-    "frames": INDEX_SCHEMA,
-    "sweeps": LIDAR_SCHEMA,
-}
 
 
 def recording_definitions(recipe: Recipe, names: Naming) -> list[dg.AssetsDefinition]:
@@ -55,13 +40,13 @@ def recording_definitions(recipe: Recipe, names: Naming) -> list[dg.AssetsDefini
     )
     specs = {asset.name: _spec(assets, names, asset) for asset in assets}
     extracted = [spec for name, spec in specs.items() if name in assets.extracted]
+    alone = [asset for asset in assets if asset.name not in assets.extracted]
     return [
         _definition(recipe, names, "bag", [bag]),
         _definition(recipe, names, "extract", extracted, can_subset=True),
         *(
-            _definition(recipe, names, _OPERATIONS.get(name, f"make_{name}"), [spec])
-            for name, spec in specs.items()
-            if name not in assets.extracted
+            _definition(recipe, names, one.face.operation or f"make_{one.name}", [specs[one.name]])
+            for one in alone
         ),
     ]
 
@@ -134,7 +119,7 @@ def _spec(assets: RecordingAssets, names: Naming, asset: AnyAsset) -> dg.AssetSp
         description=asset.about,
         code_version=assets.versions[asset.name],
         metadata={
-            **(_columns(_SCHEMAS[asset.name]) if asset.name in _SCHEMAS else {}),
+            **({} if asset.face.columns is None else _columns(asset.face.columns)),
             **code_link(asset.make or asset.use),
         },
     )

@@ -5,7 +5,8 @@ from functools import partial
 
 import dagster as dg
 
-from bagassets.assets.quality.check import Evidence, RecordingCheck, severity_of
+from bagassets.assets.quality.check import RecordingCheck, severity_of
+from bagassets.assets.quality.evidence import Evidence
 from bagassets.assets.quality.finding import Finding
 from bagassets.assets.selection import choose_rig, skip_reason
 from bagassets.base.escaping import markdown, visible
@@ -15,7 +16,7 @@ from bagassets.defs.records.recorder import Recorder
 from bagassets.defs.records.reporting import errors_explained
 from bagassets.defs.records.workspace import Workspace
 from bagassets.formats import checking
-from bagassets.formats.catalogue import MAIN, recording_assets
+from bagassets.formats.catalogue import recording_assets
 from bagassets.formats.dataset_build import Dataset, datasets_of
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_checks import Severity
@@ -140,7 +141,7 @@ def _dataset_operation(names: Naming, dataset: Dataset, wanted: Collection[str])
     asset, kind = dataset.asset, dataset.kind
 
     @dg.multi_asset_check(
-        name=names.spell("dataset_checks" if kind is MAIN else f"{kind.name}_dataset_checks"),
+        name=names.spell(f"{asset}_checks"),
         required_resource_keys={names.workspace},
         specs=[
             dg.AssetCheckSpec(check.name, asset=names.key(asset), description=check.description)

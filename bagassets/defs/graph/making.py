@@ -3,6 +3,7 @@
 from collections.abc import Collection, Iterator
 from dataclasses import replace
 
+from bagassets.assets.inventory import INVENTORY
 from bagassets.base.errors import StoreError
 from bagassets.defs.records.events import CONTENT, MADE_ALONG, SEVERAL, last_failure, recorded_partition
 from bagassets.defs.records.recorder import Made, Recorder
@@ -58,7 +59,7 @@ def read_bag(recorder: Recorder, recording: RecordingFiles) -> tuple[Recorded, M
     """
     workspace, run_id = recorder.workspace, recorder.run_id
     stat, made_along = recording_stat(recording), ""
-    if "inventory" in recorder.wanted:
+    if INVENTORY.name in recorder.wanted:
         with readings_noted(recorder.instance, run_id, recording.key):
             first = first_pass(workspace.recipe, workspace.store, recording, stat, workspace.index)
         if first.inventory is not None and not first.inventory.cached:
@@ -96,7 +97,7 @@ def make_assets(
     if bag is None or bag.stat is None:
         raise StoreError(f"{key}: bag is not materialized for this recording; materialize bag first.")
     # The inventory decides whether the recording takes part, even if the asset (of a package) does not read it.
-    upstream = {"inventory", *(name for asset in wanted for name in assets.upstream(asset))} - wanted
+    upstream = {INVENTORY.name, *(name for asset in wanted for name in assets.upstream(asset))} - wanted
     found, failures = {}, {}
     for name in sorted(upstream):
         record = recorded_partition(instance, names, name, key)
@@ -115,12 +116,14 @@ def make_assets(
             if isinstance(result, Skipped):
                 version, metadata = skip_version(result.reason), skip_metadata(result.reason)
             else:
-                reason = graph.node(SELECTION).skipped if result.asset == "inventory" else None
+                reason = graph.node(SELECTION).skipped if result.asset == INVENTORY.name else None
                 # The inventory was made in the pass that hashed the recording, if this was in the same run.
                 is_new = bag.run_id == run_id and result.action_digest == bag.made_along
                 cached = result.cached and not is_new
                 skipped: Metadata = {"skipped": reason} if reason else {}  # first: nothing else follows of it
-                metadata = skipped | result_metadata(replace(result, cached=cached))
+                metadata = skipped | result_metadata(
+                    replace(result, cached=cached), assets[result.asset].face
+                )
                 version = result.artifact.digest
             if content:
                 metadata[CONTENT] = content
