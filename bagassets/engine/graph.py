@@ -12,6 +12,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Self
 
 from bagassets.assets.asset import AnyAsset, AnyUse
 from bagassets.assets.inventory import INVENTORY
@@ -25,7 +26,7 @@ from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.engine.source import MessageSource
 from bagassets.engine.unexpected import explained_error
 from bagassets.recipe.model import Rig
-from bagassets.recordings.digest import RecordingStat
+from bagassets.recordings.digest import DigestIndex, RecordingStat, recording_digest, recording_stat
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.action import Action, Step
 from bagassets.store.artifact import Artifact
@@ -136,6 +137,17 @@ class Graph:
         recipe = self.assets.recipe
         self.source = MessageSource(self.recording, self.stat, recipe.bags.message_definitions, recipe.limits)
         self.inputs = RecordingInputs(self.store, self.recording, self.digest or "", self.source, given)
+
+    @classmethod
+    def of(cls, assets: RecordingAssets, store: Store, recording: RecordingFiles) -> Self:
+        """Return the graph of a recording as it is on disk, whose files are hashed unless their digest is on record.
+
+        Raises:
+            RecordingError: it is gone, or changes while it is hashed.
+        """
+        stat = recording_stat(recording)
+        digest = recording_digest(recording, DigestIndex.of(assets.recipe))
+        return cls(assets, store, recording, digest.digest, stat.as_of(digest))
 
     # --- nodes ---------------------------------------------------------------------------
 
