@@ -6,8 +6,7 @@ server needs few of them, and all together take a second.
 
 Dagster's inner workings are relied upon in these places, too:
 
-- `connections` replaces `create_engine` in Dagster's two SQLite storages, and does nothing if its options have changed;
-- `missing_partition` replaces `AssetSelection` in the module of `dagster asset materialize`, and does nothing if it is unused there;
+- `sqlite_storage` inherits Dagster's SQLite storages, and opens their files itself;
 - `dataset` has a step look up once more what it reads;
 - `runs` replaces `tail_to_stream` in `compute_logs` while a run is executed;
 - `databases` knows the files and the tables in which Dagster keeps its records, and `bagassets.engine.freshness` reads four of the tables;
@@ -19,9 +18,7 @@ Dagster's inner workings are relied upon in these places, too:
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from dagster._cli import asset
     from dagster._cli.proxy_server_manager import ProxyServerManager
-    from dagster._cli.utils import get_possibly_temporary_instance_for_cli
     from dagster._core.code_pointer import CodePointer, ModuleCodePointer
     from dagster._core.definitions.asset_checks.asset_check_evaluation import (
         AssetCheckEvaluationTargetMaterializationData,
@@ -54,12 +51,11 @@ if TYPE_CHECKING:
         SqlEventLogStorageMetadata,
     )
     from dagster._core.storage.event_log.sql_event_log import SqlEventLogStorage
-    from dagster._core.storage.event_log.sqlite import sqlite_event_log
     from dagster._core.storage.event_log.sqlite.sqlite_event_log import SqliteEventLogStorage
     from dagster._core.storage.runs.schema import RunStorageSqlMetadata
-    from dagster._core.storage.runs.sqlite import sqlite_run_storage
+    from dagster._core.storage.runs.sqlite.sqlite_run_storage import SqliteRunStorage
     from dagster._core.storage.schedules.schema import ScheduleStorageSqlMetadata
-    from dagster._core.storage.sql import get_alembic_config
+    from dagster._core.storage.schedules.sqlite.sqlite_schedule_storage import SqliteScheduleStorage
     from dagster._core.storage.sqlite_storage import DagsterSqliteStorage
     from dagster._core.storage.tags import GRPC_INFO_TAG
     from dagster._core.types.loadable_target_origin import LoadableTargetOrigin
@@ -75,16 +71,9 @@ if TYPE_CHECKING:
     from dagster._utils.interrupts import (
         capture_interrupts,
         check_captured_interrupt,
-        setup_interrupt_handlers,
     )
     from dagster._utils.log import configure_loggers
     from dagster_shared.error import SerializableErrorInfo
-    from dagster_shared.ipc import (
-        get_ipc_shutdown_pipe,
-        interrupt_on_ipc_shutdown_message,
-        open_ipc_subprocess,
-        send_ipc_shutdown_message,
-    )
     from dagster_webserver.app import create_app_from_workspace_process_context
 
 # Where each lies; the version of Dagster is the first that has it there ("1.7": or one before it).
@@ -133,16 +122,13 @@ _PLACES = {
     # Backfills that have not ended, and what they target: `partitions`.
     "BulkActionStatus": "dagster._core.execution.backfill",  # 1.7
     "BulkActionsFilter": "dagster._core.execution.backfill",  # 1.9
-    # Its command that makes assets, when it lacks a partition: `missing_partition`.
-    "asset": "dagster._cli",  # 1.7
-    # SQLite databases made whole or not at all, and kept open while a run writes: `databases`, `connections`.
+    # SQLite databases made whole or not at all, and kept open: `databases`, `sqlite_storage`.
     "DagsterSqliteStorage": "dagster._core.storage.sqlite_storage",  # 1.7
     "RunStorageSqlMetadata": "dagster._core.storage.runs.schema",  # 1.7
     "ScheduleStorageSqlMetadata": "dagster._core.storage.schedules.schema",  # 1.7
     "SqlEventLogStorageMetadata": "dagster._core.storage.event_log.schema",  # 1.7
-    "get_alembic_config": "dagster._core.storage.sql",  # 1.7
-    "sqlite_event_log": "dagster._core.storage.event_log.sqlite",  # 1.7
-    "sqlite_run_storage": "dagster._core.storage.runs.sqlite",  # 1.7
+    "SqliteRunStorage": "dagster._core.storage.runs.sqlite.sqlite_run_storage",  # 1.7
+    "SqliteScheduleStorage": "dagster._core.storage.schedules.sqlite.sqlite_schedule_storage",  # 1.7
     # One database for the events of all runs: `sqlite_storage`; checks in it: `check_records`, `old_runs`.
     "ASSET_EVENTS": "dagster._core.events",  # 1.7
     "AssetCheckExecutionsTable": "dagster._core.storage.event_log.schema",  # 1.7
@@ -162,12 +148,6 @@ _PLACES = {
     "cli": "dagster._daemon",  # 1.7; runs the daemon
     "controller": "dagster._daemon",  # 1.7; how often it looks at backfills
     "create_app_from_workspace_process_context": "dagster_webserver.app",  # 1.11 or before
-    "get_ipc_shutdown_pipe": "dagster_shared.ipc",  # 1.11
-    "get_possibly_temporary_instance_for_cli": "dagster._cli.utils",  # 1.7
-    "interrupt_on_ipc_shutdown_message": "dagster_shared.ipc",  # 1.11
-    "open_ipc_subprocess": "dagster_shared.ipc",  # 1.11
-    "send_ipc_shutdown_message": "dagster_shared.ipc",  # 1.11
-    "setup_interrupt_handlers": "dagster._utils.interrupts",  # 1.7
 }
 
 RUN_MODULES = (
