@@ -17,6 +17,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from uuid import uuid4
 
+from bagassets.assets.inventory import INVENTORY
 from bagassets.base.errors import BagAssetsError
 from bagassets.base.json_types import JsonObject
 from bagassets.engine.build_report import BuildOptions
@@ -184,7 +185,7 @@ def _make_inventory(recipe: Recipe, recording: RecordingFiles) -> str | None:
         recording,
         first.digest.digest,
         stat.as_of(first.digest),
-        wanted={"inventory"},
+        wanted={INVENTORY.name},
     )
     is_hit = all(result.cached for result in execute(graph) if not isinstance(result, Skipped))
     return None if is_hit else first.digest.digest
