@@ -15,7 +15,7 @@ store, but the database is whole.
 
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, Self
@@ -49,6 +49,10 @@ def _engine(url: str) -> Engine:
     return engine
 
 
+def _transaction(url: str) -> AbstractContextManager[Connection]:
+    return _engine(url).begin()
+
+
 def _sync_at_checkpoints(connection: Any, _record: object) -> None:
     connection.execute("PRAGMA synchronous = NORMAL")
 
@@ -61,7 +65,7 @@ class _KeptOpen:
     @contextmanager
     def connect(self) -> Iterator[Connection]:
         """Yield a transaction."""
-        with _engine(self._conn_string).begin() as connection:
+        with _transaction(self._conn_string) as connection:
             yield connection
 
     def dispose(self) -> None:
@@ -99,7 +103,7 @@ class _EventLogStorage(SqliteEventLogStorage):
             with super()._connect(shard):  # makes it
                 pass
         self._initialized_dbs.add(shard)
-        with _engine(self.conn_string_for_shard(shard)).begin() as connection:
+        with _transaction(self.conn_string_for_shard(shard)) as connection:
             yield connection
 
 
