@@ -1,6 +1,7 @@
 """One SQLite file for the events of all runs: nothing is lost, and projects of before go on."""
 
 import re
+import shutil
 import sqlite3
 import subprocess
 import sys
@@ -251,6 +252,18 @@ def test_an_instance_is_opened_and_written_without_alembic_and_with_one_engine_f
             instance.report_engine_event("an event", instance.create_run_for_job(_job))
             instance.schedule_storage.all_instigator_state()
     assert len(made) == len(set(made)) == 3
+
+
+def test_a_database_that_is_replaced_is_opened_anew(project):
+    """As by a build after the state folder was removed, while the web UI is up."""
+    home = str(project.parent)
+    with open_instance(home) as instance:
+        instance.report_runless_asset_event(dg.AssetMaterialization("first"))
+        shutil.rmtree(project.parent / ".bagassets")
+        with open_instance(home) as other:
+            other.report_runless_asset_event(dg.AssetMaterialization("second"))
+        keys = {key.to_user_string() for key in instance.all_asset_keys()}
+        assert keys == {"second"}
 
 
 def test_threads_that_read_and_write_at_once_do_not_wait_for_each_other(project):

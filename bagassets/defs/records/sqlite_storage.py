@@ -13,15 +13,17 @@ not wait for the disk: after a power loss the newest records may be missing, whi
 store, but the database is whole.
 """
 
+import os
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, Self
 
 import dagster as dg
 from sqlalchemy import Connection, Engine, QueuePool, create_engine, event
+from sqlalchemy.exc import DisconnectionError
 
 from bagassets.defs.dagster_private import (
     ASSET_EVENTS,
@@ -43,9 +45,22 @@ _BUSY_S = 30.0  # as Dagster has it for events
 
 @lru_cache(maxsize=32)
 def _engine(url: str) -> Engine:
-    """Return the engine of a database file, which keeps a few connections."""
+    """Return the engine of a database file, which keeps a few connections as long as it is the same file."""
     engine = create_engine(url, poolclass=QueuePool, max_overflow=-1, connect_args={"timeout": _BUSY_S})
-    event.listen(engine, "connect", _sync_at_checkpoints)
+    path = str(engine.url.database)
+
+    def opened(connection: Any, record: Any) -> None:
+        connection.execute("PRAGMA synchronous = NORMAL")
+        record.info["file"] = _identity(path)
+
+    def taken(_connection: Any, record: Any, _proxy: object) -> None:
+        if record.info["file"] != _identity(
+            path
+        ):  # the state folder was removed, say, and there is another one
+            raise DisconnectionError
+
+    event.listen(engine, "connect", opened)
+    event.listen(engine, "checkout", taken)
     return engine
 
 
@@ -53,8 +68,11 @@ def _transaction(url: str) -> AbstractContextManager[Connection]:
     return _engine(url).begin()
 
 
-def _sync_at_checkpoints(connection: Any, _record: object) -> None:
-    connection.execute("PRAGMA synchronous = NORMAL")
+def _identity(path: str) -> tuple[int, int] | None:
+    with suppress(OSError):
+        found = os.stat(path)
+        return found.st_dev, found.st_ino
+    return None
 
 
 class _KeptOpen:
@@ -99,7 +117,6 @@ class _EventLogStorage(SqliteEventLogStorage):
     def _connect(self, shard: str) -> Iterator[Connection]:
         """Yield a transaction in the file of a run, or of all."""
         if shard != _COMMON and not Path(self.path_for_shard(shard)).exists():
-            _engine(self.conn_string_for_shard(shard)).dispose()  # one that was deleted may be open
             with super()._connect(shard):  # makes it
                 pass
         self._initialized_dbs.add(shard)
