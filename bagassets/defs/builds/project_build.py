@@ -39,6 +39,7 @@ from bagassets.defs.records.partitions import DATASET, active_runs, add_partitio
 from bagassets.defs.records.projects import forget_other_prefixes, require_own_keys
 from bagassets.defs.records.touched import record_touched
 from bagassets.defs.records.workspace import Workspace
+from bagassets.defs.runs.launching import launching_of
 from bagassets.defs.runs.orphaned_runs import end_orphaned_runs
 from bagassets.defs.runs.run_pool import EndedRun, Listener, RunPool
 from bagassets.engine.build_report import BagOutcome, BuildOptions, BuildReport, Event, Remark
@@ -259,13 +260,9 @@ def _going_on(
     instance: dg.DagsterInstance, names: Naming, datasets: Iterable[str]
 ) -> dict[str, tuple[str, ...]]:
     """Return run -> keys for the runs of earlier builds that go on: those of launchers whose runs survive the build."""
-    spooled_runs = getattr(instance.run_launcher, "spooled_runs", None)
-    if spooled_runs is None:
-        return {}
-    spooled = spooled_runs()
-    return {
-        run_id: keys for run_id, keys in active_runs(instance, names, datasets).items() if run_id in spooled
-    }
+    waiting = launching_of(instance).waiting_runs()
+    active = active_runs(instance, names, datasets) if waiting else {}
+    return {run_id: keys for run_id, keys in active.items() if run_id in waiting}
 
 
 def _shares(locked: Mapping[str, JsonMapping]) -> dict[str, JsonObject]:

@@ -23,6 +23,7 @@ from bagassets.defs.records.partitions import (
     remove_partition,
 )
 from bagassets.defs.records.workspace import Workspace
+from bagassets.defs.runs.launching import launching_of
 from bagassets.defs.runs.orphaned_runs import end_orphaned_runs
 from bagassets.engine.freshness.plan_cache import recording_fingerprint
 from bagassets.engine.inputs import files_beside
@@ -219,7 +220,7 @@ class Scan:
             if (request := self._wanted(plan.bags[key], finished[key], now_s)) is not None
         }
         sizes = {key: sum(size for _, size, _ in finished[key].files) for key in wanted}
-        most = getattr(self._instance.run_launcher, "recordings_per_run", _RECORDINGS_PER_RUN)
+        most = launching_of(self._instance).recordings_per_run or _RECORDINGS_PER_RUN
         dealt = batches({key: one.assets for key, one in wanted.items()}, sizes, 1, most)
         requests = [
             self._request({key: wanted[key] for key in batch}, now_s)
