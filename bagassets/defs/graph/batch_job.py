@@ -25,7 +25,6 @@ from bagassets.defs.graph.check_records import record_passed
 from bagassets.defs.graph.checks import check_groups, run_checks, run_dataset_checks
 from bagassets.defs.graph.dataset import dataset_is_current, make_dataset, record_inputs
 from bagassets.defs.graph.making import MadeAsset, Source, dependencies, make_assets, read_bag, recorded_bag
-from bagassets.defs.records.batches import Batch
 from bagassets.defs.records.events import CODE_VERSION, DATA_VERSION
 from bagassets.defs.records.instance_plan import plan_instance
 from bagassets.defs.records.naming import DATASET_INPUTS, Naming
@@ -35,6 +34,7 @@ from bagassets.defs.records.reporting import BAG_CODE_VERSION
 from bagassets.defs.records.workspace import Workspace
 from bagassets.defs.runs.exclusive import RecordingLock
 from bagassets.defs.runs.run_progress import note_begun, note_ended
+from bagassets.engine.batches import Batch
 from bagassets.engine.plan import is_skip, version_as_input
 from bagassets.engine.unsettled import Unsettled
 from bagassets.formats.dataset_build import dataset_code_versions, datasets_of
