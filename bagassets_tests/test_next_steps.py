@@ -193,7 +193,7 @@ def test_the_sensor_waits_for_a_disk_that_seems_gone_and_then_believes_it():
     since_s = at_first.empty_since_s
     later = state(found=0, gone=("a", "b"), now_s=NOW_S + 59, empty_since_s=since_s)
     assert next_steps(later, SENSOR).doubted_s == 1
-    last = next_steps(replace(later, now_s=NOW_S + 60, held={"b"}), SENSOR)
+    last = next_steps(replace(later, now_s=NOW_S + 60, held={"b": "why"}), SENSOR)
     assert (last.doubted_s, last.remove, last.empty_since_s) == (None, ("a",), NOW_S)
     assert next_steps(state(found=2, empty_since_s=since_s), SENSOR).empty_since_s is None
 

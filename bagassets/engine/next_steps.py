@@ -71,7 +71,7 @@ class State:
         now_s: the time (Unix seconds).
         found: number of recordings on disk.
         gone: registered recordings that are not on disk.
-        held: those of `gone` that must stay registered for now.
+        held: those of `gone` that must stay registered for now -> why.
         new: recordings on disk that are not registered, and are no longer written to.
         todo: what is to be made, of recordings that are no longer written to; of `DATASET`, if some dataset is behind.
         joined: the datasets that a run makes, too, if it is the only one.
@@ -84,7 +84,7 @@ class State:
     now_s: float = 0.0
     found: int = 0
     gone: Collection[str] = ()
-    held: Collection[str] = ()
+    held: Mapping[str, str] = field(default_factory=dict)
     new: Collection[str] = ()
     todo: Mapping[str, Work] = field(default_factory=dict)
     joined: tuple[str, ...] = ()

@@ -18,8 +18,7 @@ from bagassets.defs.records.events import all_assets, fetch_recorded, latest_ids
 from bagassets.defs.records.instance_plan import (
     InstancePlan,
     Touched,
-    begin_planning,
-    finish_planning,
+    plan_instance,
     replan_instance,
 )
 from bagassets.defs.records.instances import open_instance
@@ -169,7 +168,7 @@ def find_pending_work(
         BagAssetsError: the recipe or the bag root is not usable, or there is no such recording.
     """
     with span("plan"):
-        planned = finish_planning(planning or begin_planning(instance, workspace), on_planned)
+        planned = plan_instance(instance, workspace, planning, on_planned)
     asked = _asked(workspace, planned.discovery, options or BuildOptions(), own)
     return _pending_work(instance, workspace, planned, asked)
 

@@ -13,7 +13,7 @@ from bagassets.defs.graph.dataset import datasets_behind, record_inputs
 from bagassets.defs.graph.sensor_cursor import Cursor, Request
 from bagassets.defs.records.batches import batch_config, batch_of
 from bagassets.defs.records.events import all_assets, live_partitions
-from bagassets.defs.records.instance_plan import InstancePlan, plan_instance, workspace_fingerprint
+from bagassets.defs.records.instance_plan import begin_planning, plan_instance, workspace_fingerprint
 from bagassets.defs.records.partitions import (
     DATASET,
     PARTITION_TAG,
@@ -30,7 +30,7 @@ from bagassets.engine.inputs import files_beside
 from bagassets.engine.next_steps import Rules, State, Work, next_steps
 from bagassets.engine.plan import BagPlan, Plan
 from bagassets.engine.unsettled import Unsettled
-from bagassets.formats.dataset_build import dataset_code_versions
+from bagassets.formats.dataset_build import DatasetInputs, dataset_code_versions
 from bagassets.recordings.digest import RecordingStat, recording_stat
 from bagassets.recordings.discover import Discovery
 from bagassets.store.canonical import digest_json
@@ -74,58 +74,35 @@ class Scan:
 
     def scan(self, now_s: float) -> list[dg.RunRequest]:
         """Bring the partitions up to date and return the runs to request."""
-        cursor, names, recipe = self.cursor, self._names, self._workspace.recipe
+        cursor, settle_s = self.cursor, self._workspace.recipe.bags.settle_s
         self._next_settled_s, self._active = None, frozenset()
         discovery = self._workspace.discover()
         stats = _stats(discovery)
-        live = live_partitions(self._instance, names)
+        live = live_partitions(self._instance, self._names)
         # A recording in a folder that cannot be read at the moment is not gone.
         there = frozenset(stats) | discovery.unseen(live)
-        held = held_by_backfills(self._instance, live - there)
-        state = State(now_s, len(there), live - there, held, empty_since_s=cursor.empty_since_s)
-        steps = next_steps(state, RULES)
-        cursor.empty_since_s = steps.empty_since_s
-        if steps.doubted_s is not None:
-            cursor.quiet = ""
-            cursor.said = (
-                f"All {len(live)} recordings below {recipe.bags.root} disappeared at once; is its disk mounted? "
-                f"They will be dropped in {steps.doubted_s:.0f} s."
-            )
+        state = self._without_gone(live, there, now_s)
+        if state is None:
             return []
-        for key in steps.remove:
-            remove_partition(self._instance, names, key)
-        cursor.forget([key for key in cursor.asked if key not in there and key != DATASET])
-
         active = self._active_runs()
         self._active = frozenset(key for keys in active.values() for key in keys)
-        ended = self._ended_runs()
-        for key, run in ended.items():
-            # All that it has may be up to date, and yet Dagster shows it as failed.
-            if run.status == dg.DagsterRunStatus.FAILURE:
-                self._unsettled.add(key)
-        noted = self._unsettled.noted()
+        ended, noted = self._ended_runs(), self._unsettled.noted()
         quiet = self._digest(discovery, live & there, active, noted)
         if quiet and cursor.quiet == quiet:
             cursor.looked_s = now_s
             return []
-
-        planned = plan_instance(self._instance, self._workspace, live, discovery)
-        bags = planned.plan.bags
+        planning = begin_planning(self._instance, self._workspace, live, discovery)
+        planned = plan_instance(self._instance, self._workspace, planning)
         self._unsettled.forget_settled(planned.plan)
-        known = {key for key, bag in bags.items() if bag.assets["bag"].state == "fresh"}
-        finished = cursor.settle(stats, known, recipe.bags.settle_s, now_s)
-        self._next_settled_s = cursor.next_settled_s(recipe.bags.settle_s, finished)
-        todo = {}
-        for key in sorted(finished - self._active):
-            if key in noted and self._has_recorded_all(ended.get(key), bags[key]):
-                self._unsettled.discard(key)
-            elif bags[key].to_run():
-                todo[key] = self._work(bags[key], stats[key])
-        cursor.forget(finished - self._active - todo.keys())
-        todo |= self._datasets(planned)
+        known = {key for key, bag in planned.plan.bags.items() if bag.assets["bag"].state == "fresh"}
+        finished = cursor.settle(stats, known, settle_s, now_s)
+        self._next_settled_s = cursor.next_settled_s(settle_s, finished)
+
+        bags = {key: planned.plan.bags[key] for key in sorted(finished - self._active)}
+        todo = self._recordings(bags, stats, {key: ended.get(key) for key in noted})
+        todo |= self._datasets(planned.inputs)
         state = replace(
             state,
-            gone=held,
             new=finished - live,
             todo=todo,
             active=self._active,
@@ -133,16 +110,35 @@ class Scan:
             busy_since_s=cursor.busy_since_s,
         )
         steps = next_steps(state, self._rules())
-        add_partitions(self._instance, names, steps.register)
+        add_partitions(self._instance, self._names, steps.register)
         if steps.is_over:
             record_inputs(self._instance, self._workspace, planned.inputs)
         requests = [self._request(run, todo, now_s) for run in steps.runs]
         cursor.busy_since_s = steps.busy_since_s
-        cursor.said = self._describe(planned.plan, finished, held, len(active))
+        cursor.said = self._describe(planned.plan, finished, state.held, len(active))
         asks_again = any(one.tries < RULES.most_tries for one in cursor.asked.values())
         is_over = not (requests or active or asks_again or self._next_settled_s is not None)
         cursor.quiet = quiet if is_over else ""
         return requests
+
+    def _without_gone(self, live: frozenset[str], there: frozenset[str], now_s: float) -> State | None:
+        """Remove the partitions of recordings that are gone; return the state then, or None if that is not to be believed."""
+        cursor = self.cursor
+        held = held_by_backfills(self._instance, live - there)
+        state = State(now_s, len(there), live - there, held, empty_since_s=cursor.empty_since_s)
+        steps = next_steps(state, RULES)
+        cursor.empty_since_s = steps.empty_since_s
+        if steps.doubted_s is not None:
+            cursor.quiet = ""
+            cursor.said = (
+                f"All {len(live)} recordings below {self._workspace.recipe.bags.root} disappeared at once; is its disk mounted? "
+                f"They will be dropped in {steps.doubted_s:.0f} s."
+            )
+            return None
+        for key in steps.remove:
+            remove_partition(self._instance, self._names, key)
+        cursor.forget([key for key in cursor.asked if key not in there and key != DATASET])
+        return replace(state, gone=tuple(held))
 
     # --- looking -------------------------------------------------------------------------
 
@@ -158,7 +154,7 @@ class Scan:
         return active
 
     def _ended_runs(self) -> dict[str, dg.DagsterRun]:
-        """Return the last run of each recording that ended since the last scan, whoever launched it.
+        """Return the last run of each recording that ended since the last scan, whoever launched it; note those that failed.
 
         None where it was a shared one: its worker sees to it how each recording ends.
         """
@@ -174,6 +170,10 @@ class Scan:
                 ended[run.tags[PARTITION_TAG]] = run
             for key in batch_of(run, self._names):
                 ended.pop(key, None)
+        for key, run in ended.items():
+            # All that it has may be up to date, and yet Dagster shows it as failed.
+            if run.status == dg.DagsterRunStatus.FAILURE:
+                self._unsettled.add(key)
         return ended
 
     def _digest(
@@ -202,6 +202,28 @@ class Scan:
         }
         facts = [newest, project, files, discovery.unreadable, sorted(live), sorted(active), sorted(noted)]
         return digest_json(facts)
+
+    def _recordings(
+        self,
+        bags: Mapping[str, BagPlan],
+        stats: Mapping[str, RecordingStat],
+        noted: Mapping[str, dg.DagsterRun | None],
+    ) -> dict[str, Work]:
+        """Return what is to be made of recordings that are finished and have no run; requests that were met are dropped.
+
+        Args:
+            bags: their states.
+            stats: sizes and times of their files.
+            noted: recording whose last run did not end well -> its run that ended since.
+        """
+        todo = {}
+        for key, bag in bags.items():
+            if self._has_recorded_all(noted.get(key), bag):
+                self._unsettled.discard(key)
+            elif bag.to_run():
+                todo[key] = self._work(bag, stats[key])
+        self.cursor.forget(bags.keys() - todo.keys())
+        return todo
 
     def _has_recorded_all(self, run: dg.DagsterRun | None, bag: BagPlan) -> bool:
         """Return whether a run ended well that has recorded all that is to be made."""
@@ -234,12 +256,12 @@ class Scan:
         latest = max(records, key=lambda record: record.storage_id, default=None)
         return latest is not None and latest.dagster_run.status == dg.DagsterRunStatus.CANCELED
 
-    def _datasets(self, planned: InstancePlan) -> dict[str, Work]:
+    def _datasets(self, inputs: DatasetInputs) -> dict[str, Work]:
         """Return that the datasets are to be made, all of them, if one of them is behind."""
-        if not datasets_behind(self._instance, self._workspace, planned.inputs):
+        if not datasets_behind(self._instance, self._workspace, inputs):
             self.cursor.forget([DATASET])
             return {}
-        what = planned.inputs.digest
+        what = inputs.digest
         tries, tried_s = self.cursor.tried(DATASET, what)
         assets = tuple(dataset_code_versions(self._workspace.recipe))
         why = "its recordings or the recipe changed"

@@ -24,7 +24,6 @@ __all__ = [
     "InstancePlan",
     "Touched",
     "begin_planning",
-    "finish_planning",
     "plan_in_run",
     "plan_instance",
     "recorded_assets",
@@ -113,23 +112,25 @@ def begin_planning(
         )
 
 
-def finish_planning(planning: Planning, on_planned: Callable[[int, int], None] | None = None) -> InstancePlan:
-    """Plan everything; nothing is changed but what the next plan remembers. See `Planning.plan`."""
-    with uncollected():
-        plan, recorded = planning.plan(on_planned)
-    live = planning.registered
-    inputs = select_inputs(plan, live)
-    return InstancePlan(plan, recorded, inputs, planning.discovery, live, planning.storage_ids)
-
-
 def plan_instance(
     instance: dg.DagsterInstance,
     workspace: Workspace,
-    live: frozenset[str] | None = None,
-    discovery: Discovery | None = None,
+    planning: Planning | None = None,
+    on_planned: Callable[[int, int], None] | None = None,
 ) -> InstancePlan:
-    """Plan everything (see `begin_planning`)."""
-    return finish_planning(begin_planning(instance, workspace, live, discovery))
+    """Plan everything; nothing is changed but what the next plan remembers.
+
+    Args:
+        instance: where materializations are recorded.
+        workspace: recipe, store and recordings.
+        planning: what plans; default: a new one (see `begin_planning`).
+        on_planned: see `Planning.plan`.
+    """
+    planning = planning or begin_planning(instance, workspace)
+    with uncollected():
+        plan, recorded = planning.plan(on_planned)
+    discovery, live = planning.discovery, planning.registered
+    return InstancePlan(plan, recorded, select_inputs(plan, live), discovery, live, planning.storage_ids)
 
 
 def replan_instance(
@@ -166,7 +167,8 @@ def replan_instance(
         if key in kept or all(path.exists() for path in recording.files)
     }
     discovery = replace(before.discovery, recordings=there)
-    planned = finish_planning(begin_planning(instance, workspace, live, discovery, ids, kept), on_planned)
+    planning = begin_planning(instance, workspace, live, discovery, ids, kept)
+    planned = plan_instance(instance, workspace, planning, on_planned)
     same = {key: records for key, records in before.recorded.items() if key in kept}
     return replace(planned, recorded={**same, **planned.recorded})
 
