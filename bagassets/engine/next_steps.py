@@ -123,7 +123,7 @@ def next_steps(state: State, rules: Rules) -> Steps:
     """Return what is to be done next."""
     empty_since_s = None
     if not state.found and len(state.gone) >= rules.fewest_doubted:
-        empty_since_s = _since(state.empty_since_s, state.now_s)
+        empty_since_s = state.empty_since_s or state.now_s
         left_s = rules.patience_s - (state.now_s - empty_since_s)
         if left_s > 0:
             return Steps(doubted_s=left_s, empty_since_s=empty_since_s)
@@ -136,7 +136,7 @@ def next_steps(state: State, rules: Rules) -> Steps:
     dealt = batches(assets, sizes, rules.jobs, rules.most_per_run)
     runs = dealt[: max(0, rules.most_runs - state.runs)]
     is_busy = bool(runs or state.active)
-    busy_since_s = _since(state.busy_since_s, state.now_s) if is_busy else None
+    busy_since_s = (state.busy_since_s or state.now_s) if is_busy else None
     is_over = busy_since_s is None or state.now_s - busy_since_s > rules.patience_s
     if is_over and datasets is not None:
         runs = [*runs, {DATASET: datasets.assets}]
@@ -151,10 +151,6 @@ def next_steps(state: State, rules: Rules) -> Steps:
         empty_since_s=empty_since_s,
         busy_since_s=None if is_over else busy_since_s,
     )
-
-
-def _since(before_s: float | None, now_s: float) -> float:
-    return now_s if before_s is None else before_s
 
 
 def _may_ask(key: str, work: Work, state: State, rules: Rules) -> bool:
