@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bagassets.assets.pose_outliers import overlaps, trusted_fixes
-from bagassets.assets.quality.check import Evidence
+from bagassets.assets.quality.evidence import Evidence
 from bagassets.assets.quality.pose_rules import poses_cover_sensors
 from bagassets.base.errors import LossLimitError, PoseError
 from bagassets.formats.nuscenes.part_checks import PART_CHECKS
@@ -16,7 +16,7 @@ from bagassets.recipe.model import Limits
 from bagassets.recipe.model_checks import PosesCheck
 from bagassets.recordings.open import open_recording
 from bagassets.sample.drive import Target, write_recordings
-from bagassets.sample.oddities.motion import BOOTED_NS, SET_AFTER_NS, SET_BACK_NS
+from bagassets.sample.oddities import BOOTED_NS, SET_AFTER_NS, SET_BACK_NS
 from bagassets.sample.recipe import sample_recipe
 from bagassets.store.store import Store
 from bagassets_tests.ncom_data import ETHERNET, ethernet, ncom

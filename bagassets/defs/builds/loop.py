@@ -7,10 +7,11 @@ from typing import NoReturn
 
 import dagster as dg
 
+from bagassets.assets.inventory import INVENTORY
 from bagassets.base.alike import names_text
 from bagassets.base.errors import RecordingError
 from bagassets.base.trace import span
-from bagassets.defs.builds.own_build import OwnProject
+from bagassets.defs.builds.own_states import OwnProject
 from bagassets.defs.builds.pending_work import (
     PendingWork,
     find_pending_work,
@@ -142,7 +143,7 @@ class BuildLoop:
             key: Work(
                 assets,
                 recordings[key].size,
-                is_new="inventory" not in recorded.get(key, {}),
+                is_new=INVENTORY.name not in recorded.get(key, {}),
                 tries=tries[key],
             )
             for key, assets in now.todo.items()
@@ -204,9 +205,9 @@ class BuildLoop:
             for whole, keys in now.plan.joined.items()
         ]
         said.append(now.made_again(self._workspace, self._options.jobs))
-        needed = space_needed(now.plan, sizes, now.todo, store)
+        needed = space_needed(now.plan, sizes, now.todo, store, self._workspace.assets)
         if needed is not None:
-            folders = folders_written(store.root, recipe.nuscenes.output)
+            folders = folders_written(store.root, recipe)
             said.append(require_disk_space(needed, folders, ignore=self._options.ignore_disk_space))
         message = "\n".join(filter(None, said))
         return Event("planned", sizes={key: sizes[key] for key in now.todo}, message=message)

@@ -13,7 +13,8 @@ from pathlib import Path
 from bagassets.base.json_types import JsonObject
 from bagassets.defs.builds.loop import BuildLoop
 from bagassets.defs.builds.made_ahead import making_ahead
-from bagassets.defs.builds.own_build import OwnBuild, OwnWork, load_own
+from bagassets.defs.builds.own_build import OwnBuild
+from bagassets.defs.builds.own_states import load_own
 from bagassets.defs.builds.pending_work import open_project
 from bagassets.defs.builds.report import checked_remarks, outcomes_of, report_of, standing_remarks, warnings
 from bagassets.defs.records.partitions import DATASET
@@ -25,6 +26,7 @@ from bagassets.engine.summary_rows import summary_rows
 from bagassets.engine.unsettled import Unsettled
 from bagassets.forkserver.worker import note
 from bagassets.formats.after_crash import noted_build
+from bagassets.formats.catalogue import recording_assets
 from bagassets.formats.dataset_build import split_on_disk
 from bagassets.formats.dataset_integrity import remove_changed_sources
 from bagassets.recipe import load_recipe
@@ -59,7 +61,7 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
         split_before = split_on_disk(recipe)
         build.work()
 
-        own_build, own_work = OwnBuild(instance, own, options, on_event), OwnWork(own)
+        own_build, own_work = OwnBuild(instance, own, options, on_event), own
         if own.wanted and not build.interrupted:
             # Recordings that came meanwhile are left to the next build.
             ours = replace(build.now, asked=build.before.asked)
@@ -103,5 +105,6 @@ def build_project_in_worker(args: JsonObject) -> JsonObject:
         note({"build": event.as_json()})
 
     report = build_project(recipe_file, BuildOptions.from_json(args["options"]), send)
-    rows = summary_rows(report, Store(load_recipe(recipe_file).store_path), most=args["most"])
+    recipe = load_recipe(recipe_file)
+    rows = summary_rows(report, Store(recipe.store_path), recording_assets(recipe), most=args["most"])
     return {**report.as_json(), "summary": [row.as_json() for row in rows]}

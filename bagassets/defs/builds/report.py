@@ -16,9 +16,10 @@ from bagassets.defs.runs.run_pool import EndedRun
 from bagassets.engine.build_report import BagOutcome, BuildReport, Remark
 from bagassets.engine.plan import BagPlan
 from bagassets.engine.splits import SplitShare, moves
+from bagassets.engine.targets import TO_MAKE
 from bagassets.formats.catalogue import problems_of
 from bagassets.formats.checking import remarks_on_record
-from bagassets.formats.dataset_build import dataset_folders, main_lock, split_on_disk
+from bagassets.formats.dataset_build import dataset_folders, first_lock, left_behind, split_on_disk
 from bagassets.formats.emptiness import why_empty
 from bagassets.recipe.model import Recipe
 
@@ -45,7 +46,7 @@ def report_of(
         interrupted: somebody stopped the build.
     """
     recipe, before, now = workspace.recipe, build.before, build.now
-    lock = main_lock(recipe)
+    lock = first_lock(recipe)
     locked: JsonMapping = {} if lock is None else lock.value
     left_out = locked.get("failed", {})
     moved = moves(split_before, split_on_disk(recipe))
@@ -72,7 +73,7 @@ def report_of(
         splits=_shares(locked.get("shares", {})),
         dataset=dataset,
         dataset_problem=problem,
-        dataset_path=recipe.nuscenes.output,
+        dataset_path=recipe.output,
         datasets=_each_dataset(recipe, now, dataset),
         interrupted=interrupted,
     )
@@ -89,7 +90,8 @@ def warnings(name: str, sentences: Iterable[str]) -> tuple[Remark, ...]:
 def standing_remarks(recipe: Recipe, before: PendingWork) -> tuple[Remark, ...]:
     """Return what holds until somebody does something about it."""
     packages = warnings("installed_packages", problems_of(recipe))
-    return (*packages, *warnings("series", before.plan.asked.values()))
+    left = warnings("left_behind", left_behind(recipe))
+    return (*packages, *left, *warnings("series", before.plan.asked.values()))
 
 
 def checked_remarks(workspace: Workspace, before: PendingWork, now: PendingWork) -> list[Remark]:
@@ -178,8 +180,9 @@ def _each_dataset(recipe: Recipe, now: PendingWork, outcome: str) -> dict[str, J
     """See `BuildReport.datasets`. If the run of all failed, some may be up to date."""
     left = {*now.datasets}
     # Where results are yet to come, nobody knows whether a dataset that is not behind is up to date.
-    if outcome == "failed" or (outcome == "stopped" and now.others.state == "fresh"):
-        left &= now.behind.keys()
+    is_waiting = any(one.state == "unknown" for one in now.states.values())
+    if outcome == "failed" or (outcome == "stopped" and not is_waiting):
+        left &= {asset for asset, one in now.states.items() if one.state in TO_MAKE}
 
     def state(asset: str) -> str:
         return outcome if asset in left else "fresh" if asset in now.datasets else "not selected"

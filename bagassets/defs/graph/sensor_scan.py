@@ -9,7 +9,7 @@ import dagster as dg
 from bagassets.base.alike import names_text
 from bagassets.base.errors import RecordingError
 from bagassets.base.quantities import count_text
-from bagassets.defs.graph.dataset import datasets_behind, record_inputs
+from bagassets.defs.graph.dataset import dataset_is_current, record_inputs
 from bagassets.defs.graph.sensor_cursor import Cursor, Request
 from bagassets.defs.records.batches import batch_config, batch_of
 from bagassets.defs.records.events import all_assets, live_partitions
@@ -258,7 +258,7 @@ class Scan:
 
     def _datasets(self, inputs: DatasetInputs) -> dict[str, Work]:
         """Return that the datasets are to be made, all of them, if one of them is behind."""
-        if not datasets_behind(self._instance, self._workspace, inputs):
+        if dataset_is_current(self._instance, self._workspace, inputs):
             self.cursor.forget([DATASET])
             return {}
         what = inputs.digest
