@@ -5,7 +5,7 @@ Dagster's own records, so it makes no difference who executed it.
 """
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -18,7 +18,7 @@ import dagster as dg
 from bagassets.base.errors import BagAssetsError
 from bagassets.base.interrupts import deferred_interrupts
 from bagassets.base.trace import span
-from bagassets.defs.records.batches import Batch, batch_config, batches, without_steps
+from bagassets.defs.records.batches import batch_config
 from bagassets.defs.records.connections import Commits
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.records.partitions import DATASET
@@ -27,6 +27,7 @@ from bagassets.defs.runs.execution import CodeLocation, create_job_run, create_r
 from bagassets.defs.runs.launching import launching_of
 from bagassets.defs.runs.run_progress import RunProgress
 from bagassets.defs.runs.worker_tag import WHERE_TAG
+from bagassets.engine.batches import Batch
 from bagassets.engine.build_report import Event
 
 __all__ = ["EndedRun", "Listener", "RunPool"]
@@ -112,7 +113,7 @@ class RunPool:
     tags: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     ended: dict[str, EndedRun] = field(default_factory=dict)
     interrupted: bool = False
-    _without_steps: frozenset[str] = frozenset()
+    _without_steps: Collection[str] = ()
     _waiting: list[Batch] = field(default_factory=list)
     _active: dict[str, _Active] = field(default_factory=dict)
     _looked_at: float = 0.0
@@ -126,7 +127,7 @@ class RunPool:
         self._key_of = self.key_of or self.names.key
         # Below a prefix, steps of assets are run by whatever executor the location names, perhaps a process each.
         self._is_by_job = self.key_of is None and bool(self.names.prefix)
-        self._most_per_run = launching.recordings_per_run
+        self.most_per_run: int | None = launching.recordings_per_run
         # One for all runs: a code server takes seconds to start.
         self._workspace = LaunchWorkspace(self.instance, self.location, self.log)
         self._commits = Commits(self.instance)
@@ -137,12 +138,12 @@ class RunPool:
     def __exit__(self, *_: object) -> None:
         self._workspace.close()
 
-    def deal(self, todo: Batch, sizes: Mapping[str, int]) -> list[Batch]:
-        """Return a batch for each run that is to be launched, for recordings and their assets (see `batches`)."""
-        self._without_steps = without_steps({key: sizes[key] for key in todo}, self.jobs, self._most_per_run)
-        return batches(todo, sizes, self.jobs, self._most_per_run)
-
-    def work(self, batches: Sequence[Batch], following: Mapping[str, Sequence[str]] | None = None) -> None:
+    def work(
+        self,
+        batches: Sequence[Batch],
+        following: Mapping[str, Sequence[str]] | None = None,
+        without_steps: Collection[str] = (),
+    ) -> None:
         """Launch a run for each batch.
 
         An interrupt cancels the runs and waits for them to end; a second interrupt does not wait.
@@ -150,7 +151,9 @@ class RunPool:
         Args:
             batches: partition key -> assets, for each run; the key of unpartitioned assets is empty.
             following: run of an earlier build -> partition keys; it is followed to its end and never cancelled.
+            without_steps: recordings whose run has no step for each asset.
         """
+        self._without_steps = without_steps
         for run_id, keys in (following or {}).items():
             self._take_over(run_id, keys)
         self._waiting = list(batches)[::-1]
