@@ -153,10 +153,7 @@ def _metadata(file: Path) -> JsonObject:
     try:
         depth = 0
         for event in yaml.parse(text, Loader=yaml.CSafeLoader):
-            if isinstance(event, yaml.CollectionStartEvent):
-                depth += 1
-            elif isinstance(event, yaml.CollectionEndEvent):
-                depth -= 1
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
             if depth > _DEEPEST:
                 raise DamageError(f"its {METADATA} is nested too deeply")
         facts = yaml.load(text, Loader=yaml.CSafeLoader)
