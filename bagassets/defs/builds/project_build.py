@@ -13,12 +13,14 @@ from pathlib import Path
 
 import dagster as dg
 
+from bagassets.assets.inventory import INVENTORY
 from bagassets.base.alike import names_text
 from bagassets.base.errors import RecordingError
 from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.base.trace import span
 from bagassets.defs.builds.made_ahead import making_ahead
-from bagassets.defs.builds.own_build import OwnBuild, OwnProject, OwnWork, load_own
+from bagassets.defs.builds.own_build import OwnBuild
+from bagassets.defs.builds.own_states import OwnProject, load_own
 from bagassets.defs.builds.pending_work import (
     PendingWork,
     find_pending_work,
@@ -28,7 +30,7 @@ from bagassets.defs.builds.pending_work import (
 )
 from bagassets.defs.builds.snapshot import Snapshot
 from bagassets.defs.graph.check_records import remarks_of_runs
-from bagassets.defs.graph.dataset import datasets_behind, record_inputs
+from bagassets.defs.graph.dataset import dataset_states, record_inputs
 from bagassets.defs.records.batches import WORTH_STEPS_BYTES, Batch
 from bagassets.defs.records.events import recordings_made
 from bagassets.defs.records.instance_plan import InstancePlan, InstancePlanning
@@ -47,9 +49,9 @@ from bagassets.engine.summary_rows import summary_rows
 from bagassets.engine.unsettled import Unsettled
 from bagassets.forkserver.worker import note
 from bagassets.formats.after_crash import noted_build
-from bagassets.formats.catalogue import problems_of
+from bagassets.formats.catalogue import problems_of, recording_assets
 from bagassets.formats.checking import remarks_on_record
-from bagassets.formats.dataset_build import dataset_folders, main_lock, split_on_disk
+from bagassets.formats.dataset_build import dataset_folders, first_lock, left_behind, split_on_disk
 from bagassets.formats.dataset_integrity import remove_changed_sources
 from bagassets.formats.emptiness import why_empty
 from bagassets.recipe import load_recipe
@@ -101,14 +103,18 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
         before = find_pending_work(instance, workspace, options, own, planning, on_planned)
         now, has_run, is_replanned = before, False, False
         ran: frozenset[str] = frozenset()
-        report = BuildReport(before.plan, dataset_path=recipe.nuscenes.output)
+        report = BuildReport(before.plan, dataset_path=recipe.output)
         split_before = split_on_disk(recipe)
         report.outcomes = {key: BagOutcome("hit", seconds=seconds) for key, seconds in unchanged.items()}
         if not options.allow_empty:
             _refuse_empty(recipe, before.planned)
         # These hold until somebody does something about them.
         standing = _warnings(
-            {"installed_packages": problems_of(recipe), "series": before.plan.asked.values()}
+            {
+                "installed_packages": problems_of(recipe),
+                "left_behind": left_behind(recipe),
+                "series": before.plan.asked.values(),
+            }
         )
         held = {"removed": [f"{key} is gone: {why}." for key, why in before.held.items()]}
         report.remarks = (*_warnings(repaired), *standing, *_warnings(held))
@@ -166,7 +172,7 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
         bags = [bag for key, bag in sorted(now.plan.bags.items()) if key in before.chosen]
         checked = [*remarks_on_record(recipe, workspace.store, now.planned.discovery, bags)]
         report.remarks += tuple(one for one in checked if one.key not in ran)
-        lock = main_lock(recipe)
+        lock = first_lock(recipe)
         report.duplicates = {} if lock is None else lock.value["duplicates"]
         failed = {} if lock is None else lock.value.get("failed", {})
         report.left_out = {key: reason for key, reason in failed.items() if key not in before.chosen}
@@ -209,7 +215,8 @@ def build_project_in_worker(args: JsonObject) -> JsonObject:
         note({"build": event.as_json()})
 
     report = build_project(recipe_file, BuildOptions.from_json(args["options"]), send)
-    rows = summary_rows(report, Store(load_recipe(recipe_file).store_path), most=args["most"])
+    recipe = load_recipe(recipe_file)
+    rows = summary_rows(report, Store(recipe.store_path), recording_assets(recipe), most=args["most"])
     return {**report.as_json(), "summary": [row.as_json() for row in rows]}
 
 
@@ -221,7 +228,7 @@ def _is_quick(before: PendingWork, batch: Batch, sizes: Mapping[str, int]) -> bo
     """
     recorded = before.planned.recorded
     return bool(before.datasets) and all(
-        sizes[key] <= WORTH_STEPS_BYTES or "inventory" in recorded.get(key, {}) for key in batch
+        sizes[key] <= WORTH_STEPS_BYTES or INVENTORY.name in recorded.get(key, {}) for key in batch
     )
 
 
@@ -232,7 +239,7 @@ def _build_own(
     options: BuildOptions,
     report: BuildReport,
     on_event: Listener,
-) -> tuple[OwnWork, bool]:
+) -> tuple[OwnProject, bool]:
     """Bring the user's own assets up to date, and say in the report what became of them.
 
     Returns:
@@ -240,7 +247,7 @@ def _build_own(
     """
     report.own_problem, report.own_left_out = own.problem, own.left_out
     if not own.wanted or report.interrupted:
-        return OwnWork(own), False
+        return own, False
     building = OwnBuild(instance, own, options, on_event)
     work = building.work(now, is_dataset_current=now.dataset_is_current or report.dataset == "updated")
     report.own = building.outcomes(work)
@@ -275,10 +282,10 @@ def _disk_space(pending: PendingWork, workspace: Workspace, options: BuildOption
     """
     recipe, store = workspace.recipe, workspace.store
     sizes = {key: one.size for key, one in pending.planned.discovery.recordings.items()}
-    needed = space_needed(pending.plan, sizes, pending.todo, store)
+    needed = space_needed(pending.plan, sizes, pending.todo, store, workspace.assets)
     if needed is None:
         return ""
-    folders = folders_written(store.root, recipe.nuscenes.output)
+    folders = folders_written(store.root, recipe)
     return require_disk_space(needed, folders, ignore=options.ignore_disk_space)
 
 
@@ -396,8 +403,10 @@ def _dataset_states(
     """See `BuildReport.datasets`. One run makes all of them; if it failed, some may be up to date."""
     left = {*asked}
     # Where results are yet to come, nobody knows whether a dataset that is not behind is up to date.
-    if outcome == "failed" or (outcome == "stopped" and now.others.state == "fresh"):
-        left &= datasets_behind(instance, workspace, now.planned.inputs).keys()
+    is_waiting = any(one.state == "unknown" for one in now.states.values())
+    if outcome == "failed" or (outcome == "stopped" and not is_waiting):
+        states = dataset_states(instance, workspace, now.planned.inputs)
+        left &= {asset for asset, one in states.items() if one.state != "fresh"}
 
     def state(asset: str) -> str:
         return outcome if asset in left else "fresh" if asset in asked else "not selected"
