@@ -72,7 +72,7 @@ NUSCENES = Format(
     version=3,
     description="""The nuScenes dataset of all recordings, which the nuscenes-devkit loads.
 
-Samples, sweeps and maps are links to artifacts. The tables are swapped in one step, so that readers never see half a
+Samples, sweeps and maps are links to artifacts. The tables are swapped at once, so that readers never see half a
 dataset. `dataset.lock.json` names every recording and artifact, and the recordings that were skipped or failed.""",
     kinds=frozenset({"nuscenes"}),  # with another one, the Catalog shortens the name of the asset
     settings=NuScenes,

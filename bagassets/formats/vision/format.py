@@ -6,7 +6,7 @@ Layout::
     recordings/<key>-<id>/CAM_FRONT/0000/000000.jpg …, CAM_FRONT/0000.json
     annotations/train.json, train.manifest.json, val.json, …, dataset.lock.json
 
-The folder of a recording never changes under its name; the folder `annotations` is swapped in one step.
+The folder of a recording never changes under its name; the folder `annotations` is swapped at once.
 """
 
 from collections.abc import Iterator, Sequence
