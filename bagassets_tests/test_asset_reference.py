@@ -6,7 +6,7 @@ from pathlib import Path
 
 from bagassets.cli.docs import asset_reference
 from bagassets.formats.catalogue import known_assets
-from scripts.input_table import input_table, page
+from scripts.input_table import input_table, pages
 
 DOCS = Path(__file__).parent.parent / "docs"
 PAGE = DOCS / "assets.md"
@@ -26,9 +26,10 @@ def test_every_asset_says_what_it_is():
         assert asset.kinds, asset.name
 
 
-def test_the_table_of_inputs_is_that_of_the_assets():
+def test_graphs_and_tables_are_those_of_the_assets_and_decoders():
     assert input_table() in HOW_IT_DECIDES
-    assert page() == HOW_IT_DECIDES, "docs/how-it-decides.md is out of date: python scripts/input_table.py"
+    for path, text in pages().items():
+        assert path.read_text("utf-8") == text, f"{path.name} is out of date: python scripts/input_table.py"
 
 
 def test_every_asset_has_parameters():

@@ -229,7 +229,9 @@ def _assets(picture: Picture, places: dict[str, tuple[float, float]]) -> None:
         picture.arrow(f"M{x1 + BOX_W:g} {y1 + BOX_H / 2:g}H{turn:g}{curve[curve.index('C') :]}", theme.line)
     for asset in known_assets():
         stacked = asset.name in stacks
-        picture.asset(*places[asset.name], asset.name, ABOUT[asset.name], theme.green, stacked=stacked)
+        picture.asset(
+            *places[asset.name], asset.name, ABOUT.get(asset.name, ""), theme.green, stacked=stacked
+        )
 
 
 def _datasets(picture: Picture, places: dict[str, tuple[float, float]]) -> None:

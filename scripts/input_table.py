@@ -1,20 +1,21 @@
-"""Write what docs/how-it-decides.md shows of the assets: their graph, and the table of what each reads, its parameters and libraries.
+"""Write what pages of docs/ show of the assets and decoders: the graph, what each asset reads, and the types that are decoded.
 
     python scripts/input_table.py
 
-`bagassets_tests/test_asset_reference.py` compares the page with it.
+`bagassets_tests/test_asset_reference.py` compares the pages with it.
 """
 
 from itertools import groupby
 from pathlib import Path
 
 from bagassets.assets.asset import AnyAsset
+from bagassets.base.plugins import FAMILIES
 from bagassets.cli.docs import parameters_of, reads_of
+from bagassets.decode.registry import expected_types
 from bagassets.formats.catalogue import formats, known_assets
 from bagassets.recipe.model import Recipe
 
-PAGE = Path(__file__).parents[1] / "docs" / "how-it-decides.md"
-MARKS = {name: (f"<!-- {name} -->\n", f"\n<!-- end of {name} -->") for name in ("graph", "inputs")}
+DOCS = Path(__file__).parents[1] / "docs"
 
 
 def input_table() -> str:
@@ -68,15 +69,28 @@ def _upstream(asset: AnyAsset) -> set[str]:
     return {name for one in asset.reads for name in (one.name, *_upstream(one))}
 
 
-def page() -> str:
-    """Return the page with both in their places."""
-    text = PAGE.read_text("utf-8")
-    for name, content in (("graph", graph()), ("inputs", input_table())):
-        begin, end = MARKS[name]
-        before, _, rest = text.partition(begin)
-        text = before + begin + content + end + rest.partition(end)[2]
-    return text
+def decoder_table() -> str:
+    """Return the types of messages that each family has built-in decoders for."""
+    rows = [f"| `{family}` | {expected_types(family)} |" for family in FAMILIES]
+    return "\n".join(["| family | types |", "|---|---|", *rows])
+
+
+def pages() -> dict[Path, str]:
+    """Return page -> its text, with all of these in their places."""
+    found = {}
+    for name, parts in (
+        ("how-it-decides.md", {"graph": graph(), "inputs": input_table()}),
+        ("decoders.md", {"decoders": decoder_table()}),
+    ):
+        text = (DOCS / name).read_text("utf-8")
+        for part, content in parts.items():
+            begin, end = f"<!-- {part} -->\n", f"\n<!-- end of {part} -->"
+            before, _, rest = text.partition(begin)
+            text = before + begin + content + end + rest.partition(end)[2]
+        found[DOCS / name] = text
+    return found
 
 
 if __name__ == "__main__":
-    PAGE.write_text(page(), "utf-8")
+    for path, text in pages().items():
+        path.write_text(text, "utf-8")
