@@ -194,14 +194,12 @@ def test_status_and_dry_run_tell_reasons_once():
         key: BagPlan(key, {"frames": AssetState("stale", sentence(key)), "sweeps": AssetState("fresh", "")})
         for key in KEYS
     }
-    pending = SimpleNamespace(
-        plan=Plan(bags, {}, ()), todo=dict.fromkeys(KEYS, ("frames",)), failed={}, dataset_states={}
-    )
+    pending = SimpleNamespace(plan=Plan(bags, {}, ()), todo=dict.fromkeys(KEYS, ("frames",)), failed={})
     assert list(status._reasons(pending, bags)) == [
         f"{TOLD[0]}: frames stale: {TOLD[1]}",
         f"{KEYS[-1]}: frames stale: something else",
     ]
-    own = SimpleNamespace(project=SimpleNamespace(problem="", wanted=(), left_out={}))
+    own = SimpleNamespace(problem="", targets={}, left_out={})
     lines = "\n".join(dry_run_lines(pending, own)).splitlines()
     assert [" ".join(line.split()) for line in lines] == [
         TOLD[0], f"run frames {TOLD[1]}", KEYS[-1], "run frames something else",

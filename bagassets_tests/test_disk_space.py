@@ -1,6 +1,6 @@
 """What a build says of disk space beforehand, and when it refuses."""
 
-import os
+import shutil
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -12,14 +12,15 @@ from bagassets.engine import disk_space
 from bagassets.engine.build_report import Event
 from bagassets.engine.disk_space import SpaceNeeded, folders_written, require_disk_space, space_needed
 from bagassets.engine.plan import AssetState, BagPlan, Plan
+from bagassets.recipe import parse_recipe
 from bagassets.store.store import Store
-from bagassets_tests.in_process import build, make_project, survey
+from bagassets_tests.in_process import QUICK, build, make_project, survey
 from bagassets_tests.recording_build import ASSETS
 from bagassets_tests.small_drive import write_drive
 
 
 def free(monkeypatch, size):
-    monkeypatch.setattr(os, "statvfs", lambda _path: SimpleNamespace(f_bavail=size // 1000, f_frsize=1000))
+    monkeypatch.setattr(shutil, "disk_usage", lambda _path: SimpleNamespace(free=size))
 
 
 def bag(key, state, **others):
@@ -72,13 +73,17 @@ def test_much_too_little_is_refused_with_what_to_do(tmp_path, monkeypatch):
 
 
 def test_a_dataset_on_another_disk_needs_space_of_its_own(tmp_path, monkeypatch):
-    assert folders_written(tmp_path / "store", tmp_path / "out") == {"store": tmp_path / "store"}
-    devices = {tmp_path / "store": 1, tmp_path / "out": 2}
+    text = QUICK.format(name="test", root="bags") + "vision: {output: sequences}\n"
+    recipe = parse_recipe(text, tmp_path / "recipe.yaml")
+    assert folders_written(tmp_path / "store", recipe) == {"store": tmp_path / "store"}
+    devices = {tmp_path / "store": 1, tmp_path / "dataset" / "nuscenes": 1, tmp_path / "sequences": 2}
     monkeypatch.setattr(disk_space, "_device", devices.__getitem__)
-    assert folders_written(tmp_path / "store", tmp_path / "out") == {
+    assert folders_written(tmp_path / "store", recipe) == {
         "store": tmp_path / "store",
-        "nuscenes.output": tmp_path / "out",
+        "vision.output": tmp_path / "sequences",
     }
+    devices[tmp_path / "dataset" / "nuscenes"] = 2
+    assert list(folders_written(tmp_path / "store", recipe)) == ["store", "nuscenes.output", "vision.output"]
 
 
 def test_a_build_measures_what_is_built_and_says_so(tmp_path, monkeypatch, capsys):

@@ -375,7 +375,7 @@ def test_what_another_run_is_about_to_make_is_left_to_it(project):
             instance,
             ["blur"],
             partition_key="a.bag",
-            location=own_location.load_locations(project.folder)[0].location,
+            location=next(iter(own_location.load_locations(project.folder))),
         )
     assert sorted(project.build()) == [("blur", "b.bag"), ("sharp", "b.bag"), ("upload", "")]
     assert project.reasons("blur") == {"a.bag": ("not made", "another run is about to make it")}
@@ -436,9 +436,9 @@ def test_the_ways_in_which_a_workspace_names_a_location(project, how):
     }
     others = [{"grpc_server": {"host": "localhost", "port": 4266, "location_name": "far"}}]
     project.workspace.write_text(yaml.safe_dump({"load_from": [spelled[how], *others]}))
-    (found,) = own_location.load_locations(project.folder)
-    assert (found.location.module, found.location.attribute) == (name, "defs")
-    assert dg.AssetKey("blur") in found.repository.asset_graph.get_all_asset_keys()
+    ((location, repository),) = own_location.load_locations(project.folder).items()
+    assert (location.module, location.attribute) == (name, "defs")
+    assert dg.AssetKey("blur") in repository.asset_graph.get_all_asset_keys()
 
 
 def test_status_dry_run_and_explain_tell_of_them(project, capsys):
@@ -462,14 +462,14 @@ def test_status_dry_run_and_explain_tell_of_them(project, capsys):
     assert printed("build", "--check") == (3, "to do: make blur, sharp, table.\n")
     status, out = printed("status")
     assert status == 3
-    assert "blur: 2 stale\nupload: fresh\nsharp: 2 unknown\ntable: unknown\n" in out
+    assert "blur: 2 stale\nupload: fresh\nsharp: 2 unknown\ntable unknown: sharp comes first\n" in out
     assert "a.bag: blur stale: its code version is 2, was 1\n" in out
     assert "train: not made by a build (only with --select)\n" in out
     told = json.loads(printed("status", "--json")[1])
     assert not told["settled"]
-    assert told["own"]["assets"]["upload"] == {
-        "": {"state": "fresh", "reason": "what it reads is as it was when it was made"}
-    }
+    upload = told["own"]["assets"]["upload"][""]
+    assert (upload["state"], upload["reason"]) == ("fresh", "what it reads is as it was when it was made")
+    assert upload["data_version"]
     told = json.loads(printed("build", "--dry-run", "--json")[1])
     assert (told["settled"], told["own"]["assets"]["blur"]["a.bag"]["state"]) == (False, "stale")
     status, out = printed("explain", "a.bag", "blur")

@@ -94,7 +94,8 @@ def test_parts_that_were_built_alone_are_joined_by_an_upgrade_and_their_old_keys
     pending = survey(recipe_file)
     assert pending.plan.removed == ("drive_0.bag", "drive_1.bag", "drive_2.bag")
     assert pending.todo.keys() == {"drive.bag"}
-    own = SimpleNamespace(project=SimpleNamespace(problem=None, wanted=(), left_out={}), having=lambda *_: [])
+    targets = {name: {"": one} for name, one in pending.dataset_states.items()}
+    own = SimpleNamespace(problem="", targets=targets, left_out={})
     lines = list(dry_run_lines(pending, own))
     assert "drive_0.bag, drive_1.bag, drive_2.bag\n  would be joined into drive.bag, as its parts" in lines
     assert verdict(pending, own).startswith("to do: build 1 recording, join 3 parts, update ")

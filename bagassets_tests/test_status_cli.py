@@ -270,9 +270,9 @@ def test_what_has_no_part_in_a_dataset_leaves_it_fresh(built):
     last_line = run("build", "-n", recipe=built).stdout.splitlines()[-1]
     built.write_text(text)
     assert value["recordings"][GOOD]["assets"]["preview"]["state"] == "missing"
-    assert value["datasets"] == {"nuscenes_dataset": "fresh", "trajectory_map": "stale"}
+    assert value["datasets"] == {"nuscenes_dataset": "fresh", "trajectory_map": "missing"}
     assert (code, value["dataset_reasons"]) == (STALE, {"trajectory_map": "never made"})
-    assert mapped.startswith("trajectory_map is stale: never made\n")
+    assert mapped.startswith("trajectory_map is missing: never made\n")
     assert f"made from ego_poses of 1 recording\n    {GOOD}: " in mapped
     assert [line.split(" (")[0] for line in whole[-2:]] == [f"left out: {SHORT}", f"left out: {BROKEN}"]
     assert last_line == "to do: build 1 recording, record 1 skipped recording, update trajectory_map."
@@ -304,7 +304,7 @@ def test_named_datasets_are_explained_and_named_at_the_end_of_a_build(built, mon
     again, _ = build(built, monkeypatch)
     made = [run("explain", name, recipe=built).stdout for name in ("dataset_all", "dataset_fast")]
     built.write_text(text)
-    assert fast.startswith("dataset_fast is stale: never made\n")
+    assert fast.startswith("dataset_fast is missing: never made\n")
     assert f"  * {GOOD}: " in fast
     assert "1 as before" in made[0]
     assert f"left out: {GOOD} (" in made[1]

@@ -159,7 +159,7 @@ def _dry_run(recipe: Path, options: "BuildOptions", *, check: bool, as_json: boo
     """Show what a build would do; return the exit status of --check, or 0 for a dry run."""
     from bagassets.cli.dry_run import dry_run_json, dry_run_lines, verdict
     from bagassets.cli.summary import move_text, print_remarks, summary_console
-    from bagassets.defs.builds.own_build import load_own
+    from bagassets.defs.builds.own_states import load_own
     from bagassets.defs.builds.pending_work import expected_moves, find_pending_work, open_project
     from bagassets.formats.checking import remarks_on_record
     from bagassets.formats.emptiness import why_empty
@@ -168,7 +168,7 @@ def _dry_run(recipe: Path, options: "BuildOptions", *, check: bool, as_json: boo
         own = load_own(known_as, options)
         workspace = own.workspace
         pending = find_pending_work(instance, workspace, options, own, on_planned=on_planned)
-        own_work = own.survey(instance, pending, options)
+        surveyed = own.survey(instance, pending, options)
         moved = expected_moves(pending, workspace.recipe) if pending.datasets else {}
         # Recordings that will be built will also be checked again.
         done = [pending.plan.bags[key] for key in sorted(pending.chosen - pending.todo.keys())]
@@ -176,9 +176,9 @@ def _dry_run(recipe: Path, options: "BuildOptions", *, check: bool, as_json: boo
         again = pending.made_again(workspace, options.jobs)
         empty = why_empty(workspace.recipe, recipe, workspace.store, pending.datasets)
     if as_json:
-        echo_json(dry_run_json(pending, own_work, moved, remarks))
+        echo_json(dry_run_json(pending, surveyed, moved, remarks))
     else:
-        for line in dry_run_lines(pending, own_work) if not check else ():
+        for line in dry_run_lines(pending, surveyed) if not check else ():
             echo_lines(line)
         if again:
             echo_lines(again)
@@ -188,9 +188,9 @@ def _dry_run(recipe: Path, options: "BuildOptions", *, check: bool, as_json: boo
             echo(f"{key} would move {move_text(was, now, is_pinned=is_pinned)}.")
         if empty and pending.is_settled:
             echo(empty)
-        echo(verdict(pending, own_work))
+        echo(verdict(pending, surveyed))
     if not check:
         return 0
-    if not (pending.is_settled and own_work.is_settled):
+    if not (pending.is_settled and surveyed.is_settled):
         return ExitStatus.FOUND
-    return ExitStatus.FAILED if pending.failed or own_work.failed or empty else 0
+    return ExitStatus.FAILED if pending.failed or surveyed.failed or empty else 0

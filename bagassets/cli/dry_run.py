@@ -10,7 +10,7 @@ from bagassets.base.quantities import count_text
 from bagassets.engine.build_report import Remark
 
 if TYPE_CHECKING:
-    from bagassets.defs.builds.own_build import OwnWork
+    from bagassets.defs.builds.own_states import OwnProject
     from bagassets.defs.builds.pending_work import PendingWork
 
 __all__ = ["dry_run_json", "dry_run_lines", "verdict"]
@@ -24,17 +24,17 @@ _VERBS: dict[str, str] = {
     "blocked": "waits",
     "failed": "failed",
 }
-_OWN_TO_DO = ("missing", "stale", "unknown")
+_TO_DO = {"missing", "stale", "unknown"}
 
 
-def dry_run_lines(pending: "PendingWork", own: "OwnWork") -> Iterator[str]:
+def dry_run_lines(pending: "PendingWork", own: "OwnProject") -> Iterator[str]:
     """Yield what a build would do to recordings, datasets and the user's own assets, as lines of text."""
     found = []
     for key, assets in pending.todo.items():
-        states = {name: pending.plan.bags[key].assets[name] for name in assets}
+        planned = {name: pending.plan.bags[key].assets[name] for name in assets}
         lines = [
             f"  {_VERBS[state.state]:<8} {name:<17} {visible(state.reason)}"
-            for name, state in states.items()
+            for name, state in planned.items()
             if state.state in _VERBS
         ]
         found.append(((), key, "\n".join(lines)))
@@ -51,27 +51,25 @@ def dry_run_lines(pending: "PendingWork", own: "OwnWork") -> Iterator[str]:
         yield f"{key}\n  is gone: {then}"
     for question in pending.plan.asked.values():
         yield f"to be decided: {visible(question)}"
-    for name, one in pending.dataset_states.items():
-        yield f"{name}\n  {_VERBS.get(one.state, 'up to date'):<8} {one.reason}".rstrip()
-    yield from _own_lines(own)
-
-
-def _own_lines(own: "OwnWork") -> Iterator[str]:
-    if own.project.problem:
-        yield f"error: {visible(own.project.problem)}"
-    for name in own.project.wanted:
-        listed = [(key, one) for other, key, one in own.having(*_VERBS) if other == name]
-        if listed:
-            yield name
-        for key, one in listed:
+    if own.problem:
+        yield f"error: {visible(own.problem)}"
+    for name, states in own.targets.items():
+        told = [(key, one) for key, one in states.items() if one.state != "fresh"]
+        yield from [name] if told else [f"{name}\n  up to date"] if "" in states else []
+        for key, one in told:
             yield f"  {_VERBS[one.state]:<8} {f'{key}: ' if key else ''}{visible(one.reason)}"
-    for name, why in own.project.left_out.items():
+    for name, why in own.left_out.items():
         yield f"{name}\n  not made: {why}"
 
 
-def verdict(pending: "PendingWork", own: "OwnWork") -> str:
+def verdict(pending: "PendingWork", own: "OwnProject") -> str:
     """Return whether there is something to do, and what, as one line."""
-    to_make = [name for name in own.project.wanted if any(name == one[0] for one in own.having(*_OWN_TO_DO))]
+    to_do = [
+        name for name, states in own.targets.items() if any(one.state in _TO_DO for one in states.values())
+    ]
+    behind, to_make = (
+        [one for one in to_do if (one in pending.datasets) == is_ours] for is_ours in (True, False)
+    )
     if pending.is_settled and not to_make:
         fresh = len(pending.chosen) - len(pending.failed)
         failed = f", {len(pending.failed)} failed" if pending.failed else ""
@@ -83,7 +81,6 @@ def verdict(pending: "PendingWork", own: "OwnWork") -> str:
     gone, joined = pending.plan.gone, len(pending.plan.removed) - len(pending.plan.gone)
     parts += [f"join {count_text(joined, 'part')}"] if joined else []
     parts += [f"remove {count_text(len(gone), 'recording')}"] if gone else []
-    behind = [name for name, one in pending.dataset_states.items() if one.state != "fresh"]
     parts += [f"update {', '.join(behind)}"] if behind else []
     parts += [f"make {', '.join(to_make)}"] if to_make else []
     return f"to do: {', '.join(parts)}."
@@ -91,7 +88,7 @@ def verdict(pending: "PendingWork", own: "OwnWork") -> str:
 
 def dry_run_json(
     pending: "PendingWork",
-    own: "OwnWork",
+    own: "OwnProject",
     moved: Mapping[str, tuple[str, str]],
     remarks: Sequence[Remark],
 ) -> JsonObject:
@@ -116,7 +113,5 @@ def dry_run_json(
         "removed": list(pending.plan.removed),
         "moved": {key: list(splits) for key, splits in moved.items()},
         "remarks": [remark.as_json() for remark in remarks],
-        "datasets": {name: one.state for name, one in pending.dataset_states.items()},
-        "dataset_reasons": {name: one.reason for name, one in pending.dataset_states.items() if one.reason},
-        "own": own.as_json(),
+        **own.as_json(),
     }

@@ -1,7 +1,7 @@
 """`bagassets explain`: why an asset of a recording is in its state."""
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,17 +10,16 @@ import click
 
 from bagassets.base.alike import names_text, told_once
 from bagassets.base.errors import RecipeError
-from bagassets.base.escaping import visible
+from bagassets.base.json_types import JsonObject
 from bagassets.base.quantities import count_text
 from bagassets.cli.options import recipe_option
-from bagassets.cli.terminal import echo, echo_json, echo_lines
+from bagassets.cli.terminal import echo, echo_json
 
 if TYPE_CHECKING:
-    from bagassets.defs.builds.own_states import OwnState
-    from bagassets.defs.builds.pending_work import PendingWork
     from bagassets.engine.explain import ActionPair, Explanation
-    from bagassets.engine.plan import Recorded
-    from bagassets.recipe.model import Recipe
+    from bagassets.engine.plan import AssetState
+    from bagassets.engine.targets import Evidence, Target
+    from bagassets.formats.dataset_build import DatasetContents
 
 __all__ = ["explain"]
 
@@ -51,15 +50,15 @@ def explain(bag: str | None, asset: str | None, recipe: Path, as_json: bool) -> 
     are printed beside those of the action that Dagster recorded last. ASSET may be one of your own, too: what it read
     last is printed beside what it would read now. For a dataset, BAG may be left out.
     """
-    from bagassets.defs.builds.own_build import load_own
+    from bagassets.defs.builds.own_states import load_own
     from bagassets.defs.builds.pending_work import find_pending_work, open_project
     from bagassets.defs.records.events import recorded_whole
     from bagassets.defs.records.instance_plan import recorded_assets
     from bagassets.engine.build_report import BuildOptions
     from bagassets.engine.choose import SelectionError, choose_assets, choose_recordings
-    from bagassets.engine.explain import explain_asset
+    from bagassets.engine.explain import Explanation, explain_asset
     from bagassets.engine.planner import Planner
-    from bagassets.formats.dataset_build import dataset_code_versions
+    from bagassets.formats.dataset_build import dataset_code_versions, dataset_contents
 
     wanted, asset = ([bag], asset) if bag and asset else ([], bag or "")
     with open_project(recipe) as (instance, known_as):
@@ -89,119 +88,92 @@ def explain(bag: str | None, asset: str | None, recipe: Path, as_json: bool) -> 
             raise click.UsageError(
                 f"{bag}: matches {len(keys)} recordings ({', '.join(keys[:3])}, …); name one."
             )
-        if asset in datasets:
-            pending = find_pending_work(instance, workspace)
-            record = recorded_whole(instance, workspace.names, asset)
-            _explain_dataset(asset, keys, pending, workspace.recipe, record, as_json=as_json)
-            return
-        if not keys and (asset not in own.assets or own.assets[asset].is_partitioned):
+        if not keys and asset not in datasets and (asset in known or own.assets[asset].is_partitioned):
             raise click.UsageError(
                 f"{asset}: each recording has its own; name one: `bagassets explain BAG {asset}`."
             )
-        if asset in own.assets:
+        if asset in datasets:
             pending = find_pending_work(instance, workspace)
-            states = own.survey(instance, pending, BuildOptions()).states[asset]
-            _print_own(asset, keys[0] if own.assets[asset].is_partitioned else "", states, as_json=as_json)
-            return
-        recorded = recorded_assets(instance, workspace.names, keys[0])
-        explanation = explain_asset(planner, recordings[keys[0]], recorded, asset)
+            state, recorded = pending.states[asset], recorded_whole(instance, workspace.names, asset)
+            contents = dataset_contents(workspace.recipe, pending.planned.inputs, asset)
+            explanation = Explanation("", asset, state, recorded, datasets[asset])
+            value, lines = _of_dataset(explanation, contents, keys)
+        elif asset in own.assets:
+            own = own.survey(instance, find_pending_work(instance, workspace), BuildOptions())
+            key = keys[0] if own.assets[asset].is_partitioned else ""
+            value, lines = _of_own(own.assets[asset], key, own.states[asset][key], own.evidence[asset][key])
+        else:
+            recorded_of_key = recorded_assets(instance, workspace.names, keys[0])
+            explanation = explain_asset(planner, recordings[keys[0]], recorded_of_key, asset)
+            value, lines = explanation.as_json(), [*explanation_lines(explanation)]
     if as_json:
-        echo_json(explanation.as_json())
+        echo_json(value)
         return
-    for line in explanation_lines(explanation):
+    for line in lines:
         echo(line)
 
 
-def _explain_dataset(
-    asset: str,
-    keys: list[str],
-    pending: "PendingWork",
-    recipe: "Recipe",
-    recorded: "Recorded | None",
-    *,
-    as_json: bool,
-) -> None:
-    """Print why a dataset is in its state, and what it has of all recordings, or of those named by `keys`."""
-    from bagassets.engine.explain import SHOWN
-    from bagassets.formats.dataset_build import dataset_code_versions, dataset_contents
-
-    state, version = pending.dataset_states[asset], dataset_code_versions(recipe)[asset]
-    contents = dataset_contents(recipe, pending.planned.inputs, asset)
-    shown = keys or sorted(contents.now.keys() | (contents.last or {}).keys())
+def _of_dataset(
+    explanation: "Explanation", contents: "DatasetContents", keys: list[str]
+) -> tuple[JsonObject, list[str]]:
+    """Return, as JSON and as lines, why a dataset is in its state, and what it has of all recordings, or of those in `keys`."""
     last = contents.now if contents.last is None else contents.last
-    rows = {key: (last.get(key), contents.now.get(key)) for key in shown}
+    rows = {key: (last.get(key), contents.now.get(key)) for key in keys or sorted(contents.now.keys() | last)}
     left_out = {key: why for key, why in contents.left_out.items() if not keys or key in keys}
     returned = [key for key in contents.returned if not keys or key in keys]
-    if as_json:
-        echo_json(
-            {
-                "asset": asset,
-                "state": state.state,
-                "reason": state.reason,
-                "code_version": version,
-                "recorded": recorded and {name: getattr(recorded, name) for name in SHOWN},
-                "made_from": contents.part,
-                "recordings": {key: {"last": was, "now": now} for key, (was, now) in rows.items()},
-                "left_out": left_out,
-                "no_longer_left_out": returned,
-            }
-        )
-        return
-    echo(_head(asset, "", state.state, state.reason))
-    for line in _record_lines(recorded, None if recorded is None else recorded.data_version, version):
-        echo(line)
+    value = {
+        **explanation.as_json(),
+        "made_from": contents.part,
+        "recordings": {key: {"last": was, "now": now} for key, (was, now) in rows.items()},
+        "left_out": left_out,
+        "no_longer_left_out": returned,
+    }
     same = 0 if keys or contents.last is None else sum(was == now for was, now in rows.values())
-    echo(
-        f"made from {contents.part} of {count_text(len(contents.now), 'recording')}{f', {same} as before' if same else ''}"
+    number = count_text(len(contents.now), "recording")
+    told = told_once(((), key, why) for key, why in left_out.items())
+    return value, [
+        *explanation_lines(explanation),
+        f"made from {contents.part} of {number}{f', {same} as before' if same else ''}",
+        *(_row(key, *row) for key, row in rows.items() if row[0] != row[1] or (keys and row[0])),
+        *(f"left out: {one.title} ({one.text})" for one in told),
+        *([f"no longer left out: {names_text(returned)}"] if returned else []),
+    ]
+
+
+def _of_own(
+    target: "Target", key: str, state: "AssetState", found: "Evidence"
+) -> tuple[JsonObject, list[str]]:
+    """Return, as JSON and as lines, why an asset of the user's is in its state; `key` is empty for one of all recordings."""
+    from bagassets.engine.targets import read_before
+
+    before, reads = read_before(target, found), dict(found.now)
+    value = {"key": key or None, "asset": target.name, **state.as_json(), "reads": reads, "recorded": before}
+    rows = (
+        _row(f"reads {name}", (before or {}).get(name) or None, now or None) for name, now in reads.items()
     )
-    for key, (was, now) in rows.items():
-        if (keys and (was or now)) or was != now:
-            echo(_row(key, was, now))
-    for told in told_once(((), key, why) for key, why in left_out.items()):
-        echo(f"left out: {told.title} ({told.text})")
-    if returned:
-        echo(f"no longer left out: {names_text(returned)}")
+    return value, [_head(target.name, key, state), *rows]
 
 
-def _print_own(asset: str, key: str, states: "Mapping[str, OwnState]", *, as_json: bool) -> None:
-    """Print why one of the user's own assets is in its state; `key` is empty for one that is made once."""
-    one = states[key]
-    if as_json:
-        value = {"key": key or None, "asset": asset, **one.as_json(), "reads": dict(one.reads)}
-        echo_json(value | {"recorded": None if one.recorded is None else dict(one.recorded)})
-        return
-    echo_lines(_head(asset, key, one.state, visible(one.reason)))
-    for name, now in one.reads.items():
-        echo_lines(_row(f"reads {name}", (one.recorded or {}).get(name) or None, now or None))
-
-
-def _head(asset: str, key: str, state: str, reason: str) -> str:
+def _head(asset: str, key: str, state: "AssetState") -> str:
     of_key = f" of {key}" if key else ""
-    why = "" if state == "fresh" else f": {reason}"  # which may hold parentheses
-    return f"{asset}{of_key} {'has failed' if state == 'failed' else f'is {state}'}{why}"
-
-
-def _record_lines(
-    last: "Recorded | None", data_version: str | None, code_version: str | None
-) -> Iterator[str]:
-    """Yield what is recorded of an asset, beside what would be recorded now, as far as that is known."""
-    before = last and last.data_version
-    yield _row("data version", before, data_version, unknown="not known yet")
-    yield _row("code version", last and last.code_version, code_version)
-    if last is not None:
-        yield f"  recorded by run {last.run_id}" if last.run_id else "  recorded without a run"
+    why = "" if state.state == "fresh" else f": {state.reason}"  # which may hold parentheses
+    return f"{asset}{of_key} {'has failed' if state.state == 'failed' else f'is {state.state}'}{why}"
 
 
 def explanation_lines(explanation: "Explanation") -> Iterator[str]:
     """Yield an explanation as lines of text."""
     state, last = explanation.state, explanation.recorded
-    yield _head(explanation.asset, explanation.key, state.state, state.reason)
-    of_bag = None if last is None else last.code_version  # never another
-    version = explanation.code_version if explanation.asset != "bag" else of_bag
-    yield from _record_lines(last, state.data_version, version)
+    yield _head(explanation.asset, explanation.key, state)
+    # Of a dataset it is not known what it would be made into; a recording is its own content, and has no code version.
+    data_version = state.data_version if explanation.key else last and last.data_version
+    code_version = explanation.code_version if explanation.asset != "bag" else last and last.code_version
+    yield _row("data version", last and last.data_version, data_version, unknown="not known yet")
+    yield _row("code version", last and last.code_version, code_version)
+    if last is not None:
+        yield f"  recorded by run {last.run_id}" if last.run_id else "  recorded without a run"
     for pair in explanation.actions:
         yield from _action_lines(pair)
-    if explanation.asset != "bag" and not explanation.actions:
+    if explanation.key and explanation.asset != "bag" and not explanation.actions:
         yield "  Its action is not known: an input is not known yet, or the recording is skipped."
 
 

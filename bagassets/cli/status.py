@@ -19,12 +19,11 @@ from bagassets.cli.terminal import echo_json, echo_lines, print_lines
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from bagassets.defs.builds.own_build import OwnWork
+    from bagassets.defs.builds.own_states import OwnProject
     from bagassets.defs.builds.pending_work import PendingWork
 
 __all__ = ["status"]
 
-_OWN_WITH_REASON = ("missing", "stale", "unknown", "blocked", "failed")
 # Beyond this number, fresh recordings are not listed.
 MOST_ROWS = 40
 # Narrower terminals get shorter column headings.
@@ -67,7 +66,7 @@ def status(recipe: Path, bags: tuple[str, ...], show_all: bool, as_json: bool) -
     recording is read: changes are found by sizes, times and stored digests.
     """
     from bagassets.cli.progress import planning_shown
-    from bagassets.defs.builds.own_build import load_own
+    from bagassets.defs.builds.own_states import load_own
     from bagassets.defs.builds.pending_work import find_pending_work, open_project
     from bagassets.engine.build_report import BuildOptions
     from bagassets.engine.choose import SelectionError
@@ -95,7 +94,7 @@ def status(recipe: Path, bags: tuple[str, ...], show_all: bool, as_json: bool) -
         sys.exit(ExitStatus.FAILED)
 
 
-def status_json(pending: "PendingWork", own: "OwnWork", problems: Sequence[str] = ()) -> JsonObject:
+def status_json(pending: "PendingWork", own: "OwnProject", problems: Sequence[str] = ()) -> JsonObject:
     """Return all states as JSON, and the problems of installed packages."""
     bags = {key: bag for key, bag in pending.plan.bags.items() if key in pending.chosen}
     return {
@@ -104,9 +103,7 @@ def status_json(pending: "PendingWork", own: "OwnWork", problems: Sequence[str] 
             key: {"format": bag.format, "registered": key in pending.planned.live, "assets": bag.as_json()}
             for key, bag in bags.items()
         },
-        "datasets": {name: one.state for name, one in pending.dataset_states.items()},
-        "dataset_reasons": {name: one.reason for name, one in pending.dataset_states.items() if one.reason},
-        "own": own.as_json(),
+        **own.as_json(),
         "removed": list(pending.plan.removed),
         "excluded": dict(pending.plan.excluded),
         **({"asked": dict(pending.plan.asked)} if pending.plan.asked else {}),
@@ -114,7 +111,7 @@ def status_json(pending: "PendingWork", own: "OwnWork", problems: Sequence[str] 
     }
 
 
-def _print(pending: "PendingWork", own: "OwnWork", *, show_all: bool) -> None:
+def _print(pending: "PendingWork", own: "OwnProject", *, show_all: bool) -> None:
     from rich.console import Console
 
     console = Console(highlight=False, width=None if sys.stdout.isatty() else 140)
@@ -130,28 +127,31 @@ def _print(pending: "PendingWork", own: "OwnWork", *, show_all: bool) -> None:
         console.print(f"{number} more {'is' if number == 1 else 'are'} fresh or skipped; --all lists all.")
     for line in _reasons(pending, listed):
         print_lines(console, line)
-    for name, one in pending.dataset_states.items():
-        print_lines(console, f"{name} {one.state}: {one.reason}" if one.reason else f"{name}: {one.state}")
-    for line in _own_lines(own):
+    for line in _target_lines(own):
         print_lines(console, line)
     counts = Counter[str](state.state for bag in bags.values() for state in bag.assets.values())
     counted = ", ".join(f"{counts[state]} {state}" for state in _ORDER if counts[state])
     console.print(f"{count_text(len(bags), 'recording')}: {counted or 'none'}.")
 
 
-def _own_lines(own: "OwnWork") -> Iterator[str]:
-    """Yield how many recordings of each of the user's own assets are in which state, then why."""
-    for name in own.project.wanted:
-        states = [one.state for other, _, one in own.having() if other == name]
-        is_partitioned = own.project.assets[name].is_partitioned
-        counts = Counter(states)
-        yield f"{name}: {', '.join(f'{counts[state]} {state}' if is_partitioned else state for state in counts) or 'no recordings'}"
-    for name, key, one in own.having(*_OWN_WITH_REASON):
-        yield f"{f'{key}: ' if key else ''}{name} {one.state}: {visible(one.reason)}"
-    for name, why in own.project.left_out.items():
+def _target_lines(own: "OwnProject") -> Iterator[str]:
+    """Yield the state of each dataset and of each of the user's own assets, or how many recordings are in which, and why."""
+    found = []
+    for name, states in own.targets.items():
+        if states.keys() == {""}:
+            one = states[""]
+            yield f"{name} {one.state}: {visible(one.reason)}" if one.state != "fresh" else f"{name}: fresh"
+            continue
+        counts = Counter(one.state for one in states.values())
+        yield f"{name}: {', '.join(f'{counts[state]} {state}' for state in counts) or 'no recordings'}"
+        to_tell = {key: one for key, one in states.items() if one.state not in {"fresh", "skipped"}}
+        found += [((name, one.state), key, one.reason) for key, one in to_tell.items()]
+    for told in told_once(found):
+        yield f"{told.title}: {' '.join(told.kind)}: {visible(told.text)}"
+    for name, why in own.left_out.items():
         yield f"{name}: not made by a build ({why})"
-    if own.project.problem:
-        yield f"error: {visible(own.project.problem)}"
+    if own.problem:
+        yield f"error: {visible(own.problem)}"
 
 
 def _table(states: Mapping[str, Mapping[str, str]], *, short: bool) -> "Table":

@@ -37,10 +37,10 @@ __all__ = [
     "skipped",
 ]
 
-_MODULES = dict.fromkeys(__all__, "steps") | {
-    "Workspace": "workspace",
-    "build_definitions": "location",
-    "errors_explained": "reporting",
+_MODULES = dict.fromkeys(__all__, "graph.steps") | {
+    "Workspace": "records.workspace",
+    "build_definitions": "graph.location",
+    "errors_explained": "records.reporting",
 }
 
 

@@ -1,6 +1,6 @@
 """How much disk a build is going to need, from what is on record: no recording is opened for it."""
 
-import os
+import shutil
 from collections.abc import Collection, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -10,6 +10,8 @@ from bagassets.base.errors import StoreError
 from bagassets.base.quantities import count_text, readable_bytes
 from bagassets.engine.plan import BagPlan, Plan
 from bagassets.engine.recording_assets import RecordingAssets
+from bagassets.recipe.format_settings import section_at
+from bagassets.recipe.model import Recipe
 from bagassets.store.store import Store
 from bagassets.store.writable import nearest_existing
 
@@ -28,7 +30,7 @@ class SpaceNeeded:
     Attributes:
         recordings: number of recordings whose images or sweeps are extracted for the first time.
         recorded_bytes: their size.
-        bytes: what will be written; of no known recording, what at most is likely.
+        bytes: what will be written; the most that is likely, if no recording was built before.
         is_measured: recordings that were built before say so.
     """
 
@@ -86,7 +88,9 @@ def require_disk_space(needed: SpaceNeeded, folders: Mapping[str, Path], *, igno
     """
     texts = []
     for field, folder in folders.items():
-        free = _free_bytes(folder)
+        free = shutil.disk_usage(
+            nearest_existing(folder)
+        ).free  # for this user, in a folder that need not exist yet
         if needed.is_measured and not ignore and free < needed.bytes * _SURELY_NEEDED:
             raise StoreError(
                 f"{folder}: only {readable_bytes(free)} are free here, and the build needs about "
@@ -98,12 +102,14 @@ def require_disk_space(needed: SpaceNeeded, folders: Mapping[str, Path], *, igno
     return f"{needed}; {', '.join(texts)}"
 
 
-def folders_written(store: Path, output: Path) -> dict[str, Path]:
-    """Return field of the recipe -> folder: the dataset takes space of its own where it cannot link to the store."""
-    folders = {"store": store}
-    if _device(store) != _device(output):
-        folders["nuscenes.output"] = output
-    return folders
+def folders_written(store: Path, recipe: Recipe) -> dict[str, Path]:
+    """Return field of the recipe -> folder: a dataset takes space of its own where it cannot link to the store."""
+    outputs = {
+        ".".join((*section_at(name), "output")): section.output
+        for name, section in recipe.dataset_settings.items()
+    }
+    apart = {field: folder for field, folder in outputs.items() if _device(folder) != _device(store)}
+    return {"store": store, **apart}
 
 
 def _extracts(bag: BagPlan, large: Collection[str]) -> bool:
@@ -126,12 +132,6 @@ def _bytes_of(store: Store, artifacts: Iterable[str]) -> int:
         with suppress(StoreError):
             size += sum(entry.size for entry in store.artifact(digest).entries())
     return size
-
-
-def _free_bytes(folder: Path) -> int:
-    """Return what this user may still write in a folder that need not exist yet."""
-    status = os.statvfs(nearest_existing(folder))
-    return status.f_bavail * status.f_frsize
 
 
 def _device(folder: Path) -> int:

@@ -13,9 +13,9 @@ from bagassets.recordings.model import RecordingFiles
 from bagassets.store.canonical import digest_json
 from bagassets.store.store import Store
 
-__all__ = ["SHOWN", "ActionPair", "Explanation", "explain_asset"]
+__all__ = ["ActionPair", "Explanation", "explain_asset"]
 
-SHOWN = ("data_version", "code_version", "run_id", "cached")  # of what is recorded
+_SHOWN = ("data_version", "code_version", "run_id", "cached")  # of what is recorded
 
 
 @dataclass(frozen=True)
@@ -49,15 +49,15 @@ class ActionPair:
 
 @dataclass(frozen=True)
 class Explanation:
-    """Why an asset of a recording is in its state.
+    """Why an asset is in its state.
 
     Attributes:
-        key: partition key.
+        key: partition key; empty for a dataset.
         asset: asset.
         state: its state and reason.
         recorded: what Dagster recorded last, or None.
         code_version: what Dagster's code version would be now; None for `bag`.
-        actions: its actions; none for `bag`, which no action makes.
+        actions: its actions; none for `bag` and datasets, which no action makes.
     """
 
     key: str
@@ -65,19 +65,20 @@ class Explanation:
     state: AssetState
     recorded: Recorded | None
     code_version: str | None
-    actions: tuple[ActionPair, ...]
+    actions: tuple[ActionPair, ...] = ()
 
     def as_json(self) -> JsonObject:
         """Return the explanation as JSON."""
         last = self.recorded
-        return {
-            "recording": self.key,
+        value = {
             "asset": self.asset,
             **self.state.as_json(),
             "code_version": self.code_version,
-            "recorded": last and {name: getattr(last, name) for name in SHOWN},
-            "actions": [pair.as_json() for pair in self.actions],
+            "recorded": last and {name: getattr(last, name) for name in _SHOWN},
         }
+        if not self.key:
+            return value
+        return {"recording": self.key, **value, "actions": [pair.as_json() for pair in self.actions]}
 
 
 def explain_asset(

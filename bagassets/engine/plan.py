@@ -25,7 +25,7 @@ __all__ = [
     "version_as_input",
 ]
 
-State = Literal["fresh", "record-only", "stale", "unknown", "failed", "missing", "skipped"]
+State = Literal["fresh", "record-only", "stale", "unknown", "blocked", "failed", "missing", "skipped"]
 _SKIPPED = "skipped:"
 
 
@@ -65,7 +65,7 @@ class Recorded:
 
 
 class AssetState(NamedTuple):
-    """State of one asset of one recording (there may be 100,000 of them).
+    """State of one asset of one recording (there may be 100,000 of them), or of a target (see `bagassets.engine.targets`).
 
     Attributes:
         state: see `docs/how-it-decides.md`.
@@ -144,12 +144,8 @@ class BagPlan:
     @property
     def unusable(self) -> str | None:
         """Why the recording cannot be part of the nuScenes dataset, or None; optional assets do not matter."""
-        failures = (
-            state.reason
-            for name, state in self.assets.items()
-            if state.state == "failed" and name not in self.optional
-        )
-        return next(failures, None)
+        needed = (state for name, state in self.assets.items() if name not in self.optional)
+        return next((state.reason for state in needed if state.state == "failed"), None)
 
     @property
     def settled(self) -> bool:

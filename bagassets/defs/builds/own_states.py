@@ -1,227 +1,273 @@
-"""The state of the user's own assets, and why.
+"""The user's own assets of a project, which of them a build brings up to date, and how they stand."""
 
-One of a recording is stale if it was never made, if its code version differs, or if something that it reads has another
-version than its record says. One for all recordings says what it read in a tag of its run, since Dagster records that
-only for few partitions.
-"""
-
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
 
 import dagster as dg
 
+from bagassets.base.errors import RecipeError
 from bagassets.base.json_types import JsonObject
 from bagassets.defs.builds.pending_work import PendingWork
-from bagassets.defs.graph.own_assets import OwnAsset, Read, Versions, inputs_digest, inputs_tag, told_inputs
-from bagassets.defs.graph.own_location import code_digest
+from bagassets.defs.graph.own_assets import OwnAsset, Versions, find_own_assets, inputs_tag, told_inputs
+from bagassets.defs.graph.own_location import code_digest, files_of, home_of, load_locations
 from bagassets.defs.records.events import fetch_recorded, latest_ids, recorded_whole, runs_of
 from bagassets.defs.records.naming import DATASET_INPUTS
 from bagassets.defs.records.partitions import PARTITION_TAG
-from bagassets.defs.runs.execution import failure_of
+from bagassets.defs.records.workspace import Workspace
+from bagassets.defs.runs.execution import CodeLocation, failure_of
 from bagassets.engine.build_report import BuildOptions
-from bagassets.engine.plan import BagPlan, Recorded, version_as_input
+from bagassets.engine.choose import SelectionError, split_names
+from bagassets.engine.plan import AssetState, Recorded
+from bagassets.engine.targets import TO_MAKE, Evidence, Read, state_as_read, target_state
+from bagassets.formats.dataset_build import dataset_code_versions
+from bagassets.propose.project import dagster_home
 
-if TYPE_CHECKING:
-    from bagassets.defs.builds.own_build import OwnProject
+__all__ = ["OwnProject", "load_own"]
 
-__all__ = ["OwnState", "OwnStates", "Survey"]
-
-State = Literal["fresh", "missing", "stale", "unknown", "blocked", "skipped", "failed"]
-_TO_COME = frozenset({"missing", "stale", "unknown"})
+_MANUAL = "only with --select"
 
 
 @dataclass(frozen=True)
-class OwnState:
-    """State of an asset, of one recording or as a whole.
+class OwnProject:
+    """The user's assets of a project, and where it is at home; once they were surveyed, also how they stand.
 
     Attributes:
-        state: `fresh`; `missing` or `stale`: to be made; `unknown`: something that it reads comes first; `blocked`: that
-            failed, or is never made by a build; `skipped`: so is its recording; `failed` on the same inputs.
-        reason: why.
-        reads: what it would read -> version.
-        recorded: what its record says it has read -> version, if it has one.
+        workspace: the project, below the prefix that the user gave it.
+        location: the code location that defines our assets: ours, or the user's if there is a prefix.
+        assets: name -> asset, in the order of the graph.
+        wanted: those that a build brings up to date.
+        left_out: name -> why a build does not.
+        problem: why none are known, if so.
+        files: what they were read from.
+        states: asset -> partition key, "" for one of all recordings -> state.
+        evidence: the same -> what is known of it.
+        datasets: dataset that a build brings up to date -> state.
     """
 
-    state: State
-    reason: str
-    reads: Mapping[str, str]
-    recorded: Mapping[str, str] | None = None
+    workspace: Workspace
+    location: CodeLocation = field(default_factory=CodeLocation)
+    assets: Mapping[str, OwnAsset] = field(default_factory=dict)
+    wanted: tuple[str, ...] = ()
+    left_out: Mapping[str, str] = field(default_factory=dict)
+    problem: str = ""
+    files: tuple[str, ...] = ()
+    states: Mapping[str, Mapping[str, AssetState]] = field(default_factory=dict)
+    evidence: Mapping[str, Mapping[str, Evidence]] = field(default_factory=dict)
+    datasets: Mapping[str, AssetState] = field(default_factory=dict)
+
+    def ours_read_by(self, names: Collection[str]) -> set[str]:
+        """Return the assets of ours that some of the user's read, directly or through others of the user's."""
+        read = {read.name for name in self.with_upstream(names) for read in self.assets[name].reads}
+        found = {self.workspace.names.asset_of(dg.AssetKey.from_user_string(name)) for name in read}
+        return {name for name in found if name is not None}
+
+    def with_upstream(self, names: Iterable[str]) -> set[str]:
+        """Return those of `names` that are the user's, with what they read of the user's."""
+        found = set(names) & self.assets.keys()
+        for name in reversed(list(self.assets)):  # each stands after what it reads
+            if name in found:
+                found |= {read.name for read in self.assets[name].reads} & self.assets.keys()
+        return found
+
+    def survey(
+        self,
+        instance: dg.DagsterInstance,
+        pending: PendingWork,
+        options: BuildOptions,
+        *,
+        is_dataset_current: bool = False,
+    ) -> "OwnProject":
+        """Return the project with the state of each asset, for the chosen recordings.
+
+        Args:
+            instance: where materializations are recorded.
+            pending: the state of our assets.
+            options: `retry_failed` takes what failed on the same inputs as to be made.
+            is_dataset_current: the datasets are up to date, whatever `pending` says.
+        """
+        if not self.assets:
+            return replace(self, datasets=pending.dataset_states)
+        survey = _Survey(instance, self, pending, {} if is_dataset_current else pending.dataset_states)
+        for asset in self.assets.values():  # each after those that it reads
+            survey.add(asset, retry_failed=options.retry_failed)
+        return replace(self, states=survey.states, evidence=survey.evidence, datasets=pending.dataset_states)
+
+    @property
+    def targets(self) -> dict[str, Mapping[str, AssetState]]:
+        """The states of all that a build brings up to date besides assets of recordings: datasets, then assets of the user's."""
+        datasets = {name: {"": one} for name, one in self.datasets.items()}
+        return {**datasets, **{name: self.states.get(name, {}) for name in self.wanted}}
+
+    def having(self, *wanted: str) -> list[tuple[str, str, AssetState]]:
+        """Return asset, partition key and state of what is in one of these states, or in any; of what a build is for."""
+        return [
+            (name, partition, one)
+            for name in self.wanted
+            for partition, one in self.states.get(name, {}).items()
+            if not wanted or one.state in wanted
+        ]
 
     def as_json(self) -> JsonObject:
-        """Return state and reason."""
-        return {"state": self.state, "reason": self.reason}
+        """Return the states of all targets as JSON, and which assets a build leaves out, and why."""
+        reasons = {name: one.reason for name, one in self.datasets.items() if one.state != "fresh"}
+        states = {
+            name: {key: one.as_json() for key, one in self.targets[name].items()} for name in self.wanted
+        }
+        return {
+            "datasets": {name: one.state for name, one in self.datasets.items()},
+            "dataset_reasons": reasons,
+            "own": {"assets": states, "left_out": dict(self.left_out), "problem": self.problem},
+        }
+
+    @property
+    def is_settled(self) -> bool:
+        """True if a build has nothing to do."""
+        return not self.having(*TO_MAKE, "unknown")
+
+    @property
+    def failed(self) -> bool:
+        """True if something failed on its current inputs, or could not even be read."""
+        return bool(self.problem or self.having("failed"))
+
+    @property
+    def is_up_to_date(self) -> bool:
+        """True if nothing failed either, or waits for what failed."""
+        return not self.problem and len(self.having("fresh", "skipped")) == len(self.having())
 
 
-OwnStates = Mapping[str, Mapping[str, OwnState]]
-"""Asset -> partition key, "" for one without partitions -> state."""
+def load_own(workspace: Workspace, options: BuildOptions | None = None) -> OwnProject:
+    """Import what `workspace.yaml` names besides ours, and return the assets downstream of ours.
+
+    What cannot be imported is no reason not to build ours: it is the `problem` of the project.
+
+    Args:
+        workspace: the project, as far as the instance knows it.
+        options: of a build; default: everything.
+
+    Raises:
+        RecipeError: it cannot be imported, and something that is selected is not ours, or ours are defined there, below a
+            prefix.
+        SelectionError: an asset that is selected cannot be made by a build.
+    """
+    selected = set(split_names(options.select if options else ()))
+    ours = ("bag", *workspace.assets.names)
+    home = dagster_home(Path(workspace.recipe_file), workspace.recipe)
+    try:
+        locations = load_locations(home)
+    except RecipeError as err:
+        if workspace.key_prefix or selected - {*ours, *dataset_code_versions(workspace.recipe)}:
+            raise
+        return OwnProject(workspace, problem=str(err), files=files_of(home))
+    prefix, location = home_of(home, Path(workspace.recipe_file), locations)
+    if prefix != workspace.names.prefix:
+        workspace = Workspace(recipe_file=workspace.recipe_file, key_prefix=list(prefix))
+    if not locations:
+        return OwnProject(workspace, files=files_of(home))
+    assets, left_out = find_own_assets(locations, workspace.recipe, workspace.names, ours)
+    for name in sorted(selected & left_out.keys()):
+        raise SelectionError(
+            f"{name}: {left_out[name]}, so materialize it in the web UI or with `dagster asset materialize`."
+        )
+    automatic = tuple(name for name, asset in assets.items() if asset.is_automatic)
+    left_out |= {name: _MANUAL for name in assets if name not in automatic}
+    project = OwnProject(workspace, location, assets, automatic, left_out, files=files_of(home))
+    if not selected:
+        return project
+    wanted = project.with_upstream(selected)
+    return replace(project, wanted=tuple(name for name in assets if name in wanted), left_out={})
 
 
-class Survey:
-    """The state of each asset, for the chosen recordings.
+class _Survey:
+    """Finds out how the user's assets stand; those that are not wanted, and are read by others, are taken as they are.
 
     Args:
         instance: where materializations are recorded.
-        project: the user's assets; those that are not wanted, and are read by others, are taken as they are.
+        project: the user's assets.
         pending: the state of our assets.
-        options: `retry_failed` takes what failed on the same inputs as to be made.
-        is_dataset_current: the datasets on disk are up to date; default: so they are, and stay so in a build.
+        datasets: state of the datasets that are brought up to date as well.
 
     Attributes:
-        states: what it found.
+        states: see `OwnProject`.
+        evidence: likewise.
     """
 
     def __init__(
         self,
         instance: dg.DagsterInstance,
-        project: "OwnProject",
+        project: OwnProject,
         pending: PendingWork,
-        options: BuildOptions,
-        is_dataset_current: bool | None,
+        datasets: Mapping[str, AssetState],
     ) -> None:
-        stays = not (pending.behind or pending.todo or pending.plan.removed)
-        self._is_dataset_current = stays if is_dataset_current is None else is_dataset_current
-        self._instance, self._project, self._pending = instance, project, pending
-        self._names, self._retry_failed = project.workspace.names, options.retry_failed
+        self.states: dict[str, dict[str, AssetState]] = {}
+        self.evidence: dict[str, dict[str, Evidence]] = {}
+        self._instance, self._project, self._bags = instance, project, pending.plan.bags
+        self._recordings = sorted(pending.chosen & pending.plan.bags.keys())
+        self._names = project.workspace.names
         self._versions = Versions(instance, self._names)
         self._code = code_digest()
-        self.states: dict[str, dict[str, OwnState]] = {}
-        recordings = sorted(pending.chosen & pending.plan.bags.keys())
-        for name, asset in project.assets.items():  # each after those that it reads
-            partitions = recordings if asset.is_partitioned else [""]
-            recorded = self._recorded(asset, partitions)
-            runs = self._runs(asset, recorded)
-            self.states[name] = {
-                partition: self._state(asset, partition, recorded.get(partition), runs)
-                for partition in partitions
-            }
+        behind = (one for one in datasets.values() if one.state != "fresh")
+        self._datasets = {**datasets, DATASET_INPUTS: next(behind, AssetState("fresh", ""))}
 
-    def _recorded(self, asset: OwnAsset, partitions: Collection[str]) -> dict[str, Recorded]:
+    def add(self, asset: OwnAsset, *, retry_failed: bool) -> None:
+        """Find out how an asset stands, whose inputs of the user's have been added."""
+        recorded = self._recorded(asset)
+        runs: dict[str, str] = {}
+        if any(read.how == "all" for read in asset.reads):  # of which only the run says what it has read
+            found = runs_of(self._instance, {one.run_id for one in recorded.values()})
+            runs = {run.run_id: told_inputs(run, asset.key) for run in found}
+
+        def told(run_id: str) -> str | None:
+            if run_id not in runs and (run := self._instance.get_run_by_id(run_id)) is not None:
+                runs[run_id] = told_inputs(run, asset.key)
+            return runs.get(run_id)
+
+        self.evidence[asset.name], self.states[asset.name] = {}, {}
+        for partition in self._recordings if asset.is_partitioned else [""]:
+            now, last = self._versions.read_by(asset, partition), recorded.get(partition)
+            before = {} if last is None else last.inputs
+            evidence = Evidence(
+                now,
+                last,
+                {read.name: before.get(self._names.shorten(read.name), "") for read in asset.reads},
+                partial(told, "" if last is None else last.run_id),
+                failure=(lambda: "") if retry_failed else partial(self._failure, asset, partition, now),
+            )
+            self.evidence[asset.name][partition] = evidence
+            self.states[asset.name][partition] = target_state(asset, evidence, self._above(asset, partition))
+
+    def _above(self, asset: OwnAsset, partition: str) -> Iterator[tuple[Read, AssetState]]:
+        """Yield what an asset reads that a build brings up to date, too, and its state."""
+        for read in asset.reads:
+            ours = self._names.asset_of(dg.AssetKey.from_user_string(read.name))
+            if read.name in self._project.wanted:
+                states = self.states[read.name]
+                one = partition if read.how == "same" else ""
+                yield from (
+                    (read, state) for state in (states.values() if read.how == "all" else [states[one]])
+                )
+            elif read.name in self._project.assets:
+                if self._versions.of(read, partition) is None:
+                    yield read, AssetState("blocked", f"{read.name} was never made")
+            elif ours is not None and read.how == "whole":
+                yield from ((read, state) for name, state in self._datasets.items() if name == ours)
+            elif ours is not None:
+                bags = [self._bags[partition]] if read.how == "same" else self._bags.values()
+                yield from ((read, state_as_read(bag, ours, read.name)) for bag in bags if ours in bag.assets)
+
+    def _recorded(self, asset: OwnAsset) -> dict[str, Recorded]:
         if asset.is_partitioned:
             ids = latest_ids(self._instance, self._names, [asset.key])
-            found = fetch_recorded(self._instance, self._names, ids, partitions)
+            found = fetch_recorded(self._instance, self._names, ids, self._recordings)
             return {key: made[asset.key] for key, made in found.items() if asset.key in made}
         newest = recorded_whole(self._instance, self._names, asset.key)
         return {} if newest is None else {"": newest}
 
-    def _runs(self, asset: OwnAsset, recorded: Mapping[str, Recorded]) -> dict[str, str]:
-        """Return run -> digest of what it read, for assets that read more than Dagster records."""
-        if all(read.how != "all" for read in asset.reads):
-            return {}
-        runs = runs_of(self._instance, {one.run_id for one in recorded.values()})
-        return {run.run_id: told_inputs(run, asset.key) for run in runs}
-
-    def _state(
-        self, asset: OwnAsset, partition: str, recorded: Recorded | None, runs: Mapping[str, str]
-    ) -> OwnState:
-        reads = self._versions.read_by(asset, partition)
-        before = None if recorded is None else self._read_before(asset, reads, recorded, runs)
-        for read in asset.reads:
-            held = self._held_by(read, partition)
-            if held is not None:
-                return OwnState(held[0], held[1], reads, before)
-        reason = self._change(asset, reads, recorded, runs)
-        if reason is None:
-            return OwnState("fresh", "what it reads is as it was when it was made", reads, before)
-        state: State = "missing" if recorded is None else "stale"
-        if not self._retry_failed and (failure := self._failure(asset, partition, reads)) is not None:
-            state, reason = "failed", failure
-        return OwnState(state, reason, reads, before)
-
-    def _held_by(self, read: Read, partition: str) -> tuple[State, str] | None:
-        """Return why an asset cannot be made yet, or ever: something that it reads is not up to date."""
-        name = read.key.to_user_string()
-        ours = self._names.asset_of(read.key)
-        if name in self._project.assets:
-            if name not in self._project.wanted:
-                version = self._versions.of(read, partition)
-                return ("blocked", f"{name} was never made") if version is None else None
-            states = self.states[name]
-            if read.how == "all":
-                waits = any(one.state in _TO_COME for one in states.values())
-                return ("unknown", f"{name} comes first") if waits else None
-            state = states[partition if read.how == "same" else ""]
-            if state.state in _TO_COME:
-                return "unknown", f"{name} comes first"
-            if state.state == "skipped":
-                return "skipped", state.reason
-            if state.state == "fresh":
-                return None
-            return "blocked", f"{name} failed" if state.state == "failed" else state.reason  # the first cause
-        if read.how == "whole":
-            is_behind = ours in {DATASET_INPUTS, *self._pending.datasets} and not self._is_dataset_current
-            return ("unknown", f"{name} comes first") if is_behind else None
-        bags = self._pending.plan.bags
-        if ours is None or not any(ours in bag.assets for bag in bags.values()):
-            return None  # neither ours nor the user's: it is taken as it is
-        if read.how == "same":
-            return _held_by_ours(bags[partition], ours, name)
-        waits = any(
-            (held := _held_by_ours(bag, ours, name)) and held[0] == "unknown" for bag in bags.values()
-        )
-        return ("unknown", f"{name} comes first") if waits else None
-
-    def _change(
-        self, asset: OwnAsset, reads: Mapping[str, str], recorded: Recorded | None, runs: Mapping[str, str]
-    ) -> str | None:
-        """Return why an asset has to be made, or None."""
-        if recorded is None:
-            return "never made"
-        if asset.code_version is not None and recorded.code_version != asset.code_version:
-            return f"its code version is {asset.code_version}, was {recorded.code_version}"
-        for read in asset.reads:
-            name = read.key.to_user_string()
-            spelled = self._names.asset_of(read.key) or name
-            if read.how != "all" and recorded.inputs.get(spelled, "") not in _spellings(reads[name]):
-                # A run of a build says it, too, so that nothing is made again and again if Dagster spells it differently.
-                run = self._instance.get_run_by_id(recorded.run_id)
-                is_same = run is not None and told_inputs(run, asset.key) == inputs_digest(asset, reads)
-                return None if is_same else f"{name} changed"
-        told = runs.get(recorded.run_id)
-        if told is None:
-            return None
-        if not told:
-            return "made by hand, so what it has read is not on record"
-        return None if told == inputs_digest(asset, reads) else "a recording was added, changed or removed"
-
-    def _read_before(
-        self, asset: OwnAsset, reads: Mapping[str, str], recorded: Recorded, runs: Mapping[str, str]
-    ) -> dict[str, str]:
-        """Return what an asset has read -> version, spelled as that of now where it is the same."""
-        before = {}
-        for read in asset.reads:
-            name = read.key.to_user_string()
-            version = recorded.inputs.get(self._names.asset_of(read.key) or name, "")
-            if read.how == "all":
-                is_same = runs.get(recorded.run_id) == inputs_digest(asset, reads)
-                version = reads[name] if is_same else ""
-            before[name] = reads[name] if version in _spellings(reads[name]) else version
-        return before
-
-    def _failure(self, asset: OwnAsset, partition: str, reads: Mapping[str, str]) -> str | None:
-        """Return why the last run with the same inputs failed, or None if it did not."""
+    def _failure(self, asset: OwnAsset, partition: str, reads: Mapping[str, str]) -> str:
+        """Return why the last run with the same inputs failed, or "" if it did not."""
         tags = inputs_tag(asset, reads, self._code) | ({PARTITION_TAG: partition} if partition else {})
         last = self._instance.get_runs(dg.RunsFilter(tags=tags), limit=1)
         if not last or last[0].status != dg.DagsterRunStatus.FAILURE:
-            return None
+            return ""
         return failure_of(self._instance, last[0]) or f"run {last[0].run_id} failed"
-
-
-def _held_by_ours(bag: BagPlan, ours: str, name: str) -> tuple[State, str] | None:
-    """Return why something that reads an asset of a recording cannot be made yet, or ever."""
-    state = bag.assets[ours].state
-    if state == "fresh":
-        return None
-    if state == "skipped":
-        return "skipped", bag.assets[ours].reason
-    if bag.failed is not None:
-        return (
-            "blocked",
-            f"{name} {'failed' if state == 'failed' else 'is not there'}, as its recording failed",
-        )
-    return "unknown", f"{name} comes first"
-
-
-def _spellings(version: str) -> set[str]:
-    """Return how a record spells the version of what it has read: Dagster digests that of a partition."""
-    return {version or "INITIAL", version, version_as_input(version)}

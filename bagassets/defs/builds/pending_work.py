@@ -11,7 +11,7 @@ import dagster as dg
 
 from bagassets.base.alike import told_once
 from bagassets.base.trace import span
-from bagassets.defs.graph.dataset import RECORDINGS_CHANGED, datasets_behind
+from bagassets.defs.graph.dataset import dataset_states
 from bagassets.defs.records.batches import batches
 from bagassets.defs.records.connections import kept_open
 from bagassets.defs.records.databases import are_files, database_errors_explained
@@ -32,6 +32,7 @@ from bagassets.engine.made_again import made_again
 from bagassets.engine.plan import AssetState, Plan
 from bagassets.engine.planner import Planner
 from bagassets.engine.splits import moves
+from bagassets.engine.targets import TO_MAKE
 from bagassets.formats.catalogue import formats
 from bagassets.formats.dataset_build import (
     DatasetInputs,
@@ -47,7 +48,7 @@ from bagassets.store.store import Store
 from bagassets.store.writable import require_writable
 
 if TYPE_CHECKING:
-    from bagassets.defs.builds.own_build import OwnProject
+    from bagassets.defs.builds.own_states import OwnProject
 
 __all__ = [
     "PendingWork",
@@ -66,21 +67,19 @@ class PendingWork:
 
     Attributes:
         planned: the state of each recording, and the inputs of the datasets.
-        behind: dataset that is not on disk as made from exactly those inputs -> why.
+        states: dataset -> state.
         chosen: the recordings that the build was asked for.
         todo: recording that needs a run -> the assets to materialize.
         datasets: the datasets that the build was asked for.
         held: recording that is gone -> what its removal waits for; see `held_by_backfills`.
-        others: state of the datasets that are not behind; those whose recordings changed may wait as well.
     """
 
     planned: InstancePlan
-    behind: Mapping[str, str]
+    states: Mapping[str, AssetState]
     chosen: frozenset[str]
     todo: Mapping[str, tuple[str, ...]]
     datasets: tuple[str, ...]
     held: Mapping[str, str]
-    others: AssetState
 
     @property
     def plan(self) -> Plan:
@@ -104,7 +103,7 @@ class PendingWork:
     @property
     def dataset_is_current(self) -> bool:
         """True if the datasets that the build was asked for are on disk as made from exactly those inputs."""
-        return self.behind.keys().isdisjoint(self.datasets)
+        return not any(one.state in TO_MAKE for one in self.dataset_states.values())
 
     @property
     def is_settled(self) -> bool:
@@ -114,12 +113,7 @@ class PendingWork:
     @property
     def dataset_states(self) -> dict[str, AssetState]:
         """The state of each dataset that the build was asked for."""
-        waits = f"; {self.others.reason}" if self.others.reason else ""  # for one that was left out, perhaps
-        stale = {
-            name: AssetState("stale", why + waits * (why == RECORDINGS_CHANGED))
-            for name, why in self.behind.items()
-        }
-        return {name: stale.get(name, self.others) for name in self.datasets}
+        return {name: self.states[name] for name in self.datasets}
 
 
 def find_pending_work(
@@ -225,14 +219,14 @@ def _pending_work(
             assets := bag.to_run(retry_failed=options.retry_failed, select=asked.assets)
         ):
             todo[key] = assets
-    behind = datasets_behind(instance, workspace, planned.inputs)
-    others = _not_behind(workspace, planned.plan, todo, options)
+    waits_for = _waits_for(workspace, planned.plan, todo, options)
+    states = dataset_states(instance, workspace, planned.inputs, waits_for)
     held = held_by_backfills(instance, frozenset(planned.plan.removed))
-    return PendingWork(planned, behind, asked.recordings, todo, asked.datasets, held, others)
+    return PendingWork(planned, states, asked.recordings, todo, asked.datasets, held)
 
 
-def _not_behind(workspace: Workspace, plan: Plan, todo: Iterable[str], options: BuildOptions) -> AssetState:
-    """Return the state of datasets that are not behind: unknown while some result that they are made from is to come.
+def _waits_for(workspace: Workspace, plan: Plan, todo: Iterable[str], options: BuildOptions) -> str:
+    """Return the results that datasets are made from and that are yet to come.
 
     All datasets rest on one digest, so the results for all formats count.
     """
@@ -249,8 +243,7 @@ def _not_behind(workspace: Workspace, plan: Plan, todo: Iterable[str], options: 
         ]
         if to_come and bag.to_run(retry_failed=options.retry_failed, select=read):
             found.append(((), key, ", ".join(to_come[-len(parts) :])))
-    waits_for = "; ".join(f"{told.text} of {told.title}" for told in told_once(found, fewest=2))
-    return AssetState("unknown", f"waits for {waits_for}") if waits_for else AssetState("fresh", "")
+    return "; ".join(f"{told.text} of {told.title}" for told in told_once(found, fewest=2))
 
 
 def expected_moves(pending: PendingWork, recipe: Recipe) -> dict[str, tuple[str, str]]:
@@ -278,7 +271,7 @@ def rehearse(recipe_file: Path) -> None:
         ids = latest_ids(instance, names, all_assets())
         fetch_recorded(instance, names, ids, sorted(live_partitions(instance, names))[:1])
         active_runs(instance, names, ())
-        datasets_behind(instance, workspace, DatasetInputs({}))
+        dataset_states(instance, workspace, DatasetInputs({}))
 
 
 @contextmanager

@@ -19,7 +19,8 @@ from bagassets.base.errors import RecordingError
 from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.base.trace import span
 from bagassets.defs.builds.made_ahead import making_ahead
-from bagassets.defs.builds.own_build import OwnBuild, OwnProject, OwnWork, load_own
+from bagassets.defs.builds.own_build import OwnBuild
+from bagassets.defs.builds.own_states import OwnProject, load_own
 from bagassets.defs.builds.pending_work import (
     PendingWork,
     find_pending_work,
@@ -29,7 +30,7 @@ from bagassets.defs.builds.pending_work import (
 )
 from bagassets.defs.builds.snapshot import Snapshot
 from bagassets.defs.graph.check_records import remarks_of_runs
-from bagassets.defs.graph.dataset import datasets_behind, record_inputs
+from bagassets.defs.graph.dataset import dataset_states, record_inputs
 from bagassets.defs.records.batches import WORTH_STEPS_BYTES, Batch
 from bagassets.defs.records.events import recordings_made
 from bagassets.defs.records.instance_plan import InstancePlan, InstancePlanning
@@ -50,7 +51,7 @@ from bagassets.forkserver.worker import note
 from bagassets.formats.after_crash import noted_build
 from bagassets.formats.catalogue import problems_of, recording_assets
 from bagassets.formats.checking import remarks_on_record
-from bagassets.formats.dataset_build import dataset_folders, main_lock, split_on_disk
+from bagassets.formats.dataset_build import dataset_folders, first_lock, left_behind, split_on_disk
 from bagassets.formats.dataset_integrity import remove_changed_sources
 from bagassets.formats.emptiness import why_empty
 from bagassets.recipe import load_recipe
@@ -102,14 +103,18 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
         before = find_pending_work(instance, workspace, options, own, planning, on_planned)
         now, has_run, is_replanned = before, False, False
         ran: frozenset[str] = frozenset()
-        report = BuildReport(before.plan, dataset_path=recipe.nuscenes.output)
+        report = BuildReport(before.plan, dataset_path=recipe.output)
         split_before = split_on_disk(recipe)
         report.outcomes = {key: BagOutcome("hit", seconds=seconds) for key, seconds in unchanged.items()}
         if not options.allow_empty:
             _refuse_empty(recipe, before.planned)
         # These hold until somebody does something about them.
         standing = _warnings(
-            {"installed_packages": problems_of(recipe), "series": before.plan.asked.values()}
+            {
+                "installed_packages": problems_of(recipe),
+                "left_behind": left_behind(recipe),
+                "series": before.plan.asked.values(),
+            }
         )
         held = {"removed": [f"{key} is gone: {why}." for key, why in before.held.items()]}
         report.remarks = (*_warnings(repaired), *standing, *_warnings(held))
@@ -167,7 +172,7 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
         bags = [bag for key, bag in sorted(now.plan.bags.items()) if key in before.chosen]
         checked = [*remarks_on_record(recipe, workspace.store, now.planned.discovery, bags)]
         report.remarks += tuple(one for one in checked if one.key not in ran)
-        lock = main_lock(recipe)
+        lock = first_lock(recipe)
         report.duplicates = {} if lock is None else lock.value["duplicates"]
         failed = {} if lock is None else lock.value.get("failed", {})
         report.left_out = {key: reason for key, reason in failed.items() if key not in before.chosen}
@@ -234,7 +239,7 @@ def _build_own(
     options: BuildOptions,
     report: BuildReport,
     on_event: Listener,
-) -> tuple[OwnWork, bool]:
+) -> tuple[OwnProject, bool]:
     """Bring the user's own assets up to date, and say in the report what became of them.
 
     Returns:
@@ -242,7 +247,7 @@ def _build_own(
     """
     report.own_problem, report.own_left_out = own.problem, own.left_out
     if not own.wanted or report.interrupted:
-        return OwnWork(own), False
+        return own, False
     building = OwnBuild(instance, own, options, on_event)
     work = building.work(now, is_dataset_current=now.dataset_is_current or report.dataset == "updated")
     report.own = building.outcomes(work)
@@ -280,7 +285,7 @@ def _disk_space(pending: PendingWork, workspace: Workspace, options: BuildOption
     needed = space_needed(pending.plan, sizes, pending.todo, store, workspace.assets)
     if needed is None:
         return ""
-    folders = folders_written(store.root, recipe.nuscenes.output)
+    folders = folders_written(store.root, recipe)
     return require_disk_space(needed, folders, ignore=options.ignore_disk_space)
 
 
@@ -398,8 +403,10 @@ def _dataset_states(
     """See `BuildReport.datasets`. One run makes all of them; if it failed, some may be up to date."""
     left = {*asked}
     # Where results are yet to come, nobody knows whether a dataset that is not behind is up to date.
-    if outcome == "failed" or (outcome == "stopped" and now.others.state == "fresh"):
-        left &= datasets_behind(instance, workspace, now.planned.inputs).keys()
+    is_waiting = any(one.state == "unknown" for one in now.states.values())
+    if outcome == "failed" or (outcome == "stopped" and not is_waiting):
+        states = dataset_states(instance, workspace, now.planned.inputs)
+        left &= {asset for asset, one in states.items() if one.state != "fresh"}
 
     def state(asset: str) -> str:
         return outcome if asset in left else "fresh" if asset in asked else "not selected"

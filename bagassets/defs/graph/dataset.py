@@ -14,14 +14,16 @@ from bagassets.base.escaping import markdown
 from bagassets.defs.graph.check_records import findings_on_record
 from bagassets.defs.graph.making import MadeAsset
 from bagassets.defs.records.artifact_files import page_link
-from bagassets.defs.records.events import CODE_VERSION, DATA_VERSION, latest_ids
+from bagassets.defs.records.events import CODE_VERSION, DATA_VERSION, latest_ids, recorded_wholes
 from bagassets.defs.records.instance_plan import InstancePlan, plan_in_run
 from bagassets.defs.records.naming import DATASET_INPUTS, Naming
 from bagassets.defs.records.reporting import code_link, dataset_metadata, errors_explained, inputs_metadata
 from bagassets.defs.records.workspace import Workspace
 from bagassets.defs.runs.fence import refuse_if_ended
+from bagassets.engine.plan import AssetState
+from bagassets.engine.targets import Evidence, Read, Target, target_state
 from bagassets.formats import trajectory_map
-from bagassets.formats.catalogue import MAIN, formats, recording_assets
+from bagassets.formats.catalogue import formats, formats_of, recording_assets
 from bagassets.formats.dataset_build import (
     DatasetInputs,
     build_dataset,
@@ -36,10 +38,9 @@ from bagassets.report.page import report_page
 from bagassets.report.write import write_page
 
 __all__ = [
-    "RECORDINGS_CHANGED",
     "dataset_assets",
     "dataset_is_current",
-    "datasets_behind",
+    "dataset_states",
     "make_dataset",
     "record_inputs",
     "write_report",
@@ -47,7 +48,8 @@ __all__ = [
 
 TRAJECTORY_MAP = trajectory_map.STEP.name
 INPUTS_CODE_VERSION = "1"
-RECORDINGS_CHANGED = "its recordings changed since it was made"
+_READS = (Read(DATASET_INPUTS, "whole", "its recordings changed since it was made"),)
+_CODE_CHANGED = "its settings, the splits or its version changed"
 MOST_REPORTED = 1000
 """It takes a millisecond or two for each recording, and a change of one is not to cost more the more there are."""
 
@@ -63,29 +65,36 @@ Without a network, it shows the same routes on a plain grid."""
 
 def dataset_is_current(instance: dg.DagsterInstance, workspace: Workspace, inputs: DatasetInputs) -> bool:
     """Return whether all datasets on disk were made from `inputs` with this recipe and code."""
-    return not datasets_behind(instance, workspace, inputs)
+    return all(one.state == "fresh" for one in dataset_states(instance, workspace, inputs).values())
 
 
-def datasets_behind(
-    instance: dg.DagsterInstance, workspace: Workspace, inputs: DatasetInputs
-) -> dict[str, str]:
-    """Return each dataset that is not on disk as made from `inputs` with this recipe and code -> why."""
-    names, versions = workspace.names, dataset_code_versions(workspace.recipe)
-    keys = {asset: names.key(asset) for asset in versions}
-    latest = instance.event_log_storage.get_latest_materialization_events(list(keys.values()))
+def dataset_states(
+    instance: dg.DagsterInstance, workspace: Workspace, inputs: DatasetInputs, waits_for: str = ""
+) -> dict[str, AssetState]:
+    """Return the state of each dataset, and of the map.
 
-    def reason(asset: str) -> str:
-        event = latest.get(keys[asset])
-        if event is None or event.asset_materialization is None:
-            return "never made" if any(inputs.parts.values()) else ""
-        tags = event.asset_materialization.tags or {}
-        if tags.get(names.input_tag(DATASET_INPUTS)) != inputs.digest:
-            return RECORDINGS_CHANGED
-        if tags.get(CODE_VERSION) != versions[asset]:
-            return "its settings, the splits or its version changed"
-        return "" if is_on_disk(workspace.recipe, asset) else "its files are gone or were changed"
-
-    return {asset: why for asset in versions if (why := reason(asset))}
+    Args:
+        instance: where materializations are recorded.
+        workspace: recipe and store.
+        inputs: what they would be made from.
+        waits_for: results that are yet to come, and change what they are made from.
+    """
+    recipe, versions = workspace.recipe, dataset_code_versions(workspace.recipe)
+    recorded = recorded_wholes(instance, workspace.names, versions)
+    now, is_due = {DATASET_INPUTS: inputs.digest}, any(inputs.parts.values())
+    found = {}
+    for asset, version in versions.items():
+        last = recorded.get(asset)
+        evidence = Evidence(
+            now,
+            last,
+            {} if last is None else last.inputs,
+            is_whole=partial(is_on_disk, recipe, asset),
+            waits_for=waits_for,
+            is_due=is_due,
+        )
+        found[asset] = target_state(Target(asset, _READS, version, code_changed=_CODE_CHANGED), evidence)
+    return found
 
 
 def record_inputs(instance: dg.DagsterInstance, workspace: Workspace, inputs: DatasetInputs) -> None:
@@ -223,7 +232,8 @@ def make_dataset(
     dataset = datasets_of(recipe)[asset]
     summary = build_dataset(dataset, recipe, workspace.store, planned.plan, planned.inputs, permit)
     failed = planned.inputs.failed.get(dataset.kind.name, {})
-    report = {"report": write_report(instance, workspace, planned)} if asset == MAIN.asset else {}
+    is_first = dataset.kind in formats_of(recipe)[:1] and dataset.selection is None  # the report is about all
+    report = {"report": write_report(instance, workspace, planned)} if is_first else {}
     return MadeAsset(asset, summary.digest, report | dataset_metadata(summary, failed))
 
 

@@ -4,110 +4,73 @@ from collections.abc import Collection, Iterator, Mapping
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from graphlib import TopologicalSorter
-from typing import Literal
 
 import dagster as dg
 
 from bagassets.defs.dagster_private import AssetGraph
-from bagassets.defs.graph.own_location import OwnLocation, code_digest
+from bagassets.defs.graph.own_location import Locations, code_digest
 from bagassets.defs.records.events import DATA_VERSION, live_partitions, recorded_whole
 from bagassets.defs.records.naming import DATASET_INPUTS, Naming
 from bagassets.defs.runs.execution import CodeLocation
 from bagassets.engine.plan import is_skip
+from bagassets.engine.targets import Read, Target, inputs_digest
 from bagassets.formats.dataset_build import dataset_code_versions
 from bagassets.recipe.model import Recipe
 from bagassets.store.canonical import digest_json
 
-__all__ = [
-    "FOLLOWS",
-    "OwnAsset",
-    "Read",
-    "Versions",
-    "find_own_assets",
-    "inputs_digest",
-    "inputs_tag",
-    "sensor_tags",
-    "told_inputs",
-]
+__all__ = ["FOLLOWS", "OwnAsset", "Versions", "find_own_assets", "inputs_tag", "sensor_tags", "told_inputs"]
 
 FOLLOWS = "bagassets/follows"
 """Metadata of a sensor of `follow_recordings`: the asset that it runs."""
 _LONGEST = 63  # characters of a tag's name
 
 
-@dataclass(frozen=True)
-class Read:
-    """Something that an asset reads.
+@dataclass(frozen=True, kw_only=True)
+class OwnAsset(Target):
+    """An asset of the user's, which has our partitions or none.
 
     Attributes:
-        key: asset key.
-        how: `same` partition, `all` recordings, or the `whole` of an asset without partitions.
-    """
-
-    key: dg.AssetKey
-    how: Literal["same", "all", "whole"]
-
-
-@dataclass(frozen=True)
-class OwnAsset:
-    """An asset of the user's.
-
-    Attributes:
-        key: asset key.
         location: where it is defined.
-        is_partitioned: True if it has our partitions, False if it has none.
         is_automatic: it would run by itself: it has an automation condition, or `follow_recordings` runs it.
-        code_version: as the user gives it.
-        reads: what it reads, apart from itself.
         together: assets that are always made in one step, this one included.
     """
 
-    key: dg.AssetKey
     location: CodeLocation
-    is_partitioned: bool
     is_automatic: bool
-    code_version: str | None
-    reads: tuple[Read, ...]
     together: frozenset[dg.AssetKey]
 
     @property
-    def name(self) -> str:
-        """The key as the user writes it."""
-        return self.key.to_user_string()
+    def key(self) -> dg.AssetKey:
+        """The key of the asset."""
+        return dg.AssetKey.from_user_string(self.name)
 
 
 def find_own_assets(
-    locations: Collection[OwnLocation], recipe: Recipe, names: Naming, ours: Collection[str]
+    locations: Locations, recipe: Recipe, names: Naming, ours: Collection[str]
 ) -> tuple[dict[str, OwnAsset], dict[str, str]]:
     """Return the assets downstream of ours, each after what it reads, and those that no build runs -> why."""
     own: dict[str, OwnAsset] = {}
     never: dict[str, str] = {}
     roots = {names.key(asset) for asset in (*ours, DATASET_INPUTS, *dataset_code_versions(recipe))}
-    downstream = _downstream([one.repository.asset_graph for one in locations], roots)
-    for one in locations:
-        graph = one.repository.asset_graph
-        followed = _followed(one.repository)
+    downstream = _downstream([one.asset_graph for one in locations.values()], roots)
+    for location, repository in locations.items():
+        graph = repository.asset_graph
+        said = [sensor.metadata.get(FOLLOWS) for sensor in repository.sensor_defs]
+        followed = {dg.AssetKey.from_user_string(str(key.value)) for key in said if key is not None}
         for key in downstream & graph.materializable_asset_keys:
-            node = graph.get(key)
+            node, name = graph.get(key), key.to_user_string()
             is_automatic = node.automation_condition is not None or key in followed
             partitions = node.partitions_def
             is_ours = (
                 isinstance(partitions, dg.DynamicPartitionsDefinition) and partitions.name == names.partitions
             )
-            if partitions is not None and not is_ours:
-                if is_automatic:
-                    never[key.to_user_string()] = "its partitions are not the recordings"
-                continue
-            own[key.to_user_string()] = _own_asset(
-                graph, key, one.location, names, ours, is_automatic=is_automatic
-            )
+            if partitions is None or is_ours:
+                own[name] = _own_asset(graph, key, location, names, ours, is_automatic=is_automatic)
+            elif is_automatic:
+                never[name] = "its partitions are not the recordings"
     # Assets of one code location may read those of another.
-    reads = {
-        name: sorted({read.key.to_user_string() for read in asset.reads} & own.keys())
-        for name, asset in own.items()
-    }
-    order = TopologicalSorter({name: reads[name] for name in sorted(reads)}).static_order()
-    return {name: own[name] for name in order}, dict(sorted(never.items()))
+    reads = {name: sorted({read.name for read in own[name].reads} & own.keys()) for name in sorted(own)}
+    return {name: own[name] for name in TopologicalSorter(reads).static_order()}, dict(sorted(never.items()))
 
 
 def _downstream(graphs: Collection[AssetGraph], roots: AbstractSet[dg.AssetKey]) -> set[dg.AssetKey]:
@@ -135,36 +98,29 @@ def _own_asset(
 ) -> OwnAsset:
     node = graph.get(key)
     return OwnAsset(
-        key,
-        location,
-        node.partitions_def is not None,
-        is_automatic,
-        node.code_version,
+        key.to_user_string(),
         tuple(_reads(graph, key, names, ours)),
-        frozenset(node.execution_set_asset_keys) | {key},
+        node.code_version,
+        node.partitions_def is not None,
+        location=location,
+        is_automatic=is_automatic,
+        together=frozenset(node.execution_set_asset_keys) | {key},
     )
-
-
-def _followed(repository: dg.RepositoryDefinition) -> set[dg.AssetKey]:
-    """Return the assets that `follow_recordings` runs."""
-    found = (sensor.metadata.get(FOLLOWS) for sensor in repository.sensor_defs)
-    return {dg.AssetKey.from_user_string(str(key.value)) for key in found if key is not None}
 
 
 def _reads(graph: AssetGraph, key: dg.AssetKey, names: Naming, ours: Collection[str]) -> Iterator[Read]:
     is_partitioned = graph.get(key).partitions_def is not None
     for parent in sorted(graph.get(key).parent_keys - {key}):
-        partitions = graph.get(parent).partitions_def
+        name, partitions = parent.to_user_string(), graph.get(parent).partitions_def
         # In a code location of its own, an asset of ours is a name without partitions.
-        is_ours = names.asset_of(parent) in ours
-        if partitions is None and not is_ours:
-            yield Read(parent, "whole")
+        if partitions is None and names.asset_of(parent) not in ours:
+            yield Read(name, "whole")
         elif not is_partitioned:
-            yield Read(parent, "all")
+            yield Read(name, "all")
         else:
             mapping = graph.get_partition_mapping(key, parent) if partitions is not None else None
             is_same = mapping is None or isinstance(mapping, dg.IdentityPartitionMapping)
-            yield Read(parent, "same" if is_same else "all")
+            yield Read(name, "same" if is_same else "all")
 
 
 # --- what was read, and what would be ----------------------------------------------------
@@ -176,34 +132,35 @@ class Versions:
     def __init__(self, instance: dg.DagsterInstance, names: Naming) -> None:
         self._instance, self._names = instance, names
         self._live = live_partitions(instance, names)
-        self._parts: dict[dg.AssetKey, Mapping[str, str]] = {}
-        self._wholes: dict[dg.AssetKey, str | None] = {}
+        self._parts: dict[str, Mapping[str, str]] = {}
+        self._wholes: dict[str, str | None] = {}
 
     def of(self, read: Read, partition: str) -> str | None:
         """Return the version of something that is read; None if it was never made.
 
         Of all recordings it is a digest over the versions of those that are registered, and not skipped.
         """
+        key = dg.AssetKey.from_user_string(read.name)
         if read.how == "whole":
-            if read.key not in self._wholes:
-                newest = recorded_whole(self._instance, self._names, read.key)
-                version = _observed(self._instance, read.key) if newest is None else newest.data_version
-                self._wholes[read.key] = version
-            return self._wholes[read.key]
-        if read.key not in self._parts:
+            if read.name not in self._wholes:
+                newest = recorded_whole(self._instance, self._names, key)
+                version = _observed(self._instance, key) if newest is None else newest.data_version
+                self._wholes[read.name] = version
+            return self._wholes[read.name]
+        if read.name not in self._parts:
             tags = self._instance.event_log_storage.get_latest_tags_by_partition(
-                read.key, dg.DagsterEventType.ASSET_MATERIALIZATION, [DATA_VERSION]
+                key, dg.DagsterEventType.ASSET_MATERIALIZATION, [DATA_VERSION]
             )
             versions = {part: found.get(DATA_VERSION, "") for part, found in tags.items()}
-            self._parts[read.key] = {part: one for part, one in versions.items() if not is_skip(one)}
-        parts = self._parts[read.key]
+            self._parts[read.name] = {part: one for part, one in versions.items() if not is_skip(one)}
+        parts = self._parts[read.name]
         if read.how == "same":
             return parts.get(partition)
         return digest_json({one: parts[one] for one in sorted(self._live & parts.keys())})
 
-    def read_by(self, asset: OwnAsset, partition: str) -> dict[str, str]:
+    def read_by(self, asset: Target, partition: str) -> dict[str, str]:
         """Return what an asset would read -> version, "" if that was never made."""
-        return {read.key.to_user_string(): self.of(read, partition) or "" for read in asset.reads}
+        return {read.name: self.of(read, partition) or "" for read in asset.reads}
 
 
 def _observed(instance: dg.DagsterInstance, key: dg.AssetKey) -> str | None:
@@ -226,9 +183,8 @@ def sensor_tags(
     """
     if context.repository_def is None:
         return {}
-    asset = _own_asset(
-        context.repository_def.asset_graph, key, CodeLocation(), names, ours, is_automatic=True
-    )
+    graph = context.repository_def.asset_graph
+    asset = _own_asset(graph, key, CodeLocation(), names, ours, is_automatic=True)
     tag = inputs_tag(asset, Versions(context.instance, names).read_by(asset, ""), code_digest())
     newest = recorded_whole(context.instance, names, key)
     run = None if newest is None else context.instance.get_run_by_id(newest.run_id)
@@ -247,11 +203,6 @@ def inputs_tag(asset: OwnAsset, reads: Mapping[str, str], code: str) -> dict[str
 def told_inputs(run: dg.DagsterRun, key: dg.AssetKey) -> str:
     """Return the digest of what a run has read for an asset, as its tag says; "" if it has none."""
     return run.tags.get(_tag_name(key), "").partition("-")[0]
-
-
-def inputs_digest(asset: OwnAsset, reads: Mapping[str, str]) -> str:
-    """Return the digest of what an asset is made from: its code version, and what it reads -> version."""
-    return digest_json({"code_version": asset.code_version, "reads": dict(reads)})[:32]
 
 
 def _tag_name(key: dg.AssetKey) -> str:

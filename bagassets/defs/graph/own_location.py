@@ -6,9 +6,9 @@ They are imported into this process, as Dagster imports them into a code server.
 import os
 import sys
 import sysconfig
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import chdir, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import dagster as dg
@@ -26,7 +26,7 @@ from bagassets.defs.records.instances import dotenv_variables
 from bagassets.defs.records.naming import parse_prefix
 from bagassets.defs.runs.execution import CodeLocation
 
-__all__ = ["OwnLocation", "code_digest", "files_of", "home_of", "know_installed_modules", "load_locations"]
+__all__ = ["Locations", "code_digest", "files_of", "home_of", "know_installed_modules", "load_locations"]
 
 _OURS = CodeLocation().module
 _WORKSPACE = "workspace.yaml"
@@ -35,20 +35,11 @@ _PACKAGE = str(Path(__file__).resolve().parent.parent)
 _INSTALLED: set[str] = set()
 
 
-@dataclass(frozen=True)
-class OwnLocation:
-    """A code location of the user's.
-
-    Attributes:
-        location: as `workspace.yaml` names it.
-        repository: what it defines.
-    """
-
-    location: CodeLocation
-    repository: dg.RepositoryDefinition
+Locations = Mapping[CodeLocation, dg.RepositoryDefinition]
+"""Code location of the user's, as `workspace.yaml` names it -> what it defines."""
 
 
-def load_locations(home: Path) -> list[OwnLocation]:
+def load_locations(home: Path) -> Locations:
     """Import the user's code locations; none if only ours is named.
 
     Locations of other interpreters and of servers are left out, as nothing of them can be imported here.
@@ -57,17 +48,22 @@ def load_locations(home: Path) -> list[OwnLocation]:
         RecipeError: `workspace.yaml` is wrong, or a module cannot be imported.
     """
     file = home / _WORKSPACE
-    loaded = []
-    for location in _named(file):
+    loaded = {}
+    for named in _named(file):
         try:
             with chdir(home), _variables_of(home):  # as where Dagster is started
-                loaded.append(_load(location))
+                location = named
+                if not named.attribute:
+                    (target,) = loadable_targets_from_python_module(named.module, named.working_directory)
+                    location = replace(named, attribute=target.attribute)
+                repository = recon_repository_from_origin(location.python_origin())
+                loaded[location] = repository.get_definition()
         except (Exception, SystemExit) as err:
             lines = str(err).strip().splitlines()
             said = f"{type(err).__name__}: {lines[0]}" if lines else type(err).__name__
             raise RecipeError(
-                f"{file}: {location.module} cannot be loaded ({said}), so nothing of yours is brought up to date; "
-                f"`dagster definitions validate -m {location.module}` in {home} shows where."
+                f"{file}: {named.module} cannot be loaded ({said}), so nothing of yours is brought up to date; "
+                f"`dagster definitions validate -m {named.module}` in {home} shows where."
             ) from err
     return loaded
 
@@ -84,19 +80,17 @@ def _variables_of(home: Path) -> Iterator[None]:
             os.environ.pop(name, None)
 
 
-def home_of(
-    home: Path, recipe_file: Path, locations: Iterable[OwnLocation]
-) -> tuple[tuple[str, ...], CodeLocation]:
+def home_of(home: Path, recipe_file: Path, locations: Locations) -> tuple[tuple[str, ...], CodeLocation]:
     """Return the key prefix of a project, and the code location that defines it: ours, unless it has a prefix.
 
     A project that is defined without a prefix as well has none.
     """
     found: dict[tuple[str, ...], CodeLocation] = {}
-    for one in locations:
-        for sensor in one.repository.sensor_defs:
+    for location, repository in locations.items():
+        for sensor in repository.sensor_defs:
             recipe, prefix = sensor.metadata.get(RECIPE), sensor.metadata.get(KEY_PREFIX)
             if recipe is not None and Path(str(recipe.value)).resolve() == recipe_file.resolve():
-                found[parse_prefix(str(prefix.value) if prefix is not None else "")] = one.location
+                found[parse_prefix(str(prefix.value) if prefix is not None else "")] = location
     if not found or () in found:
         return (), CodeLocation()
     if any(origin.loadable_target_origin.module_name == _OURS for origin in _origins(home / _WORKSPACE)):
@@ -129,14 +123,6 @@ def _named(file: Path) -> Iterator[CodeLocation]:
             module, folder = Path(target.python_file).stem, (file.parent / target.python_file).parent
         if module is not None:
             yield CodeLocation(module, target.attribute or "", origin.location_name, str(folder.resolve()))
-
-
-def _load(location: CodeLocation) -> OwnLocation:
-    if not location.attribute:
-        (target,) = loadable_targets_from_python_module(location.module, location.working_directory)
-        location = replace(location, attribute=target.attribute)
-    repository = recon_repository_from_origin(location.python_origin()).get_definition()
-    return OwnLocation(location, repository)
 
 
 def files_of(home: Path) -> tuple[str, ...]:

@@ -25,6 +25,7 @@ __all__ = [
     "recorded_partition",
     "recorded_states",
     "recorded_whole",
+    "recorded_wholes",
     "recordings_made",
     "runs_of",
 ]
@@ -84,10 +85,18 @@ def recorded_partition(
 
 def recorded_whole(instance: dg.DagsterInstance, names: Naming, asset: AssetName) -> Recorded | None:
     """Return the latest record of an asset, whichever partition it is of."""
-    for record in instance.fetch_materializations(names.key(asset), limit=1).records:
-        if record.asset_materialization is not None:
-            return _recorded(names, record.asset_materialization, record.run_id)
-    return None
+    return recorded_wholes(instance, names, [asset]).get(asset)
+
+
+def recorded_wholes(instance: dg.DagsterInstance, names: Naming, assets: Iterable[A]) -> dict[A, Recorded]:
+    """Return asset -> its latest record, of some assets in one query; see `recorded_whole`."""
+    keys = {names.key(asset): asset for asset in assets}
+    latest = instance.event_log_storage.get_latest_materialization_events(list(keys))
+    return {
+        keys[key]: _recorded(names, made, event.run_id)
+        for key, event in latest.items()
+        if event is not None and (made := event.asset_materialization) is not None
+    }
 
 
 def recordings_made(instance: dg.DagsterInstance, run_id: str) -> frozenset[str]:

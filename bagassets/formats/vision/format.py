@@ -17,7 +17,7 @@ from bagassets.engine.splits import SplitShare
 from bagassets.formats.format import FACTS, Entry, Format, Joined, Link, Member, UnitFolders
 from bagassets.formats.json_files import json_bytes, rows_text, write_hashed, write_joined
 from bagassets.formats.vision.recording_part import FILES, SEQUENCES, VISION_SEQUENCES
-from bagassets.recipe.model_datasets import Vision
+from bagassets.formats.vision.settings import Vision
 
 __all__ = ["RECORDINGS", "VISION", "join"]
 
