@@ -23,7 +23,7 @@ WORDS = {
     ("formats/dataset_lock.py", "vision_sequences"): "likewise",
     ("formats/nuscenes/annotation_rows.py", "annotations"): "what is counted",
     ("formats/nuscenes/dataset_rows.py", "sweeps"): "a folder of nuScenes",
-    ("formats/nuscenes/filenames.py", "sweeps"): "a folder of nuScenes",
+    ("formats/nuscenes/tokens.py", "sweeps"): "a folder of nuScenes",
     ("formats/nuscenes/format.py", "calibration"): "a part of a sample that `dataset diff` compares",
     ("formats/nuscenes/format.py", "sweeps"): "a folder of nuScenes",
     ("formats/nuscenes/tables.py", "annotations"): "what is counted",
