@@ -25,6 +25,7 @@ from bagassets.formats.dataset_build import datasets_of
 from bagassets.formats.dataset_lock import read_lock
 from bagassets.formats.format import Part
 from bagassets.recipe import load_recipe
+from bagassets.recipe.format_settings import OUR_FORMATS
 from bagassets.store.action import Step
 from bagassets.store.store import Store
 from bagassets_tests import in_process
@@ -98,7 +99,7 @@ def problem(site, code, name="acme", value="ACME", version="1.2"):
     site.install("acme_package", version, code, group=FORMATS, **{name: value})
     (sentence,) = catalogue().problems
     assert formats() == catalogue().formats
-    assert [kind.name for kind in formats()] == ["nuscenes", "vision"]
+    assert [kind.name for kind in formats()] == [*OUR_FORMATS]
     assert catalogue().assets == {}
     assert sentence.count("\n") == 0
     return sentence
@@ -269,7 +270,7 @@ class TestBad:
         site.install("two", "2", GOOD.replace('name="acme"', 'name="other"'), group=FORMATS, other="ACME")
         (sentence,) = catalogue().problems
         assert "other of two 2 cannot be used: one 1 has an asset acme_part, too" in sentence
-        assert [kind.name for kind in formats()] == ["nuscenes", "vision", "acme"]
+        assert [kind.name for kind in formats()] == [*OUR_FORMATS, "acme"]
 
     @pytest.mark.parametrize(
         ("was", "now", "words"),
