@@ -70,6 +70,12 @@ def with_check(section):
     )
 
 
+def with_count(name):
+    """The package, whose asset counts something."""
+    face = f"face=Face(counts={{'{name}': len}})"
+    return "from bagassets.assets.face import Face\n" + GOOD.replace("make=make,", f"make=make, {face},")
+
+
 RECIPE = """
 name: test
 bags: {{root: bags}}
@@ -231,6 +237,12 @@ class TestBad:
             (with_check("'y'"), "its check acme_sound has the section 'y'"),
             (with_check("'enabled'"), "its check acme_sound has the section 'enabled'"),
             (GOOD.replace("make=make,", "make=make, checks=(print,),"), "is not a RecordingCheck"),
+            (
+                GOOD.replace("make=make,", "make=make, face=print,"),
+                "has a face that is not a bagassets.assets.face.Face",
+            ),
+            (with_count("boxes"), "its asset acme_part counts boxes, a name that is taken"),
+            (with_count("result"), "its asset acme_part counts result, a name that is taken"),
             (
                 HEAD.replace("acme_part", "frames") + "ACME = Format(**FIELDS)\n",
                 "'frames' is not a valid name for an asset",
