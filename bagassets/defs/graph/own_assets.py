@@ -185,11 +185,11 @@ def sensor_tags(
         return {}
     graph = context.repository_def.asset_graph
     asset = _own_asset(graph, key, CodeLocation(), names, ours, is_automatic=True)
-    tag = inputs_tag(asset, Versions(context.instance, names).read_by(asset, ""), code_digest())
+    reads = Versions(context.instance, names).read_by(asset, "")
     newest = recorded_whole(context.instance, names, key)
     run = None if newest is None else context.instance.get_run_by_id(newest.run_id)
-    made_from = "" if run is None else told_inputs(run, key)
-    return None if made_from and tag[_tag_name(key)].startswith(made_from) else tag
+    is_same = run is not None and told_inputs(run, key) == inputs_digest(asset, reads)
+    return None if is_same else inputs_tag(asset, reads, code_digest())
 
 
 def inputs_tag(asset: OwnAsset, reads: Mapping[str, str], code: str) -> dict[str, str]:
