@@ -150,7 +150,7 @@ def build(
     if report.interrupted:
         raise KeyboardInterrupt(counts_line(report))
     return Report(
-        recordings={row["recording"]: SummaryRow(**row) for row in value["summary"]},
+        recordings={row["recording"]: SummaryRow.from_json(row) for row in value["summary"]},
         dataset=report.dataset_path,
         dataset_state=report.dataset,
         dataset_problem=report.dataset_problem,
@@ -212,7 +212,7 @@ def _temporary(recipe: Recipe) -> Iterator[tuple[Path, Path]]:
 
     The store is on the file system of the dataset, whose files are links into it.
     """
-    output = recipe.nuscenes.output
+    output = recipe.output
     try:
         output.parent.mkdir(parents=True, exist_ok=True)
         store = Path(tempfile.mkdtemp(prefix=f".{output.name[:100]}.", dir=output.parent))

@@ -50,7 +50,7 @@ def _rig(name, channels, pose=ODOMETRY, **fields):
 
 
 def _recipe(*rigs, **sections):
-    return {"name": "test", "bags": {"root": "/bags"}, "rigs": rigs, "vision": {}, **sections}
+    return {"name": "test", "bags": {"root": "/bags"}, "rigs": rigs, "nuscenes": {}, "vision": {}, **sections}
 
 
 def recipes(folder):

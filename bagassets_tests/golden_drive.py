@@ -55,6 +55,7 @@ LENSES = {
 RECIPE = """
 name: golden
 bags: {root: bags, settle_s: 0}
+nuscenes: {}
 vision: {frames: 4, trajectories: ["CAM_FRONT:global"]}
 preview: {columns: 3, width: 640}
 scenes: {min_length_s: 0}

@@ -1,11 +1,16 @@
 """Making the assets of one recording without Dagster, as tests like it."""
 
+import yaml
+
 from bagassets.base.errors import BagAssetsError
 from bagassets.engine.execute import AssetResult, BuildFailure, Skipped, execute
 from bagassets.engine.graph import SELECTION, Graph
 from bagassets.formats.catalogue import known_assets, recording_assets
+from bagassets.recipe.model import Recipe
+from bagassets.sample.recipe import sample_recipe
 
 UPSTREAM = {asset.name: tuple(one.name for one in asset.reads) for asset in known_assets()}
+ASSETS = recording_assets(Recipe.model_validate(yaml.safe_load(sample_recipe())))
 RECORDING_ASSETS = ("bag", *(asset.name for asset in known_assets() if not asset.optional))
 
 

@@ -155,7 +155,7 @@ def test_a_build_tells_findings_once():
 
 
 def test_a_build_tells_failures_once():
-    rows = [SummaryRow(key, "ros1", *(None,) * 7, "failed", f"/bags/{key}: {sentence(key)}.") for key in KEYS]
+    rows = [SummaryRow(key, "ros1", None, {}, "failed", f"/bags/{key}: {sentence(key)}.") for key in KEYS]
     lines = printed(lambda console: print_summary(BuildReport(), rows, Path("/p/recipe.yaml"), console))
     assert [line for line in lines if line.startswith("failed ")] == [
         f"failed {TOLD[0]}: /bags/…: {TOLD[1]}.",

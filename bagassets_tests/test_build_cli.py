@@ -1,5 +1,6 @@
 """`bagassets build`: its table, progress and exit codes, on real projects."""
 
+import copy
 import io
 import json
 import re
@@ -13,12 +14,18 @@ from bagassets.base.quantities import span_text
 from bagassets.cli import progress
 from bagassets.cli.main import root
 from bagassets.cli.summary import counts_line, print_summary, splits_text, ui_command
-from bagassets.engine.build_report import BagOutcome, BuildReport, Event
+from bagassets.engine.build_report import BagOutcome, BuildReport, Event, SummaryRow
 from bagassets.engine.plan import AssetState, BagPlan, Plan
+from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.engine.run_action import run_action
 from bagassets.engine.summary_rows import summary_rows
 from bagassets.store.store import Store
+from bagassets_tests.recording_build import ASSETS as EVERY
 from bagassets_tests.recording_build import RECORDING_ASSETS
+
+# Those that a build has counted from the beginning.
+_COUNTING = {"inventory", "calibration", "ego_poses", "annotations", "frames", "sweeps", "nuscenes_tables"}
+ASSETS = RecordingAssets(EVERY.recipe, [asset for asset in EVERY if asset.name in _COUNTING])
 
 
 def bag_plan(key, versions=None):
@@ -67,7 +74,7 @@ def report(tmp_path):
 
 def test_a_row_holds_what_the_current_artifacts_say(report):
     store, built = report
-    a, b = summary_rows(built, store)
+    a, b = summary_rows(built, store, ASSETS)
     assert a.as_json() == {
         "recording": "a",
         "format": "mcap",
@@ -85,23 +92,51 @@ def test_a_row_holds_what_the_current_artifacts_say(report):
     assert (b.images, b.keyframes, b.result) == (None, None, "failed")
 
 
+def test_losses_are_listed_by_source_and_reason(report):
+    """The loss that is there is named; sources without one are not, and what two kinds lost alike adds up."""
+    store, built = report
+    cameras = {"CAM_FRONT": {"written": 1, "lost": {"damaged": 2}}, "CAM_REAR": {"written": 1, "lost": {}}}
+    boxes = {"messages": {"lost": {"late": 1}}, "boxes": {"lost": {"no pose": 3, "late": 1}}}
+    versions = {
+        "frames": artifact(store, {"channels": cameras}),
+        "ego_poses": artifact(store, {"source": "tf", "counts": {"lost": {"not finite": 4}}}),
+        "annotations": artifact(store, {"counts": {"/boxes": boxes}}),
+    }
+    built.plan.bags["a"] = bag_plan("a", versions)
+    assert summary_rows(built, store, ASSETS)[0].lost == {
+        "CAM_FRONT": {"damaged": 2}, "ego_poses": {"not finite": 4}, "/boxes": {"late": 2, "no pose": 3}
+    }  # fmt: skip
+
+
+def test_a_row_survives_being_sent_and_has_its_counts_as_attributes(report):
+    store, built = report
+    for row in summary_rows(built, store, ASSETS):
+        same = SummaryRow.from_json(json.loads(json.dumps(row.as_json())))
+        assert same == row == copy.copy(row)
+        assert same.keyframes == row.counts["keyframes"]
+    with pytest.raises(AttributeError):
+        _ = row.wheels
+
+
 def test_an_artifact_that_is_gone_leaves_its_cells_empty(report):
     store, built = report
     for folder in (store.root / "artifacts").glob("*/*/manifest.json"):
         folder.unlink()
-    assert summary_rows(built, store)[0].images is None
+    assert summary_rows(built, store, ASSETS)[0].images is None
 
 
 def test_with_many_recordings_only_those_where_something_happened_are_read(report):
     store, built = report
     built.outcomes["b"] = BagOutcome("fresh")
-    assert [row.recording for row in summary_rows(built, store, most=1)] == ["a"]
+    assert [row.recording for row in summary_rows(built, store, ASSETS, most=1)] == ["a"]
 
 
 def test_the_table_fits_80_columns_and_shows_everything(report):
     store, built = report
     stream = io.StringIO()
-    print_summary(built, summary_rows(built, store), Path("/p/recipe.yaml"), Console(file=stream, width=80))
+    print_summary(
+        built, summary_rows(built, store, ASSETS), Path("/p/recipe.yaml"), Console(file=stream, width=80)
+    )
     text = stream.getvalue()
     assert "keyframes result" in text
     (row,) = [line for line in text.splitlines() if line.lstrip().startswith("a ")]
@@ -126,7 +161,7 @@ def test_recordings_that_are_not_listed_are_counted_beside_those_that_are(report
         print_summary(built, rows, Path("/p/recipe.yaml"), Console(file=stream, width=80))
         return stream.getvalue()
 
-    rows = summary_rows(built, store)
+    rows = summary_rows(built, store, ASSETS)
     assert len(rows) == 2
     assert "1 more recording; `bagassets status` lists all." in lines(rows[:1])
     assert "lists all" not in lines(rows)
@@ -139,7 +174,9 @@ def test_an_empty_dataset_is_called_so(report, recordings, is_said):
     for share in built.splits.values():
         share["recordings"] = recordings
     stream = io.StringIO()
-    print_summary(built, summary_rows(built, store), Path("/p/recipe.yaml"), Console(file=stream, width=80))
+    print_summary(
+        built, summary_rows(built, store, ASSETS), Path("/p/recipe.yaml"), Console(file=stream, width=80)
+    )
     assert ("It is empty: no recording can be part of it" in stream.getvalue()) == is_said
 
 

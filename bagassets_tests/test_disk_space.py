@@ -12,8 +12,10 @@ from bagassets.engine import disk_space
 from bagassets.engine.build_report import Event
 from bagassets.engine.disk_space import SpaceNeeded, folders_written, require_disk_space, space_needed
 from bagassets.engine.plan import AssetState, BagPlan, Plan
+from bagassets.recipe import parse_recipe
 from bagassets.store.store import Store
-from bagassets_tests.in_process import build, make_project, survey
+from bagassets_tests.in_process import QUICK, build, make_project, survey
+from bagassets_tests.recording_build import ASSETS
 from bagassets_tests.small_drive import write_drive
 
 
@@ -32,18 +34,18 @@ def plan(*bags):
 
 def test_nothing_is_needed_where_images_and_sweeps_are_there(tmp_path):
     todo = bag("a", "fresh", nuscenes_tables="stale")
-    assert space_needed(plan(todo), {"a": 1000}, ["a"], Store(tmp_path)) is None
+    assert space_needed(plan(todo), {"a": 1000}, ["a"], Store(tmp_path), ASSETS) is None
 
 
 @pytest.mark.parametrize("state", ["unknown", "stale"])
 def test_what_was_made_before_may_be_there_still(tmp_path, state):
     touched = replace(bag("a", state), recorded={"frames": "0" * 64, "sweeps": "1" * 64})
-    assert space_needed(plan(touched), {"a": 1000}, ["a"], Store(tmp_path)) is None
-    assert space_needed(plan(bag("a", state)), {"a": 1000}, ["a"], Store(tmp_path)) is not None
+    assert space_needed(plan(touched), {"a": 1000}, ["a"], Store(tmp_path), ASSETS) is None
+    assert space_needed(plan(bag("a", state)), {"a": 1000}, ["a"], Store(tmp_path), ASSETS) is not None
 
 
 def test_without_built_recordings_it_is_at_most_their_size(tmp_path, monkeypatch):
-    needed = space_needed(plan(bag("a", "missing")), {"a": 30_000_000_000}, ["a"], Store(tmp_path))
+    needed = space_needed(plan(bag("a", "missing")), {"a": 30_000_000_000}, ["a"], Store(tmp_path), ASSETS)
     assert needed is not None
     assert str(needed) == "1 recording (30.0 GB): about 30.0 GB of disk space or less"
     free(monkeypatch, 1_000_000)
@@ -71,13 +73,17 @@ def test_much_too_little_is_refused_with_what_to_do(tmp_path, monkeypatch):
 
 
 def test_a_dataset_on_another_disk_needs_space_of_its_own(tmp_path, monkeypatch):
-    assert folders_written(tmp_path / "store", tmp_path / "out") == {"store": tmp_path / "store"}
-    devices = {tmp_path / "store": 1, tmp_path / "out": 2}
+    text = QUICK.format(name="test", root="bags") + "vision: {output: sequences}\n"
+    recipe = parse_recipe(text, tmp_path / "recipe.yaml")
+    assert folders_written(tmp_path / "store", recipe) == {"store": tmp_path / "store"}
+    devices = {tmp_path / "store": 1, tmp_path / "dataset" / "nuscenes": 1, tmp_path / "sequences": 2}
     monkeypatch.setattr(disk_space, "_device", devices.__getitem__)
-    assert folders_written(tmp_path / "store", tmp_path / "out") == {
+    assert folders_written(tmp_path / "store", recipe) == {
         "store": tmp_path / "store",
-        "nuscenes.output": tmp_path / "out",
+        "vision.output": tmp_path / "sequences",
     }
+    devices[tmp_path / "dataset" / "nuscenes"] = 2
+    assert list(folders_written(tmp_path / "store", recipe)) == ["store", "nuscenes.output", "vision.output"]
 
 
 def test_a_build_measures_what_is_built_and_says_so(tmp_path, monkeypatch, capsys):
@@ -88,7 +94,7 @@ def test_a_build_measures_what_is_built_and_says_so(tmp_path, monkeypatch, capsy
     pending = survey(recipe)
     sizes = {key: one.size for key, one in pending.planned.discovery.recordings.items()}
     store = Store(tmp_path / ".bagassets" / "store")
-    needed = space_needed(pending.plan, sizes, pending.todo, store)
+    needed = space_needed(pending.plan, sizes, pending.todo, store, ASSETS)
     assert needed.is_measured
     files = {
         file.stat().st_ino: file.stat().st_size for file in store.root.rglob("files/**/*") if file.is_file()

@@ -19,7 +19,6 @@ import bagassets
 from bagassets.base.errors import BagAssetsError, RecipeError, RecordingError
 from bagassets.cli.remote import end_servers
 from bagassets.defs.builds.pending_work import open_project
-from bagassets.engine.summary_rows import losses
 from bagassets.sample.drive import Target, write_recordings
 from bagassets.sample.recipe import sample_recipe
 from bagassets_tests.services import eventually
@@ -211,12 +210,3 @@ def test_neither_dagster_nor_the_devkit_is_imported(folder):
         [sys.executable, "-c", code, "recipe.yaml"], check=True, capture_output=True, text=True
     )
     assert done.stdout == "[]\n"
-
-
-def test_losses_are_listed_by_channel_and_reason():
-    """The loss that is there is named; channels without one are not."""
-    cameras = {"CAM_FRONT": {"lost": {"damaged": 2}}, "CAM_REAR": {"lost": {}}}
-    boxes = {"counts": {"/boxes": {"messages": {"lost": {"late": 1}}, "boxes": {"lost": {"no pose": 3}}}}}
-    assert losses({"channels": cameras}, {}, {"counts": {"lost": {"not finite": 4}}}, boxes) == {
-        "CAM_FRONT": {"damaged": 2}, "ego_poses": {"not finite": 4}, "/boxes": {"late": 1, "no pose": 3}
-    }  # fmt: skip

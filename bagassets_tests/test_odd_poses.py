@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bagassets.assets.pose_outliers import overlaps, trusted_fixes
-from bagassets.assets.quality.check import Evidence
+from bagassets.assets.quality.evidence import Evidence
 from bagassets.assets.quality.pose_rules import poses_cover_sensors
 from bagassets.base.errors import LossLimitError, PoseError
 from bagassets.formats.nuscenes.part_checks import PART_CHECKS

@@ -11,7 +11,7 @@ import pytest
 
 from bagassets.assets.boxes.table import BoxTable
 from bagassets.assets.ego_poses import load_trajectory
-from bagassets.assets.lidar_file import read_lidar_file
+from bagassets.assets.frames import FRAMES
 from bagassets.assets.pictures import future
 from bagassets.assets.pictures.birds_eye import BoxAt, birds_eye
 from bagassets.assets.pictures.canvas import (
@@ -28,20 +28,22 @@ from bagassets.assets.pictures.canvas import (
     text,
     turbo,
 )
-from bagassets.assets.pictures.channels import CameraImages, Clouds
-from bagassets.assets.pictures.contact_sheet import GAP_PX, HEADER_PX, contact_sheet
+from bagassets.assets.pictures.channels import CameraImages, Clouds, View
 from bagassets.assets.pictures.future import future_trajectory
-from bagassets.assets.pictures.lens import View
 from bagassets.assets.pictures.lidar_over_camera import lidar_over_camera
 from bagassets.assets.pictures.pictures import (
+    GAP_PX,
+    HEADER_PX,
     TITLES,
     best_moment,
     boxes_at,
+    contact_sheet,
     evenly_spaced,
     reading_at,
     suitable_range_m,
 )
 from bagassets.assets.pictures.timeline import ROW_PX, TOP_PX, timeline, timeline_facts
+from bagassets.assets.preview import PREVIEW
 from bagassets.base.errors import RecipeError
 from bagassets.defs.records.reporting import result_metadata
 from bagassets.geometry.calibration import Calibration
@@ -391,7 +393,7 @@ class TestStep:
         assert artifact.path("thumbnail.jpg").stat().st_size <= 2600
 
     def test_the_web_ui_gets_them_as_markdown(self, built):
-        metadata = result_metadata(built[2]["preview"])
+        metadata = result_metadata(built[2]["preview"], PREVIEW.face)
         assert {name for name in metadata if name.startswith("picture_")} == {
             f"picture_{name}" for name in TITLES
         }
@@ -405,7 +407,9 @@ class TestStep:
         assert all(len(metadata[f"picture_{name}"].value) < 1000 for name in TITLES)
         assert metadata["thumbnail"].value.startswith("![Thumbnail](data:image/jpeg;base64,/9j/")
         assert list(metadata)[: len(TITLES)] == [f"picture_{name}" for name in TITLES]
-        assert not any(name.startswith("picture_") for name in result_metadata(built[2]["frames"]))
+        assert not any(
+            name.startswith("picture_") for name in result_metadata(built[2]["frames"], FRAMES.face)
+        )
 
     def test_lidar_points_of_an_object_lie_on_its_pixels(self, built):
         """Poses, extrinsics, intrinsics and clocks have to be right for this, all of them."""
@@ -426,7 +430,6 @@ class TestStep:
             "LIDAR_TOP",
             channel("sweeps", "LIDAR_TOP"),
             calibration["LIDAR_TOP"].ego_SE3_sensor,
-            read_lidar_file,
         )
         image = 12
         stamp_ns = int(camera.stamps_ns[image])

@@ -10,7 +10,7 @@ from bagassets.assets.boxes.table import BoxTable
 from bagassets.assets.quality.box_rules import boxes_plausible
 from bagassets.assets.quality.calibration_rules import calibration_plausible
 from bagassets.assets.quality.channel_rules import channels_complete
-from bagassets.assets.quality.check import Evidence
+from bagassets.assets.quality.evidence import Evidence
 from bagassets.assets.quality.file_rules import files_match
 from bagassets.assets.quality.finding import clock
 from bagassets.assets.quality.pose_rules import poses_complete, poses_cover_sensors

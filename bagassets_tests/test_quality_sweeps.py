@@ -10,7 +10,7 @@ import pytest
 from numpy.lib.recfunctions import repack_fields
 from sample_drives import build_recordings
 
-from bagassets.assets.quality.check import Evidence
+from bagassets.assets.quality.evidence import Evidence
 from bagassets.assets.quality.sweep_rules import Sweeps, sweeps_timed
 from bagassets.geometry.se3 import quaternion_multiply
 from bagassets.geometry.trajectory import Trajectory

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from sample_drives import build_recordings
 
-from bagassets.assets.quality.check import Evidence
+from bagassets.assets.quality.evidence import Evidence
 from bagassets.assets.radar_file import read_radar_file
 from bagassets.base.errors import RecipeError
 from bagassets.propose.proposal import propose_recipe

@@ -15,8 +15,7 @@ from bagassets.defs.records.events import recorded_partition
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.records.workspace import Workspace
 from bagassets.engine.plan import is_skip
-from bagassets.formats.catalogue import MAIN
-from bagassets.formats.dataset_build import main_lock
+from bagassets.formats.dataset_build import first_lock
 from bagassets.store.canonical import digest_json
 from bagassets_tests.in_process import QUICK
 from bagassets_tests.small_drive import write_drive
@@ -56,7 +55,7 @@ def states(project, key=SHORT):
 
 
 def in_dataset(project):
-    lock = main_lock(project.recipe).value
+    lock = first_lock(project.recipe).value
     return [bag["key"] for bag in lock["bags"]], set(lock["skipped"])
 
 
@@ -80,7 +79,7 @@ def test_it_is_recorded_as_skipped_and_made_once_it_takes_part(project):
     edit(project, "min_duration_s: 1.2", "min_duration_s: 0.1")
     assert states(project) == {"unknown"}  # waits for the calibration, which was skipped before
     inputs = find_pending_work(project.instance, workspace(project)).planned.inputs
-    assert [part.key for part in inputs.parts[MAIN.name]] == [LONG]  # until there is something of it
+    assert [part.key for part in inputs.parts["nuscenes"]] == [LONG]  # until there is something of it
     project.build_project()
     assert not any(record.is_skip for record in records(project).values())
     assert stale(project) == set()

@@ -16,6 +16,7 @@ from bagassets.assets.boxes.files.sustechpoints import read_sustechpoints
 from bagassets.assets.boxes.files.times import FrameClock, named_frames, numbered_frames, read_times
 from bagassets.assets.boxes.frames import DATASET_FRAME, BoxFrames
 from bagassets.assets.channel import Counts
+from bagassets.assets.ego_poses import EGO_POSES
 from bagassets.base.errors import ChangedWhileReadError, DecodeError, RecipeError, RecordingError
 from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.geometry.se3 import SE3
@@ -105,7 +106,7 @@ def labels_of(
     span_ns, sets = _span_ns(topics, inventory, clock), facts.labels(entries)
     origin = None
     if any(found.files or found.parts for found in sets.values()):
-        origin = facts.artifact("ego_poses").read_json("ego_poses.json")["origin"]
+        origin = facts.artifact(EGO_POSES.name).read_json("ego_poses.json")["origin"]
 
     def made(entry: AnnotationFiles, found: LabelSet, parts: tuple[Labels, ...] = ()) -> Labels:
         return Labels(

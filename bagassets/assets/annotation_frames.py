@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from bagassets.assets.asset import Facts
 from bagassets.assets.boxes.frames import DATASET_FRAME, BoxFrames
+from bagassets.assets.ego_poses import EGO_POSES
 from bagassets.assets.topic_log import MOST_FRAMES
 from bagassets.assets.transform_logs import read_transforms
 from bagassets.base.json_types import JsonMapping
@@ -72,7 +73,7 @@ def box_places(facts: Facts, frames: Iterable[str | None], params: ReadingParams
         frames: frames of the boxes; None for one that is only known from the boxes themselves.
         params: frame of the vehicle, and topics with transforms.
     """
-    poses = facts.artifact("ego_poses").read_json("ego_poses.json")
+    poses = facts.artifact(EGO_POSES.name).read_json("ego_poses.json")
     mounts = {sensor.frame: sensor.ego_SE3_sensor for sensor in facts.calibration.channels.values()}
     known = {poses["global_frame"], DATASET_FRAME, params.ego_frame, *mounts}
     needed = any(frame not in known for frame in frames)

@@ -3,7 +3,7 @@
 Files: `annotations.parquet` and `annotations.json`, which counts messages, files and boxes, and those that were lost.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from bagassets.assets.annotation_files import Labels, add_labels, labels_of
@@ -17,13 +17,15 @@ from bagassets.assets.annotation_frames import (
 from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use, inlined, omitted
 from bagassets.assets.boxes.collect import UNKNOWN_FRAME, BoxCollector, Place, SourceRules
 from bagassets.assets.boxes.frames import BoxFrames
-from bagassets.assets.boxes.table import BoxTable
+from bagassets.assets.boxes.table import SCHEMA, BoxTable
 from bagassets.assets.calibration import CALIBRATION
 from bagassets.assets.channel import Counts, settings_of
 from bagassets.assets.ego_poses import EGO_POSES
+from bagassets.assets.face import Face, Loss, losses_of
 from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.quality.box_rules import boxes_plausible
-from bagassets.assets.quality.check import Evidence, RecordingCheck
+from bagassets.assets.quality.check import RecordingCheck
+from bagassets.assets.quality.evidence import Evidence
 from bagassets.assets.quality.finding import Finding
 from bagassets.base.errors import DecodeError, LossLimitError, RecipeError
 from bagassets.base.json_types import JsonMapping
@@ -167,7 +169,7 @@ def use(params: AnnotationParams, facts: Facts) -> dict[str, Use[AnnotationUse]]
         *places.tf,
         *(topic for entry in labels.values() for topic in entry.topics),
     }
-    inputs = {"ego_poses": facts.artifact("ego_poses").digest}
+    inputs = {EGO_POSES.name: facts.artifact(EGO_POSES.name).digest}
     for entry in labels.values():
         inputs |= entry.found.inputs
     return {"": Use(AnnotationUse((*absent, *without), boxes), tuple(sorted(read)), inputs)}
@@ -297,9 +299,15 @@ def _make(use: Use[AnnotationUse], inputs: Inputs, out: ArtifactWriter) -> Summa
 
 
 def _boxes_plausible(evidence: Evidence) -> Finding:
-    artifact = evidence.artifact("annotations")
+    artifact = evidence.artifact(ANNOTATIONS.name)
     boxes = BoxTable.from_arrow(artifact.read_table(TABLE))
     return boxes_plausible(artifact.read_json(COUNTS)["counts"], boxes, evidence.checks.boxes_plausible)
+
+
+def _losses(summary: JsonMapping) -> Iterator[Loss]:
+    for source, counts in summary.get("counts", {}).items():
+        yield from losses_of(source, counts.get("messages", {}))
+        yield from losses_of(source, counts.get("boxes", {}), "box")
 
 
 ANNOTATIONS = Asset(
@@ -309,6 +317,12 @@ ANNOTATIONS = Asset(
     title="3-D boxes with track ids, in the frame of the ego poses.",
     description="From topics of the recording or files beside it: `annotations.parquet`.",
     kinds=frozenset({"parquet"}),
+    face=Face(
+        columns=SCHEMA,
+        counts={"boxes": lambda summary: summary.get("boxes")},
+        losses=_losses,
+        heading="boxes",
+    ),
     reads=(INVENTORY, CALIBRATION, EGO_POSES),
     families=("boxes",),
     params=AnnotationParams.of,

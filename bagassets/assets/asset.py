@@ -19,6 +19,7 @@ from pydantic import BaseModel
 
 from bagassets.assets.boxes.files.find import LabelSet
 from bagassets.assets.channel import ChannelExtractor
+from bagassets.assets.face import Face
 from bagassets.assets.quality.check import RecordingCheck
 from bagassets.base.json_types import Json, JsonObject
 from bagassets.base.plugins import Family
@@ -275,6 +276,7 @@ class Asset(Generic[P, U]):
         title: one sentence that says what it is.
         description: its content and its files, for the web UI, where it follows the title.
         kinds: kinds that the web UI shows.
+        face: what people are shown of its artifacts.
         reads: the upstream assets.
         waits_for: returns the names of those of `reads` that it needs under its parameters, for a recording with this
             inventory; the inventory is None while it is not known. Default: all.
@@ -303,6 +305,7 @@ class Asset(Generic[P, U]):
     make: "Callable[[Use[U], Inputs, ArtifactWriter], Summary] | None" = None
     extract: "Callable[[Use[U], Inputs, Recording, ArtifactWriter, Executor | None], ChannelExtractor] | None" = None
     description: str = ""
+    face: Face = field(default_factory=Face)
     reads: "tuple[AnyAsset, ...]" = ()
     waits_for: Callable[[P, Inventory | None], frozenset[str]] | None = None
     libraries: tuple[str, ...] = ()

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use, as_json, by_digest
 from bagassets.assets.calibration_files import FileContent, pose_in, read_file, short_names
+from bagassets.assets.face import Face, Table
 from bagassets.assets.intrinsics import camera_intrinsics, rounded
 from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.quality.calibration_rules import calibration_plausible
@@ -18,6 +19,7 @@ from bagassets.assets.quality.check import RecordingCheck
 from bagassets.assets.sensors import RecordedSensor, Sensor
 from bagassets.assets.transform_logs import RigFrames, read_urdf
 from bagassets.base.errors import CalibrationError
+from bagassets.base.json_types import Json
 from bagassets.geometry.calibration import CalibratedSensor, Calibration
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.urdf import urdf_edges
@@ -25,7 +27,7 @@ from bagassets.recipe.model import Recipe, Rig
 from bagassets.recipe.model_calibration import ExtrinsicsFile
 from bagassets.recordings.inventory import Inventory
 from bagassets.recordings.recording import Recording
-from bagassets.store.artifact import ArtifactWriter
+from bagassets.store.artifact import Artifact, ArtifactWriter
 from bagassets.store.canonical import digest_bytes
 
 __all__ = ["CALIBRATION", "CalibrationParams", "CalibrationUse", "make_calibration", "use"]
@@ -236,6 +238,19 @@ def _make(use: Use[CalibrationUse], inputs: Inputs, out: ArtifactWriter) -> Summ
         return make_calibration(use.params, recording, out)
 
 
+def _shown(artifact: Artifact) -> Mapping[str, Json | Table]:
+    """Return first where each sensor sits on the vehicle, and its lens."""
+    rows = []
+    channels = Calibration.from_json(artifact.read_json("calibration.json")).channels
+    for name, sensor in sorted(channels.items()):
+        place_m = ", ".join(f"{value:.3f}" for value in sensor.ego_SE3_sensor.translation)
+        camera = sensor.camera
+        lens = "" if camera is None else f"{camera.width} x {camera.height}, {camera.model}"
+        rows.append((name, sensor.frame, place_m, sensor.source, lens))
+    header = ("channel", "frame", "x, y, z in the ego frame (m)", "from", "camera")
+    return {"mounting": Table(header, rows), **artifact.summary()}
+
+
 CALIBRATION = Asset(
     name="calibration",
     version=4,
@@ -244,6 +259,7 @@ CALIBRATION = Asset(
     description="""Extrinsics `ego <- sensor` are resolved from TF, a URDF file, the recipe or a calibration file; intrinsics and distortion come from
 CameraInfo, the recipe or a calibration file: `calibration.json`.""",
     kinds=frozenset({"json"}),
+    face=Face(shown=_shown, heading="calibr."),
     reads=(INVENTORY,),
     params=CalibrationParams.of,
     use=use,

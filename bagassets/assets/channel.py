@@ -4,22 +4,33 @@ Several extractors share one pass over the recording: it passes each message to 
 extractors of its topic, in order of log time.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
+from bagassets.assets.face import Face, Loss, Table, counts_table, losses_of
 from bagassets.base.errors import DecodeError
-from bagassets.base.json_types import JsonObject
+from bagassets.base.json_types import Json, JsonMapping, JsonObject
 from bagassets.base.plugins import Family
 from bagassets.decode.registry import AnyFamily, Decoder, advice, expected_types, find_decoder
 from bagassets.recordings.model import RawMessage
+from bagassets.store.artifact import Artifact
 
 if TYPE_CHECKING:
+    import pyarrow as pa
     from _typeshed import DataclassInstance
 
-__all__ = ["ChannelExtractor", "Counts", "require_decoder", "settings_of"]
+__all__ = [
+    "ChannelExtractor",
+    "Counts",
+    "channel_face",
+    "counted_in_channel",
+    "require_decoder",
+    "settings_of",
+]
 
 S = TypeVar("S", bound="DataclassInstance")
+_OF_PACKETS = {"incomplete revolution", "position packet"}
 
 
 @dataclass
@@ -94,3 +105,38 @@ def require_decoder(name: str, topic: str, msgtype: str, family: Family, *others
 def settings_of(kind: type[S], given: Mapping[str, Any]) -> S:
     """Return settings from fields of the recipe, which have the same names."""
     return kind(**{own.name: given[own.name] for own in fields(kind)})
+
+
+def counted_in_channel(counts: JsonMapping) -> str:
+    """Return `message` or, by counts (merged, lost), `packet` where revolutions are made of packets: only those are merged."""
+    return "packet" if counts.get("merged") or _OF_PACKETS & counts.get("lost", {}).keys() else "message"
+
+
+def channel_face(files: str, columns: "pa.Schema") -> Face:
+    """Return the face of an asset of channels.
+
+    Args:
+        files: what the files of its channels are called, in the plural.
+        columns: of the index of a channel.
+    """
+    return Face(columns=columns, shown=_shown, counts={files: _written}, losses=_losses)
+
+
+def _shown(artifact: Artifact) -> Mapping[str, Json | Table]:
+    summary = dict(artifact.summary())
+    channels = summary.pop("channels")
+    named = {f"{name} ({counted_in_channel(counts)}s)": counts for name, counts in channels.items()}
+    # Of all channels together: Dagster plots numbers, and no tables.
+    lost = sum(sum(counts.get("lost", {}).values()) for counts in channels.values())
+    written = sum(counts["written"] for counts in channels.values())
+    return {"written": written, "lost": lost, "channels": counts_table(named, "channel"), **summary}
+
+
+def _written(summary: JsonMapping) -> int | None:
+    channels = summary.get("channels")
+    return None if channels is None else sum(counts["written"] for counts in channels.values())
+
+
+def _losses(summary: JsonMapping) -> Iterator[Loss]:
+    for channel, counts in summary.get("channels", {}).items():
+        yield from losses_of(channel, counts, counted_in_channel(counts))

@@ -14,7 +14,7 @@ import pyarrow as pa
 
 from bagassets.assets.asset import Asset, Facts, Use, uses_of
 from bagassets.assets.calibration import CALIBRATION
-from bagassets.assets.channel import Counts, require_decoder, settings_of
+from bagassets.assets.channel import Counts, channel_face, require_decoder, settings_of
 from bagassets.assets.grey_survey import GreySurvey
 from bagassets.assets.image_output import (
     CameraSettings,
@@ -306,6 +306,7 @@ FRAMES = Asset(
     description="""One artifact per camera, so that a change to one leaves the others alone. Each image is extracted once, whether or not it
 becomes a keyframe.""",
     kinds=frozenset({"image", "parquet"}),
+    face=channel_face("images", INDEX_SCHEMA),
     reads=(INVENTORY, CALIBRATION),
     families=("image",),
     params=FramesParams.of,

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use, inlined
+from bagassets.assets.face import Face, Table
 from bagassets.assets.kept_messages import KeptMessages
 from bagassets.assets.pose_outliers import trusted_fixes
 from bagassets.assets.quality.check import RecordingCheck
@@ -21,7 +22,7 @@ from bagassets.assets.quality.finding import clock
 from bagassets.assets.quality.topic_rules import channels_present, stamps_monotonic, topic_rates
 from bagassets.assets.topic_log import TopicLog
 from bagassets.base.errors import DecodeError, RecordingError
-from bagassets.base.json_types import JsonObject
+from bagassets.base.json_types import Json, JsonObject
 from bagassets.base.quantities import count_text
 from bagassets.decode.loading import own_decoder
 from bagassets.decode.navsat import FixReading
@@ -30,10 +31,10 @@ from bagassets.geometry.sun import daylight
 from bagassets.recipe.model import READING_LIMITS, Recipe, Rig
 from bagassets.recordings.damage import advice_for
 from bagassets.recordings.model import Format, RawMessage
-from bagassets.recordings.pack import write_pack
+from bagassets.recordings.pack import PACK_SCHEMA, write_pack
 from bagassets.recordings.recording import Recording
 from bagassets.recordings.topic import ForeignBytes, RefusedBytes, Topic
-from bagassets.store.artifact import ArtifactWriter
+from bagassets.store.artifact import Artifact, ArtifactWriter
 
 __all__ = ["INVENTORY", "make_inventory"]
 
@@ -306,6 +307,15 @@ class _TopicProbe:
         )
 
 
+def _shown(artifact: Artifact) -> Mapping[str, Json | Table]:
+    rows = []
+    for topic in artifact.read_json("inventory.json")["topics"]:
+        rate = "" if topic["rate_hz"] is None else f"{topic['rate_hz']:.4g} Hz"
+        rows.append((topic["name"], topic["type"], topic["count"], rate, topic["problem"] or ""))
+    topics = Table(("topic", "type", "messages", "rate", "problem"), rows)
+    return {"contents": topics, **artifact.summary()}
+
+
 INVENTORY = Asset(
     name="inventory",
     version=7,
@@ -316,6 +326,7 @@ INVENTORY = Asset(
     description="""Has a digest of each topic, so that later steps depend on just the topics that they read, and packs the small messages
 for them: `inventory.json`, `messages.parquet`.""",
     kinds=frozenset({"json", "parquet"}),
+    face=Face(columns=PACK_SCHEMA, shown=_shown, heading="invent."),
     params=InventoryParams.of,
     use=use,
     make=_make,

@@ -19,7 +19,7 @@ from bagassets.recipe.model_base import Clock, Quaternion, Vector3
 from bagassets.recipe.model_poses import MovingPoseSource, TfSource
 from bagassets.recordings.model import RawMessage
 
-__all__ = ["Joint", "MovingRig", "PoseSamples", "mounted", "stamp_of", "wgs84_origin"]
+__all__ = ["Joint", "MovingRig", "PoseSamples", "counted_in_poses", "mounted", "stamp_of", "wgs84_origin"]
 
 
 class Joint(NamedTuple):
@@ -119,6 +119,11 @@ class PoseSamples:
         self.stamps_ns += stamps_ns
         places = zip(rotations, positions_m, strict=True)
         self.poses += [SE3.create(rotation, position) @ sensor_SE3_ego for rotation, position in places]
+
+
+def counted_in_poses(source: str) -> str:
+    """Return what a `source` of ego poses is counted by: `message`, `packet` or `transform`."""
+    return {"ncom": "packet", "tf": "transform"}.get(source, "message")
 
 
 def stamp_of(clock: Clock, message: RawMessage, header_ns: int | None) -> int:

@@ -15,9 +15,9 @@ from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use, inlined
 from bagassets.assets.boxes.table import BoxTable
 from bagassets.assets.calibration import CALIBRATION
 from bagassets.assets.ego_poses import EGO_POSES
+from bagassets.assets.face import Face, Picture
 from bagassets.assets.frames import FRAMES
 from bagassets.assets.inventory import INVENTORY
-from bagassets.assets.lidar_file import read_lidar_file
 from bagassets.assets.pictures.canvas import Image, jpeg, jpeg_within
 from bagassets.assets.pictures.channels import CameraImages, Clouds
 from bagassets.assets.pictures.pictures import TITLES, CannotDrawError, Pictures, Style
@@ -27,10 +27,10 @@ from bagassets.assets.track import TRACK
 from bagassets.geometry.calibration import CalibratedCamera
 from bagassets.geometry.se3 import SE3
 from bagassets.recipe.model import CameraChannel, LidarChannel, Recipe, Rig
-from bagassets.store.artifact import ArtifactWriter
+from bagassets.store.artifact import Artifact, ArtifactWriter
 from bagassets.store.canonical import digest_json
 
-__all__ = ["FACTS", "INLINE_BYTES", "PREVIEW", "THUMBNAIL"]
+__all__ = ["INLINE_BYTES", "PREVIEW"]
 
 FACTS = "facts.json"
 THUMBNAIL = "thumbnail.jpg"
@@ -101,7 +101,7 @@ class PreviewUse:
 
 def use(params: PreviewParams, facts: Facts) -> dict[str, Use[PreviewUse]]:
     """Return what the pictures of a recording depend on: images, one lidar, poses, boxes and the timeline of topics."""
-    images, clouds = facts.channels("frames"), facts.channels("sweeps")
+    images, clouds = facts.channels(FRAMES.name), facts.channels(SWEEPS.name)
     cameras = tuple(name for name in params.cameras if name in images)
     lidar = next((name for name in params.lidars if name in clouds), None)
     shown = {name: images[name] for name in cameras} | ({} if lidar is None else {lidar: clouds[lidar]})
@@ -114,14 +114,14 @@ def use(params: PreviewParams, facts: Facts) -> dict[str, Use[PreviewUse]]:
         style=params.style,
     )
     inputs = {f"channel:{name}": artifact.digest for name, artifact in shown.items()}
-    inputs |= {name: facts.artifact(name).digest for name in ("ego_poses", "annotations")}
+    inputs |= {one.name: facts.artifact(one.name).digest for one in (EGO_POSES, ANNOTATIONS)}
     return {"": Use(read, inputs=inputs | {"timeline": digest_json(timeline_facts(facts.inventory))})}
 
 
 def make(use: Use[PreviewUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
     """Draw the pictures; return the summary."""
     params = use.params
-    images, extrinsics, lidar = inputs.channels("frames"), params.extrinsics, params.lidar
+    images, extrinsics, lidar = inputs.channels(FRAMES.name), params.extrinsics, params.lidar
     cameras = {
         name: CameraImages.of(name, images[name], extrinsics[name], params.cameras[name])
         for name in params.order
@@ -130,9 +130,9 @@ def make(use: Use[PreviewUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
         cameras={name: camera for name, camera in cameras.items() if len(camera.files)},
         clouds=None
         if lidar is None
-        else Clouds.of(lidar, inputs.channels("sweeps")[lidar], extrinsics[lidar], read_lidar_file),
+        else Clouds.of(lidar, inputs.channels(SWEEPS.name)[lidar], extrinsics[lidar]),
         trajectory=inputs.trajectory,
-        boxes=BoxTable.from_arrow(inputs.artifact("annotations").read_table("annotations.parquet")),
+        boxes=BoxTable.from_arrow(inputs.artifact(ANNOTATIONS.name).read_table("annotations.parquet")),
         timeline_facts=timeline_facts(inputs.inventory),
         style=params.style,
     )
@@ -168,6 +168,11 @@ def make(use: Use[PreviewUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
     return facts
 
 
+def _pictures(artifact: Artifact) -> list[Picture]:
+    drawn = artifact.read_json(FACTS)["pictures"]
+    return [Picture(name, TITLES[name], f"{name}.jpg", f"inline/{name}.jpg") for name in drawn]
+
+
 PREVIEW = Asset(
     name="preview",
     version=9,
@@ -179,6 +184,7 @@ PREVIEW = Asset(
     libraries=("opencv-python-headless",),
     title="Pictures of the recording for people; the small ones are shown with each materialization.",
     kinds=frozenset({"image"}),
+    face=Face(pictures=_pictures, thumbnail=THUMBNAIL),
     reads=(INVENTORY, CALIBRATION, EGO_POSES, ANNOTATIONS, FRAMES, SWEEPS),
     enabled=lambda recipe: recipe.preview.enabled,
     optional=True,

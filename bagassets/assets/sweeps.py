@@ -10,7 +10,7 @@ from typing import Literal
 
 from bagassets.assets.asset import Asset, Facts, Inputs, Use, omitted, uses_of
 from bagassets.assets.calibration import CALIBRATION
-from bagassets.assets.channel import require_decoder, settings_of
+from bagassets.assets.channel import channel_face, require_decoder, settings_of
 from bagassets.assets.ego_poses import EGO_POSES
 from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.lidar_sweeps import (
@@ -25,7 +25,7 @@ from bagassets.assets.packet_sweeps import PacketSweeps, PacketUse
 from bagassets.assets.quality.channel_rules import channels_complete
 from bagassets.assets.quality.check import RecordingCheck
 from bagassets.assets.radar_sweeps import RadarSettings, RadarSweeps, RadarUse
-from bagassets.assets.sweep_files import SweepFiles
+from bagassets.assets.sweep_files import LIDAR_SCHEMA, SweepFiles
 from bagassets.base.errors import DecodeError, LossLimitError, RecipeError
 from bagassets.base.json_types import JsonObject
 from bagassets.decode.fields import check_points, stamp_ns
@@ -312,6 +312,7 @@ SWEEPS = Asset(
     description="""One artifact per sensor: `.pcd.bin` for lidar, deskewed if the recipe says so, and `.pcd` for radar, with velocities
 compensated for ego motion if they are relative.""",
     kinds=frozenset({"pointcloud", "parquet"}),
+    face=channel_face("sweeps", LIDAR_SCHEMA),
     reads=(INVENTORY, CALIBRATION, EGO_POSES),
     waits_for=_waits_for,
     families=("cloud", "radar"),

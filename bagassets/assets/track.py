@@ -59,25 +59,25 @@ def use(params: TrackParams, facts: StoredFacts) -> dict[str, Use[TrackUse]]:
 
     If the origin of the poses on Earth is known, no topic is read; else one that the inventory has packed.
     """
-    poses = facts.artifact("ego_poses")
+    poses = facts.artifact(EGO_POSES.name)
     origin = poses.read_json("ego_poses.json")["origin"]
     is_on_earth = origin is not None and origin.get("kind") == "wgs84"
     fixes = () if is_on_earth else facts.inventory.of_type(*own_types("fix"))
     usable = [topic for topic in fixes if topic.count and topic.problem is None and topic.packed]
     best = sorted(usable, key=lambda topic: (-topic.count, topic.name))[:1]
     topics = tuple(topic.name for topic in best)
-    return {"": Use(TrackUse(topics, params.clock), topics, {"ego_poses": poses.digest})}
+    return {"": Use(TrackUse(topics, params.clock), topics, {EGO_POSES.name: poses.digest})}
 
 
 def make(use: Use[TrackUse], inputs: StoredInputs, out: ArtifactWriter) -> Summary:
     """Write the track; return the summary."""
     trajectory = inputs.trajectory
-    origin = inputs.artifact("ego_poses").read_json("ego_poses.json")["origin"]
+    origin = inputs.artifact(EGO_POSES.name).read_json("ego_poses.json")["origin"]
     chosen = _thinned(trajectory.stamps_ns.tolist())
     positions_m, stamps_ns = trajectory.positions_m[chosen], trajectory.stamps_ns[chosen]
     source, points = None, []
     if origin is not None and origin.get("kind") == "wgs84":
-        source = "ego_poses"
+        source = EGO_POSES.name
         lat, lon, _ = LocalFrame(origin["lat"], origin["lon"], origin["alt"]).to_geodetic(positions_m)
         points = [
             [int(stamp), round(float(a), 7), round(float(b), 7)]

@@ -4,8 +4,9 @@ __all__ = ["clock_text", "count_text", "readable_bytes", "readable_length", "rea
 
 
 def count_text(number: int, noun: str) -> str:
-    """Return a number with its noun: `1 recording`, `2 recordings`."""
-    return f"{number} {noun}{'' if number == 1 else 's'}"
+    """Return a number with its noun: `1 recording`, `2 recordings`, `2 boxes`."""
+    plural = "es" if noun.endswith("x") else "s"
+    return f"{number} {noun}{'' if number == 1 else plural}"
 
 
 def readable_bytes(size: int) -> str:

@@ -114,7 +114,7 @@ def _build(recipe: Path, options: "BuildOptions", trace: Path | None, *, as_json
     if as_json:
         echo_json(value)
     else:
-        print_summary(report, [SummaryRow(**row) for row in value["summary"]], recipe)
+        print_summary(report, [SummaryRow.from_json(row) for row in value["summary"]], recipe)
     if report.interrupted:
         return ExitStatus.INTERRUPTED
     return 0 if report.succeeded else ExitStatus.FAILED

@@ -243,7 +243,7 @@ def _build(recipe: "Recipe", bags: "Bags", kind: "AnyFormat", out: Path, text: s
         with interrupted, throw_away_project(recipe, bags, kind, out) as project:
             result = build_with_progress(project.recipe_file, options, None, None)
             report = BuildReport.from_json(result)
-            rows = [SummaryRow(**row) for row in result["summary"]]
+            rows = [SummaryRow.from_json(row) for row in result["summary"]]
             if report.interrupted:
                 raise click.Abort
             print_remarks(report.remarks, summary_console())
@@ -262,7 +262,9 @@ def _build(recipe: "Recipe", bags: "Bags", kind: "AnyFormat", out: Path, text: s
             project.move_dataset(out)
     except (InterruptedBuildError, KeyboardInterrupt) as err:
         raise click.Abort from err
-    counts |= {name: getattr(rows[0], name) for name in ("images", "sweeps", "boxes") if name not in counts}
+    counts |= {
+        name: rows[0].counts.get(name) or 0 for name in ("images", "sweeps", "boxes") if name not in counts
+    }
     given = ", ".join(count_text(number, name.removesuffix("s")) for name, number in counts.items() if number)
     echo(f"{quoted(out)}: {given}")
     return 0
@@ -273,7 +275,7 @@ def _problem(report: "BuildReport", rows: "list[SummaryRow]") -> str | None:
     for row in rows:
         if row.result not in {"built", "hit", "fresh"}:
             return f"{row.recording}: {row.reason}"
-        if row.scenes == 0:
+        if row.counts.get("scenes") == 0:
             return f"{row.recording}: it has no scene, so the dataset would be empty."
     if report.dataset == "failed":  # of one that is empty, it names a recipe that will be gone
         return report.dataset_problem

@@ -60,7 +60,7 @@ def inspect(bag: Path, as_json: bool, definitions: tuple[Path, ...], recipe: Pat
         limits = loaded.limits
     found = find_one(bag)
     with tempfile.TemporaryDirectory(prefix="bagassets-inspect-") as folder:
-        writer = ArtifactWriter(Path(folder) / "inventory")
+        writer = ArtifactWriter(Path(folder) / "artifact")
         with open_recording(found, folders, limits) as recording:
             make_inventory(recording, writer, size=found.size)
             notes = point_time_notes(scan_recording(recording))

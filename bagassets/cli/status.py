@@ -28,11 +28,6 @@ __all__ = ["status"]
 MOST_ROWS = 40
 # Narrower terminals get shorter column headings.
 _WIDE = 110
-_SHORT = {
-    "inventory": "invent.",
-    "calibration": "calibr.",
-    "annotations": "boxes",
-}
 _ORDER = ("fresh", "record-only", "stale", "unknown", "missing", "failed", "skipped")
 _COLOURS = {"fresh": "green", "record-only": "cyan", "stale": "yellow", "unknown": "yellow", "missing": "yellow",
             "failed": "bold red", "skipped": "dim"}  # fmt: skip
@@ -164,13 +159,15 @@ def _table(states: Mapping[str, Mapping[str, str]], *, short: bool) -> "Table":
     from rich.table import Table
     from rich.text import Text
 
+    from bagassets.formats.catalogue import known_assets
+
+    headings = {asset.name: asset.face.heading for asset in known_assets()}
     assets = list(next(iter(states.values())))
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=0)
     table.add_column("recording", overflow="fold", min_width=9)
     for name in assets:
-        table.add_column(
-            _SHORT.get(name, name.rpartition("_")[2]) if short else name.replace("_", " "), overflow="fold"
-        )
+        heading = (headings.get(name) or name.rpartition("_")[2]) if short else name.replace("_", " ")
+        table.add_column(heading, overflow="fold")
     for key, row in states.items():
         table.add_row(key, *(Text(row[name], style=_COLOURS[row[name]]) for name in assets))
     return table

@@ -196,13 +196,11 @@ def _table(rows: Sequence[SummaryRow]) -> "Table":
     table.add_column("recording", overflow="fold", min_width=9)
     table.add_column("format", no_wrap=True)
     table.add_column("span", justify="right", no_wrap=True)
-    for name in SummaryRow.NUMBERS:
+    for name in rows[0].counts:
         table.add_column(name, justify="right", no_wrap=True)
     table.add_column("result", no_wrap=True)
     for row in rows:
-        numbers = [
-            "" if (number := getattr(row, name)) is None else f"{number}" for name in SummaryRow.NUMBERS
-        ]
+        numbers = ["" if number is None else f"{number}" for number in row.counts.values()]
         result = Text(row.result, style=_COLOURS.get(row.result, ""))
         table.add_row(row.recording, row.format or "", span_text(row.span_s), *numbers, result)
     return table

@@ -97,12 +97,11 @@ def _own_recipe(
 ) -> dict[str, object]:
     """Return the recipe of the project as JSON, which is YAML."""
     own = recipe.model_dump(mode="json", exclude_unset=True)
-    unwanted = {*recipe.own_sections, "formats", "datasets"} - {"nuscenes"}
+    unwanted = {*recipe.own_sections, "formats", "datasets"}
     own = {name: value for name, value in own.items() if name not in unwanted}
     own["bags"] |= bags.model_dump(mode="json", include={"root", "include", "series"})
     own["bags"] |= {"exclude": [], "digest_attributes": False}
     own |= {"state": str(state), "store": str(project.store)}
-    own["nuscenes"] = own.get("nuscenes", {}) | {"output": str(project.dataset.with_name("nuscenes"))}
     section = recipe.dataset_settings[kind.name].model_dump(mode="json", exclude_unset=True)
     section["output"] = str(project.dataset)
     if kind.distribution:

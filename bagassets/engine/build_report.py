@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 from bagassets.base.alike import told_once
 from bagassets.base.escaping import visible
@@ -260,35 +260,42 @@ class BuildReport:
 
 
 @dataclass(frozen=True)
-class SummaryRow(_Sent):
+class SummaryRow:
     """A row of the summary: what one recording contains; None where that is not known.
 
     Attributes:
         recording: partition key.
         format: ros1, ros2 or mcap.
         span_s: time from first to last message, seconds.
-        images: image files.
-        sweeps: lidar and radar files.
-        poses: ego poses.
-        boxes: recorded 3-D boxes.
-        scenes: nuScenes scenes.
-        keyframes: nuScenes samples.
+        counts: what its assets count (`Face.counts`), such as images, sweeps, poses, boxes, scenes and keyframes; each is
+            an attribute of the row, too.
         result: see `BagOutcome`.
         reason: why it was skipped or failed.
         lost: channel or topic -> reason -> number of messages or boxes that were lost.
     """
 
-    NUMBERS: ClassVar = ("images", "sweeps", "poses", "boxes", "scenes", "keyframes")
-
     recording: str
     format: str | None
     span_s: float | None
-    images: int | None
-    sweeps: int | None
-    poses: int | None
-    boxes: int | None
-    scenes: int | None
-    keyframes: int | None
+    counts: Mapping[str, int | None]
     result: str
     reason: str
     lost: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
+
+    def __getattr__(self, name: str) -> int | None:
+        """Return one of the counts."""
+        try:
+            found: int | None = vars(self)["counts"][name]
+        except KeyError:
+            raise AttributeError(name) from None
+        return found
+
+    def as_json(self) -> JsonObject:
+        """Return the row as JSON, with the counts among the other fields."""
+        return {name: one for name, one in vars(self).items() if name != "counts"} | dict(self.counts)
+
+    @classmethod
+    def from_json(cls, value: JsonMapping) -> Self:
+        """Inverse of `as_json`."""
+        own = {one.name: value[one.name] for one in fields(cls) if one.name in value}
+        return cls(**own, counts={name: count for name, count in value.items() if name not in own})

@@ -9,13 +9,14 @@ from pathlib import Path
 from bagassets.base.errors import StoreError
 from bagassets.base.quantities import count_text, readable_bytes
 from bagassets.engine.plan import BagPlan, Plan
+from bagassets.engine.recording_assets import RecordingAssets
+from bagassets.recipe.format_settings import section_at
+from bagassets.recipe.model import Recipe
 from bagassets.store.store import Store
 from bagassets.store.writable import nearest_existing
 
 __all__ = ["SpaceNeeded", "folders_written", "require_disk_space", "space_needed"]
 
-# The only assets whose files grow with a recording; the others take kilobytes.
-_LARGE = ("frames", "sweeps")
 # Manifests list thousands of files; a few recordings tell as much as all of them.
 _MOST_COMPARED = 3
 # Recordings of one rig differ in what they hold: with half of the estimate free, a build may well succeed.
@@ -44,7 +45,7 @@ class SpaceNeeded:
 
 
 def space_needed(
-    plan: Plan, sizes: Mapping[str, int], todo: Collection[str], store: Store
+    plan: Plan, sizes: Mapping[str, int], todo: Collection[str], store: Store, assets: RecordingAssets
 ) -> SpaceNeeded | None:
     """Return what is needed to build some recordings; None if none of them is new with images or sweeps to extract.
 
@@ -56,8 +57,10 @@ def space_needed(
         sizes: size of each recording in bytes.
         todo: the recordings.
         store: has the artifacts of those that are built.
+        assets: the assets of recordings. Only the files of those of channels grow with a recording; the others take kilobytes.
     """
-    extracted = [key for key in todo if _extracts(plan.bags[key])]
+    large = [asset.name for asset in assets if asset.extract is not None]
+    extracted = [key for key in todo if _extracts(plan.bags[key], large)]
     if not extracted:
         return None
     recorded_bytes = sum(sizes[key] for key in extracted)
@@ -99,21 +102,23 @@ def require_disk_space(needed: SpaceNeeded, folders: Mapping[str, Path], *, igno
     return f"{needed}; {', '.join(texts)}"
 
 
-def folders_written(store: Path, output: Path) -> dict[str, Path]:
-    """Return field of the recipe -> folder: the dataset takes space of its own where it cannot link to the store."""
-    folders = {"store": store}
-    if _device(store) != _device(output):
-        folders["nuscenes.output"] = output
-    return folders
+def folders_written(store: Path, recipe: Recipe) -> dict[str, Path]:
+    """Return field of the recipe -> folder: a dataset takes space of its own where it cannot link to the store."""
+    outputs = {
+        ".".join((*section_at(name), "output")): section.output
+        for name, section in recipe.dataset_settings.items()
+    }
+    apart = {field: folder for field, folder in outputs.items() if _device(folder) != _device(store)}
+    return {"store": store, **apart}
 
 
-def _extracts(bag: BagPlan) -> bool:
+def _extracts(bag: BagPlan, large: Collection[str]) -> bool:
     """Tell whether images or sweeps are certainly to be written.
 
     What was made before may be in the store: a recording that was only touched needs nothing, and is not known
     from one with new content until its run has hashed it.
     """
-    states = {name: bag.assets[name].state for name in _LARGE if name in bag.assets}
+    states = {name: bag.assets[name].state for name in large if name in bag.assets}
     return any(
         state not in {"fresh", "record-only", "skipped"} and name not in bag.recorded
         for name, state in states.items()

@@ -12,8 +12,10 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Self
 
 from bagassets.assets.asset import AnyAsset, AnyUse
+from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.selection import choose_rig, skip_reason
 from bagassets.base.errors import BagAssetsError, RecipeError
 from bagassets.base.json_types import JsonMapping
@@ -24,7 +26,7 @@ from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.engine.source import MessageSource
 from bagassets.engine.unexpected import explained_error
 from bagassets.recipe.model import Rig
-from bagassets.recordings.digest import RecordingStat
+from bagassets.recordings.digest import DigestIndex, RecordingStat, recording_digest, recording_stat
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.action import Action, Step
 from bagassets.store.artifact import Artifact
@@ -136,6 +138,17 @@ class Graph:
         self.source = MessageSource(self.recording, self.stat, recipe.bags.message_definitions, recipe.limits)
         self.inputs = RecordingInputs(self.store, self.recording, self.digest or "", self.source, given)
 
+    @classmethod
+    def of(cls, assets: RecordingAssets, store: Store, recording: RecordingFiles) -> Self:
+        """Return the graph of a recording as it is on disk, whose files are hashed unless their digest is on record.
+
+        Raises:
+            RecordingError: it is gone, or changes while it is hashed.
+        """
+        stat = recording_stat(recording)
+        digest = recording_digest(recording, DigestIndex.of(assets.recipe))
+        return cls(assets, store, recording, digest.digest, stat.as_of(digest))
+
     # --- nodes ---------------------------------------------------------------------------
 
     def makes(self, name: str) -> bool:
@@ -167,7 +180,7 @@ class Graph:
             return [BAG]
         names = [one.name for one in asset.reads]
         if self.rig is not None and asset.waits_for is not None:
-            inventory = None if self.node("inventory").artifact is None else self.inputs.inventory
+            inventory = None if self.node(INVENTORY.name).artifact is None else self.inputs.inventory
             needs = asset.needs(self.assets.params(asset, self.rig), inventory)
             names = [name for name in names if name in needs]
         return [SELECTION, *names]
@@ -210,10 +223,10 @@ class Graph:
         return node
 
     def _expand_selection(self, node: Node) -> None:
-        inventory = self.node("inventory")
+        inventory = self.node(INVENTORY.name)
         if inventory.artifact is None:
-            is_here = self.makes("inventory")
-            node.waits_for, node.error = ("inventory", None) if is_here else (None, inventory.error)
+            is_here = self.makes(INVENTORY.name)
+            node.waits_for, node.error = (INVENTORY.name, None) if is_here else (None, inventory.error)
             return
         with _noted(node, self.recording):
             node.skipped = skip_reason(self.assets.recipe, self.rig, self.inputs.inventory)
@@ -228,7 +241,7 @@ class Graph:
             elif above.error is not None and (name == SELECTION or not self.makes(name)):
                 node.error = above.error  # nothing that is made here would change it
             elif above.waits_for or (above.artifact is None and name not in {BAG, SELECTION}):
-                node.waits_for = "inventory" if name == SELECTION else name
+                node.waits_for = INVENTORY.name if name == SELECTION else name
             if node.skipped or node.error or node.waits_for:
                 return
         with _noted(node, self.recording):

@@ -5,19 +5,16 @@ Files that steps read besides the recordings count, too: the recipe names them, 
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
-from functools import cached_property
 from pathlib import Path
 
 from bagassets.assets.boxes.files.find import LabelSet, find_labels, label_paths
-from bagassets.assets.ego_poses import load_trajectory
+from bagassets.assets.contents import Contents
+from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.selection import choose_rig
 from bagassets.base.errors import StoreError
 from bagassets.engine.source import MessageSource
-from bagassets.geometry.calibration import Calibration
-from bagassets.geometry.trajectory import Trajectory
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_annotations import AnnotationFiles
-from bagassets.recordings.inventory import Inventory
 from bagassets.recordings.model import Format, RecordingFiles
 from bagassets.recordings.recording import Recording
 from bagassets.store.artifact import Artifact
@@ -27,7 +24,7 @@ from bagassets.store.store import Store
 __all__ = ["RecordingInputs", "files_beside", "named_files", "not_materialized"]
 
 
-class RecordingInputs:
+class RecordingInputs(Contents):
     """The artifacts of one recording as they become known, and facts read from them; see `assets.asset.Inputs`.
 
     Args:
@@ -73,21 +70,6 @@ class RecordingInputs:
         """Bytes of its files."""
         return self._recording.size
 
-    @cached_property
-    def inventory(self) -> Inventory:
-        """Its topics and time span."""
-        return Inventory.from_json(self.artifact("inventory").read_json("inventory.json"))
-
-    @cached_property
-    def calibration(self) -> Calibration:
-        """Content of `calibration.json`."""
-        return Calibration.from_json(self.artifact("calibration").read_json("calibration.json"))
-
-    @cached_property
-    def trajectory(self) -> Trajectory:
-        """`global_SE3_ego`."""
-        return load_trajectory(self.artifact("ego_poses"))
-
     def artifact(self, asset: str) -> Artifact:
         """Return the artifact of an asset.
 
@@ -126,12 +108,12 @@ class RecordingInputs:
 
     def whole(self) -> AbstractContextManager[Recording]:
         """Open the whole recording."""
-        return self._source.whole(self.inventory if "inventory" in self._artifacts else None)
+        return self._source.whole(self.inventory if INVENTORY.name in self._artifacts else None)
 
     @contextmanager
     def messages(self, topics: tuple[str, ...]) -> Iterator[Recording]:
         """Open `topics` of the recording, from wherever they are cheapest to read."""
-        with self._source.topics(topics, self.inventory, self.artifact("inventory")) as recording:
+        with self._source.topics(topics, self.inventory, self.artifact(INVENTORY.name)) as recording:
             yield recording
 
 

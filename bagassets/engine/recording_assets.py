@@ -67,6 +67,16 @@ class RecordingAssets:
         return frozenset(asset.name for asset in self if asset.optional)
 
     @cached_property
+    def by_channels(self) -> tuple[AnyAsset, ...]:
+        """The assets in the order in which people are shown what they count: those of channels first."""
+        return tuple(sorted(self, key=lambda asset: asset.extract is None))
+
+    @property
+    def counted(self) -> tuple[str, ...]:
+        """What they count, such as `images`."""
+        return tuple(name for asset in self.by_channels for name in asset.face.counts)
+
+    @cached_property
     def extracted(self) -> frozenset[str]:
         """The names of the assets that one Dagster op makes together, since they read the recording itself.
 

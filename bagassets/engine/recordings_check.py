@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from bagassets.assets.inventory import INVENTORY
 from bagassets.base.errors import BagAssetsError
 from bagassets.base.json_types import JsonObject
 from bagassets.base.quantities import count_text
@@ -156,7 +157,7 @@ def _changed_topics(
 ) -> tuple[ChangedTopic, ...]:
     """Return the topics whose digest differs from that in the inventory of the recorded content."""
     graph = Graph(assets, store, recording, recorded_digest, recording_stat(recording))
-    inventory = graph.node("inventory")
+    inventory = graph.node(INVENTORY.name)
     if inventory.artifact is None:
         raise BagAssetsError("the store has no inventory of the recorded content, which was never built.")
     before = _topics(inventory.artifact)

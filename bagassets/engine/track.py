@@ -3,14 +3,14 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 
 from bagassets.assets import track
-from bagassets.assets.ego_poses import load_trajectory
+from bagassets.assets.contents import Contents
+from bagassets.assets.ego_poses import EGO_POSES
+from bagassets.assets.inventory import INVENTORY
 from bagassets.engine.run_action import run_action
-from bagassets.geometry.trajectory import Trajectory
 from bagassets.recipe.model_base import Clock
-from bagassets.recordings.inventory import Inventory
 from bagassets.recordings.pack import PACK_FILE, PackedRecording
 from bagassets.recordings.recording import Recording
 from bagassets.store.artifact import Artifact
@@ -35,9 +35,19 @@ class Track:
     local: tuple[tuple[int, float, float], ...]
     digest: str = ""
 
+    @property
+    def on_earth(self) -> list[tuple[float, float]]:
+        """Latitude and longitude, without times."""
+        return [(lat, lon) for _, lat, lon in self.points]
+
+    @property
+    def on_plane(self) -> list[tuple[float, float]]:
+        """The local x and y, without times."""
+        return [(x, y) for _, x, y in self.local]
+
 
 @dataclass(frozen=True)
-class _Stored:
+class _Stored(Contents):
     """The inputs of a track, all from the store: the recording itself need not exist any more."""
 
     artifacts: dict[str, Artifact]
@@ -45,17 +55,9 @@ class _Stored:
     def artifact(self, asset: str) -> Artifact:
         return self.artifacts[asset]
 
-    @cached_property
-    def inventory(self) -> Inventory:
-        return Inventory.from_json(self.artifact("inventory").read_json("inventory.json"))
-
-    @cached_property
-    def trajectory(self) -> Trajectory:
-        return load_trajectory(self.artifact("ego_poses"))
-
     @contextmanager
     def messages(self, topics: tuple[str, ...]) -> Iterator[Recording]:
-        packed = self.artifact("inventory")
+        packed = self.artifact(INVENTORY.name)
         with PackedRecording(packed.read_json("inventory.json"), packed.path(PACK_FILE)) as recording:
             yield recording.restrict(topics)
 
@@ -66,7 +68,7 @@ def track_of(store: Store, inventory: Artifact, ego_poses: Artifact, clock: Cloc
     Raises:
         StoreError: the store cannot be written.
     """
-    stored = _Stored({"inventory": inventory, "ego_poses": ego_poses})
+    stored = _Stored({INVENTORY.name: inventory, EGO_POSES.name: ego_poses})
     use = track.use(track.TrackParams(clock), stored)[""]
     outcome = run_action(store, track.TRACK.action(use, stored.inventory), partial(track.make, use, stored))
     content = outcome.artifact.read_json(track.FILE)

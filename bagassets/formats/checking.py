@@ -5,7 +5,8 @@ from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from functools import partial
 
-from bagassets.assets.quality.check import Evidence, severity_of
+from bagassets.assets.quality.check import severity_of
+from bagassets.assets.quality.evidence import Evidence
 from bagassets.assets.quality.finding import Finding
 from bagassets.assets.selection import choose_rig
 from bagassets.base.errors import PluginError, StoreError

@@ -1,30 +1,32 @@
 """Data of reports and maps, gathered from the plan and its artifacts."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from bagassets.assets.annotations import TABLE
-from bagassets.assets.pictures.pictures import TITLES
-from bagassets.assets.preview import FACTS, THUMBNAIL
-from bagassets.assets.quality.counted import counted_in_channel
+from bagassets.assets.annotations import ANNOTATIONS, TABLE
+from bagassets.assets.ego_poses import EGO_POSES
+from bagassets.assets.inventory import INVENTORY
 from bagassets.base.errors import StoreError
-from bagassets.base.json_types import JsonMapping, JsonObject
+from bagassets.base.json_types import JsonObject
 from bagassets.base.quantities import count_text
 from bagassets.engine.freshness.published import Publication
 from bagassets.engine.plan import BagPlan, Plan
+from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.engine.run_action import run_action
 from bagassets.engine.splits import shares_of
 from bagassets.engine.track import Track, track_of
 from bagassets.formats import trajectory_map
-from bagassets.formats.catalogue import formats
+from bagassets.formats.catalogue import formats, recording_assets
 from bagassets.formats.checking import Verdict, check_bag, check_datasets
-from bagassets.formats.dataset_build import deal_contents, recordings_without_scenes
+from bagassets.formats.dataset_build import datasets_of, deal_contents, recordings_without_scenes
+from bagassets.formats.format import FACTS as PART_FACTS
+from bagassets.formats.format import AnyFormat
 from bagassets.recipe.model import Recipe
 from bagassets.recordings.discover import Discovery
 from bagassets.report.grid_map import colour_of_split
-from bagassets.report.model import Gaps, Problem, RecordingFacts, ReportData, Route
+from bagassets.report.model import Gaps, Problem, RecordingFacts, ReportData
 from bagassets.report.trajectory_map import MapRoute
 from bagassets.report.write import write_page
 from bagassets.store.artifact import Artifact
@@ -34,7 +36,6 @@ from bagassets.store.store import Outcome, Store
 __all__ = ["build_map", "make_map_shell", "map_path", "report_data", "report_path", "track_on_record"]
 
 _NO_SPLIT = "not in the dataset"
-_READ = ("inventory", "ego_poses", "frames", "sweeps", "annotations", "nuscenes_tables", "preview")
 
 
 def report_data(
@@ -57,9 +58,10 @@ def report_data(
         DatasetError: a file of a dataset cannot be read.
     """
     dealt, copies = _dealt(recipe, store, plan), _copies(plan)
+    assets = recording_assets(recipe)
     recordings = []
     for key, bag in sorted(plan.bags.items()):
-        facts = _facts(recipe, store, bag, dealt.get(key, ""))
+        facts = _facts(recipe, assets, store, bag, dealt.get(key, ""))
         if key in copies:
             facts = replace(facts, state="copy", reason=f"the same content as {copies[key]}")
         if discovery is not None:
@@ -70,11 +72,19 @@ def report_data(
     problems, passed = ((), 0) if discovery is None else _outcome(check_datasets(recipe))
     scenes_s = [(r.key, r.scenes_s) for r in recordings if r.state in {"ready", "stale"}]
     shares = shares_of(scenes_s, recipe.splits, dealt)
-    dataset = recipe.nuscenes.output / recipe.nuscenes.version
+    dataset = next((one.folder for one in datasets_of(recipe).values()), recipe.output)
     former = {key for keys in plan.ties.former.values() for key in keys}
     idle_pins = sorted(recipe.splits.pinned.keys() - plan.bags.keys() - former)
     return ReportData(
-        recipe.name, dataset, recordings, plan.excluded, shares, idle_pins, problems, checks_passed=passed
+        recipe.name,
+        dataset,
+        recordings,
+        plan.excluded,
+        shares,
+        idle_pins,
+        problems,
+        checks_passed=passed,
+        counted=assets.counted,
     )
 
 
@@ -102,7 +112,7 @@ def build_map(recipe: Recipe, store: Store, plan: Plan) -> Outcome:
     page = outcome.artifact.path(trajectory_map.MAP).read_text(encoding="utf-8")
     write_page(map_path(recipe), page)
     digests = {map_path(recipe).name: digest_bytes(page.encode())}
-    Publication(recipe.state, "trajectory_map").write(recipe.state, digests, {}, None)
+    Publication(recipe.state, trajectory_map.STEP.name).write(recipe.state, digests, {}, None)
     return outcome
 
 
@@ -140,7 +150,7 @@ def _copies(plan: Plan) -> dict[str, str]:
 
 def track_on_record(recipe: Recipe, store: Store, bag: BagPlan) -> Track | None:
     """Return the track of a recording; None if its inventory or its poses are not in the store."""
-    inventory, poses = bag.current_artifact(store, "inventory"), bag.current_artifact(store, "ego_poses")
+    inventory, poses = (bag.current_artifact(store, one.name) for one in (INVENTORY, EGO_POSES))
     if inventory is None or poses is None:
         return None
     return track_of(store, inventory, poses, recipe.clock_of(recipe.rig_named(bag.rig)))
@@ -157,26 +167,23 @@ def _map_routes(recipe: Recipe, store: Store, plan: Plan) -> list[MapRoute]:
         split = dealt.get(key, _NO_SPLIT)
         stamps_ns = [point[0] for point in track.local]
         seconds = (stamps_ns[-1] - stamps_ns[0]) / 1e9 if stamps_ns else 0.0
-        route = _route(track)
         note = f"{split}, {seconds:.0f} s"
-        routes.append(MapRoute(key, split, colour_of_split(split, splits), note, route.points, route.local))
+        routes.append(
+            MapRoute(key, split, colour_of_split(split, splits), note, track.on_earth, track.on_plane)
+        )
     return routes
 
 
-def _route(track: Track) -> Route:
-    return Route([(lat, lon) for _, lat, lon in track.points], [(x, y) for _, x, y in track.local])
-
-
-def _facts(recipe: Recipe, store: Store, bag: BagPlan, split: str) -> RecordingFacts:
+def _facts(recipe: Recipe, assets: RecordingAssets, store: Store, bag: BagPlan, split: str) -> RecordingFacts:
     state, reason = _state(bag)
-    made = {name: artifact for name in _READ if (artifact := bag.current_artifact(store, name)) is not None}
-    inventory, pictures = made.get("inventory"), made.get("preview")
+    inventory, poses = (bag.current_artifact(store, one.name) for one in (INVENTORY, EGO_POSES))
+    kind = _first_format(bag)
+    part = None if kind is None else bag.current_artifact(store, kind.part)
     if inventory is None:
         return RecordingFacts(bag.key, state, reason, bag.format)
     seen: JsonObject = inventory.read_json("inventory.json")
-    summaries = {name: _summary(artifact) for name, artifact in made.items() if name != "inventory"}
-    track = track_on_record(recipe, store, bag) if state in {"ready", "stale"} else None
-    tables = summaries.get("nuscenes_tables", {})
+    is_in = state in {"ready", "stale"}
+    track = track_on_record(recipe, store, bag) if is_in else None
     return RecordingFacts(
         key=bag.key,
         state=state,
@@ -185,21 +192,41 @@ def _facts(recipe: Recipe, store: Store, bag: BagPlan, split: str) -> RecordingF
         size=seen["size"],
         start_ns=seen["start_ns"],
         duration_s=seen["duration_s"],
-        scenes_s=tables.get("counts", {}).get("duration_s", 0.0),
-        rig=tables.get("rig", ""),
-        split=split if state in {"ready", "stale"} else "",
+        scenes_s=0.0 if kind is None or part is None else kind.duration_s(part.read_json(PART_FACTS)),
+        rig=bag.rig,
+        split=split if is_in else "",
         daylight=seen["daylight"],
-        length_m=summaries.get("ego_poses", {}).get("length_m"),
-        counts=_counts(summaries),
-        boxes=_boxes(made.get("annotations"), summaries),
-        lost=_lost(summaries),
+        length_m=None if poses is None else _summary(poses).get("length_m"),
+        boxes=_boxes(bag.current_artifact(store, ANNOTATIONS.name)),
         gaps=_gaps(seen["topics"]),
-        route=Route() if track is None else _route(track),
-        pictures={} if pictures is None else _pictures(pictures),
-        thumbnail=None if pictures is None else pictures.path(THUMBNAIL),
-        full_pictures=None if pictures is None else pictures.files,
+        points=() if track is None else track.on_earth,
+        local=() if track is None else track.on_plane,
         notes=seen["notes"],
+        **_shown(assets, store, bag),
     )
+
+
+def _shown(assets: RecordingAssets, store: Store, bag: BagPlan) -> JsonObject:
+    """Return what the faces of a recording's assets show, as fields of `RecordingFacts`."""
+    counts: dict[str, int] = {}
+    lost: list[str] = []
+    pictures: dict[str, Path] = {}
+    found: JsonObject = {"counts": counts, "lost": lost, "pictures": pictures}
+    for asset in assets.by_channels:
+        face, artifact = asset.face, bag.current_artifact(store, asset.name)
+        if artifact is None:
+            continue
+        summary = _summary(artifact)
+        numbers = {name: count(summary) for name, count in face.counts.items()}
+        counts |= {name: number for name, number in numbers.items() if number is not None}
+        lost += [
+            f"{one.source}: {count_text(one.number, one.unit)} lost, {one.reason}"
+            for one in sorted(face.losses(summary))
+        ]
+        pictures |= {one.title: artifact.path(one.small) for one in face.pictures(artifact)}
+        if face.thumbnail is not None:
+            found |= {"thumbnail": artifact.path(face.thumbnail), "full_pictures": artifact.files}
+    return found
 
 
 def _outcome(verdicts: Iterable[Verdict]) -> tuple[tuple[Problem, ...], int]:
@@ -216,9 +243,9 @@ def _outcome(verdicts: Iterable[Verdict]) -> tuple[tuple[Problem, ...], int]:
     return tuple(problems), passed
 
 
-def _boxes(annotations: Artifact | None, summaries: Mapping[str, JsonMapping]) -> dict[str, int]:
+def _boxes(annotations: Artifact | None) -> dict[str, int]:
     """Return category -> number of boxes."""
-    if annotations is None or not summaries["annotations"].get("boxes"):
+    if annotations is None or not _summary(annotations).get("boxes"):
         return {}
     column = annotations.read_table(TABLE, ["category"]).column("category")
     counts = {str(one["values"]): int(one["counts"]) for one in column.value_counts().to_pylist()}
@@ -230,40 +257,15 @@ def _state(bag: BagPlan) -> tuple[str, str]:
         return "skipped", bag.skipped
     if bag.unusable is not None:
         return "failed", bag.unusable
-    tables = bag.assets["nuscenes_tables"]
-    if tables.state in {"fresh", "record-only"}:
+    kind = _first_format(bag)
+    if kind is None or bag.assets[kind.part].state in {"fresh", "record-only"}:
         return "ready", ""
-    return "stale", f"nuscenes_tables: {tables.reason}"
+    return "stale", f"{kind.part}: {bag.assets[kind.part].reason}"
 
 
-def _counts(summaries: Mapping[str, JsonMapping]) -> dict[str, int]:
-    of = {name: summaries.get(name, {}) for name in _READ}
-    tables = of["nuscenes_tables"].get("counts", {})
-    found = {
-        "images": _written(of["frames"]),
-        "sweeps": _written(of["sweeps"]),
-        "poses": of["ego_poses"].get("count"),
-        "boxes": of["annotations"].get("boxes"),
-        "scenes": tables.get("scenes"),
-        "keyframes": tables.get("samples"),
-    }
-    return {name: number for name, number in found.items() if number is not None}
-
-
-def _written(summary: JsonMapping) -> int | None:
-    channels = summary.get("channels")
-    return None if channels is None else sum(counts["written"] for counts in channels.values())
-
-
-def _lost(summaries: Mapping[str, JsonMapping]) -> list[str]:
-    lines = []
-    for asset in ("frames", "sweeps"):
-        for channel, counts in sorted(summaries.get(asset, {}).get("channels", {}).items()):
-            lines += [
-                f"{channel}: {count_text(number, counted_in_channel(counts))} lost, {reason}"
-                for reason, number in sorted(counts["lost"].items())
-            ]
-    return lines
+def _first_format(bag: BagPlan) -> AnyFormat | None:
+    """Return the first format that the recipe asks for: its datasets are what a report is about."""
+    return next((kind for kind in formats() if kind.part in bag.assets), None)
 
 
 def _gaps(topics: list[JsonObject]) -> list[Gaps]:
@@ -273,11 +275,6 @@ def _gaps(topics: list[JsonObject]) -> list[Gaps]:
         if topic["gaps"]
     ]
     return sorted(with_gaps, key=lambda gap: (-gap.longest_s, gap.topic))
-
-
-def _pictures(artifact: Artifact) -> dict[str, Path]:
-    drawn = artifact.read_json(FACTS)["pictures"]
-    return {title: artifact.path(f"inline/{name}.jpg") for name, title in TITLES.items() if name in drawn}
 
 
 def _summary(artifact: Artifact) -> JsonObject:

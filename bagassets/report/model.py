@@ -6,20 +6,7 @@ from pathlib import Path
 
 from bagassets.engine.splits import SplitShare
 
-__all__ = ["Gaps", "Problem", "RecordingFacts", "ReportData", "Route"]
-
-
-@dataclass(frozen=True)
-class Route:
-    """The route of a recording.
-
-    Attributes:
-        points: latitude and longitude in order of time; empty if the place on Earth is unknown.
-        local: x and y in metres in the recording's global frame, in order of time.
-    """
-
-    points: Sequence[tuple[float, float]] = ()
-    local: Sequence[tuple[float, float]] = ()
+__all__ = ["Gaps", "Problem", "RecordingFacts", "ReportData"]
 
 
 @dataclass(frozen=True)
@@ -59,13 +46,14 @@ class RecordingFacts:
         split: name of its split.
         daylight: day, night, twilight, or None if unknown.
         length_m: metres driven.
-        counts: numbers of images, sweeps, poses, boxes, scenes and keyframes.
+        counts: what its assets count, such as images, boxes and scenes -> number.
         boxes: category -> number of boxes.
-        lost: a line per channel and reason about lost messages.
+        lost: a line per channel or topic and reason about what was lost.
         problems: what checks found.
         checks_passed: how many checks found nothing.
         gaps: topics with pauses, the worst first.
-        route: where it was driven.
+        points: latitude and longitude of its route, in order of time; empty if the place on Earth is unknown.
+        local: x and y of it, in metres in the recording's global frame.
         pictures: name -> small picture as JPEG file, in the order of the report.
         thumbnail: a very small picture.
         full_pictures: folder of the pictures in full size.
@@ -90,7 +78,8 @@ class RecordingFacts:
     problems: Sequence[Problem] = ()
     checks_passed: int = 0
     gaps: Sequence[Gaps] = ()
-    route: Route = field(default_factory=Route)
+    points: Sequence[tuple[float, float]] = ()
+    local: Sequence[tuple[float, float]] = ()
     pictures: Mapping[str, Path] = field(default_factory=dict)
     thumbnail: Path | None = None
     full_pictures: Path | None = None
@@ -110,6 +99,7 @@ class ReportData:
         idle_pins: keys pinned to a split in the recipe that no recording has.
         problems: what checks of whole datasets found.
         checks_passed: how many of those found nothing.
+        counted: the names of what recordings count, in order.
     """
 
     name: str
@@ -120,3 +110,4 @@ class ReportData:
     idle_pins: Sequence[str] = ()
     problems: Sequence[Problem] = ()
     checks_passed: int = 0
+    counted: Sequence[str] = ()

@@ -22,7 +22,6 @@ __all__ = ["PICTURE_BYTES", "report_json", "report_page"]
 PICTURE_BYTES = 2_700_000
 _MOST_GAPS = 5
 _MOST_PROBLEMS = 500
-_COUNTS = ("images", "sweeps", "poses", "boxes", "scenes", "keyframes")
 _SINGULAR = {"boxes": "box"}
 _FACTS = ("state", "reason", "format", "rig", "split", "size", "start_ns", "duration_s", "length_m", "daylight", "counts",
           "boxes", "lost")  # fmt: skip
@@ -52,9 +51,9 @@ def report_page(data: ReportData) -> str:
         "<h2>Recordings</h2>",
         '<input id="filter" placeholder="filter" aria-label="Filter recordings">',
         '<table id="recordings"><thead><tr>',
-        *(f'<th class="{kind}">{name}</th>' for name, kind in _COLUMNS),
+        *(f'<th class="{kind}">{name}</th>' for name, kind in _columns(data)),
         "</tr></thead><tbody>",
-        *(_row(number, recording, chosen[recording.key]) for number, recording in enumerate(data.recordings)),
+        *(_row(number, one, chosen[one.key], data.counted) for number, one in enumerate(data.recordings)),
         "</tbody></table>",
         f"<script>{LEGEND_SCRIPT}{TABLE_SCRIPT}</script></body></html>",
     ]
@@ -86,10 +85,10 @@ def report_json(data: ReportData) -> JsonObject:
     }
 
 
-_COLUMNS = (
-    ("picture", ""), ("recording", ""), ("state", ""), ("split", ""), ("start (UTC)", ""), ("span", "n"),
-    ("MB", "n"), ("length", "n"), *((name, "n") for name in _COUNTS), ("gaps", "n"),
-)  # fmt: skip
+def _columns(data: ReportData) -> list[tuple[str, str]]:
+    """Return the columns of the table of recordings, each with the class of its cells."""
+    texts, numbers = ("picture", "recording", "state", "split", "start (UTC)"), ("span", "MB", "length")
+    return [(name, "") for name in texts] + [(name, "n") for name in (*numbers, *data.counted, "gaps")]
 
 
 def _chosen_pictures(recordings: Sequence[RecordingFacts]) -> Mapping[str, Sequence[tuple[str, Path]]]:
@@ -119,7 +118,7 @@ def _cards(data: ReportData) -> str:
         _counted(len(ready), "recordings"),
         _time(sum(share.duration_s for share in data.shares)),
         (unit, length),
-        *(_counted(sum(recording.counts.get(name, 0) for recording in ready), name) for name in _COUNTS),
+        *(_counted(sum(recording.counts.get(name, 0) for recording in ready), name) for name in data.counted),
         ("skipped", str(states.count("skipped") + len(data.excluded))),
         ("failed", str(states.count("failed"))),
     ]
@@ -168,15 +167,15 @@ def _idle_pins(keys: Sequence[str]) -> str:
 def _map(data: ReportData) -> str:
     splits = [share.name for share in data.shares]
     shown = _in_dataset(data)
-    on_earth = [r for r in shown if r.route.points]
-    local = [r for r in shown if not r.route.points and r.route.local]
+    on_earth = [r for r in shown if r.points]
+    local = [r for r in shown if not r.points and r.local]
     parts = []
     for title, recordings, is_on_earth in (
         ("Map", on_earth, True),
         ("Recordings without a position on Earth, each in its own local frame", local, False),
     ):
         ways = [(r, colour_of_split(r.split, splits)) for r in recordings]
-        routes = [(r.key, colour, r.route.points if is_on_earth else r.route.local) for r, colour in ways]
+        routes = [(r.key, colour, r.points if is_on_earth else r.local) for r, colour in ways]
         if svg := grid_map(routes, on_earth=is_on_earth):
             parts += [f"<h2>{title}</h2>", svg, legend((r.split, colour, r.key) for r, colour in ways)]
     return "".join(parts)
@@ -256,7 +255,9 @@ def _categories(recordings: Sequence[RecordingFacts]) -> str:
     return f"<h2>Boxes</h2>{_table(['category'], rows, ['boxes', 'share', 'recordings'])}"
 
 
-def _row(number: int, recording: RecordingFacts, pictures: Sequence[tuple[str, Path]]) -> str:
+def _row(
+    number: int, recording: RecordingFacts, pictures: Sequence[tuple[str, Path]], counted: Sequence[str]
+) -> str:
     gaps = sum(gap.number for gap in recording.gaps)
     start = thumbnail = ""
     if pictures and recording.thumbnail is not None:
@@ -274,7 +275,7 @@ def _row(number: int, recording: RecordingFacts, pictures: Sequence[tuple[str, P
         _number(None if recording.start_ns is None else recording.duration_s, span_text),
         _number(None if recording.size is None else recording.size / 1e6, "{:,.1f}".format),
         _number(recording.length_m, readable_length),
-        *(_number(recording.counts.get(name), "{:,d}".format) for name in _COUNTS),
+        *(_number(recording.counts.get(name), "{:,d}".format) for name in counted),
         _number(gaps if recording.size is not None else None, "{:d}".format),
     ]
     return f"<tr>{''.join(cells)}</tr>"

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 
-from bagassets.assets.quality.counted import counted_in_channel
+from bagassets.assets.channel import counted_in_channel
 from bagassets.assets.quality.finding import Finding
 from bagassets.base.json_types import JsonMapping
 from bagassets.base.quantities import count_text

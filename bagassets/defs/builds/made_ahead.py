@@ -19,6 +19,7 @@ from uuid import uuid4
 
 import yaml
 
+from bagassets.assets.inventory import INVENTORY
 from bagassets.base.errors import BagAssetsError
 from bagassets.base.fingerprints import PlanNeeded
 from bagassets.base.json_types import JsonObject
@@ -195,7 +196,7 @@ def _make_inventory(recipe: Recipe, recording: RecordingFiles) -> str | None:
         recording,
         first.digest.digest,
         stat.as_of(first.digest),
-        wanted={"inventory"},
+        wanted={INVENTORY.name},
     )
     is_hit = all(result.cached for result in execute(graph) if not isinstance(result, Skipped))
     return None if is_hit else first.digest.digest

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import dagster as dg
 
+from bagassets.assets.inventory import INVENTORY
 from bagassets.base.alike import names_text
 from bagassets.base.errors import RecordingError
 from bagassets.base.json_types import JsonMapping, JsonObject
@@ -48,9 +49,9 @@ from bagassets.engine.summary_rows import summary_rows
 from bagassets.engine.unsettled import Unsettled
 from bagassets.forkserver.worker import note
 from bagassets.formats.after_crash import noted_build
-from bagassets.formats.catalogue import problems_of
+from bagassets.formats.catalogue import problems_of, recording_assets
 from bagassets.formats.checking import remarks_on_record
-from bagassets.formats.dataset_build import dataset_folders, main_lock, split_on_disk
+from bagassets.formats.dataset_build import dataset_folders, first_lock, left_behind, split_on_disk
 from bagassets.formats.dataset_integrity import remove_changed_sources
 from bagassets.formats.emptiness import why_empty
 from bagassets.recipe import load_recipe
@@ -102,14 +103,18 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
         before = find_pending_work(instance, workspace, options, own, planning, on_planned)
         now, has_run, is_replanned = before, False, False
         ran: frozenset[str] = frozenset()
-        report = BuildReport(before.plan, dataset_path=recipe.nuscenes.output)
+        report = BuildReport(before.plan, dataset_path=recipe.output)
         split_before = split_on_disk(recipe)
         report.outcomes = {key: BagOutcome("hit", seconds=seconds) for key, seconds in unchanged.items()}
         if not options.allow_empty:
             _refuse_empty(recipe, before.planned)
         # These hold until somebody does something about them.
         standing = _warnings(
-            {"installed_packages": problems_of(recipe), "series": before.plan.asked.values()}
+            {
+                "installed_packages": problems_of(recipe),
+                "left_behind": left_behind(recipe),
+                "series": before.plan.asked.values(),
+            }
         )
         held = {"removed": [f"{key} is gone: {why}." for key, why in before.held.items()]}
         report.remarks = (*_warnings(repaired), *standing, *_warnings(held))
@@ -167,7 +172,7 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
         bags = [bag for key, bag in sorted(now.plan.bags.items()) if key in before.chosen]
         checked = [*remarks_on_record(recipe, workspace.store, now.planned.discovery, bags)]
         report.remarks += tuple(one for one in checked if one.key not in ran)
-        lock = main_lock(recipe)
+        lock = first_lock(recipe)
         report.duplicates = {} if lock is None else lock.value["duplicates"]
         failed = {} if lock is None else lock.value.get("failed", {})
         report.left_out = {key: reason for key, reason in failed.items() if key not in before.chosen}
@@ -210,7 +215,8 @@ def build_project_in_worker(args: JsonObject) -> JsonObject:
         note({"build": event.as_json()})
 
     report = build_project(recipe_file, BuildOptions.from_json(args["options"]), send)
-    rows = summary_rows(report, Store(load_recipe(recipe_file).store_path), most=args["most"])
+    recipe = load_recipe(recipe_file)
+    rows = summary_rows(report, Store(recipe.store_path), recording_assets(recipe), most=args["most"])
     return {**report.as_json(), "summary": [row.as_json() for row in rows]}
 
 
@@ -222,7 +228,7 @@ def _is_quick(before: PendingWork, batch: Batch, sizes: Mapping[str, int]) -> bo
     """
     recorded = before.planned.recorded
     return bool(before.datasets) and all(
-        sizes[key] <= WORTH_STEPS_BYTES or "inventory" in recorded.get(key, {}) for key in batch
+        sizes[key] <= WORTH_STEPS_BYTES or INVENTORY.name in recorded.get(key, {}) for key in batch
     )
 
 
@@ -276,10 +282,10 @@ def _disk_space(pending: PendingWork, workspace: Workspace, options: BuildOption
     """
     recipe, store = workspace.recipe, workspace.store
     sizes = {key: one.size for key, one in pending.planned.discovery.recordings.items()}
-    needed = space_needed(pending.plan, sizes, pending.todo, store)
+    needed = space_needed(pending.plan, sizes, pending.todo, store, workspace.assets)
     if needed is None:
         return ""
-    folders = folders_written(store.root, recipe.nuscenes.output)
+    folders = folders_written(store.root, recipe)
     return require_disk_space(needed, folders, ignore=options.ignore_disk_space)
 
 

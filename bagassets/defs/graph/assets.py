@@ -6,10 +6,7 @@ import dagster as dg
 import pyarrow as pa
 
 from bagassets.assets.asset import AnyAsset
-from bagassets.assets.boxes.table import SCHEMA as BOX_SCHEMA
-from bagassets.assets.ego_poses import POSE_SCHEMA
-from bagassets.assets.frames import INDEX_SCHEMA
-from bagassets.assets.sweep_files import LIDAR_SCHEMA
+from bagassets.assets.inventory import INVENTORY
 from bagassets.defs.graph.batch_job import make_not_begun
 from bagassets.defs.graph.making import dependencies, make_assets, read_bag, recorded_bag
 from bagassets.defs.records.naming import Naming
@@ -22,23 +19,12 @@ from bagassets.engine.execute import BuildFailure
 from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.formats.catalogue import recording_assets
 from bagassets.recipe.model import Recipe
-from bagassets.recordings.pack import PACK_SCHEMA
 
 __all__ = ["recording_definitions"]
 
 _BAG = """A recording: a ROS 1 bag, a ROS 2 bag or an MCAP file.
 
 Its data version is the digest of its content; each file is hashed once. Touching a file does not change it."""
-# Operations of assets that are not called `make_<asset>` in the runs on record.
-_OPERATIONS = {"nuscenes_tables": "tables"}
-# Columns of the tables that assets hold.
-_SCHEMAS = {
-    "inventory": PACK_SCHEMA,
-    "ego_poses": POSE_SCHEMA,
-    "annotations": BOX_SCHEMA,
-    "frames": INDEX_SCHEMA,
-    "sweeps": LIDAR_SCHEMA,
-}
 
 
 def recording_definitions(recipe: Recipe, names: Naming) -> list[dg.AssetsDefinition]:
@@ -64,18 +50,18 @@ def recording_definitions(recipe: Recipe, names: Naming) -> list[dg.AssetsDefini
                 workspace,
                 workspace.recording(context.partition_key),
                 context.run.run_id,
-                makes_inventory=is_selected(context, names.key("inventory")),
+                makes_inventory=is_selected(context, names.key(INVENTORY.name)),
             )
             recording_lock.check()
             return dg.MaterializeResult(
                 data_version=dg.DataVersion(made.data_version), metadata=made.metadata
             )
 
-    alone = [asset.name for asset in assets if asset.name not in assets.extracted]
+    alone = [asset for asset in assets if asset.name not in assets.extracted]
     return [
         bag,
         _definition(assets, names, "extract", assets.extracted, can_subset=True),
-        *(_definition(assets, names, _OPERATIONS.get(name, f"make_{name}"), [name]) for name in alone),
+        *(_definition(assets, names, one.face.operation or f"make_{one.name}", [one.name]) for one in alone),
     ]
 
 
@@ -113,7 +99,7 @@ def _spec(assets: RecordingAssets, names: Naming, asset: AnyAsset) -> dg.AssetSp
         description=asset.about,
         code_version=assets.versions[asset.name],
         metadata={
-            **(_columns(_SCHEMAS[asset.name]) if asset.name in _SCHEMAS else {}),
+            **({} if asset.face.columns is None else _columns(asset.face.columns)),
             **code_link(asset.make or asset.use),
         },
     )

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import dagster as dg
 from dagster import AssetRecordsFilter
 
+from bagassets.assets.inventory import INVENTORY
 from bagassets.base.errors import BagAssetsError, RunEndedError, StoreError, UnexpectedError
 from bagassets.base.quantities import count_text
 from bagassets.defs.dagster_private import (
@@ -361,7 +362,7 @@ class _Recording(_Part):
         run_id = self._context.run_id
         if "bag" in self._wanted:
             source, bag = read_bag(
-                self._instance, self._workspace, recording, run_id, makes_inventory="inventory" in rest
+                self._instance, self._workspace, recording, run_id, makes_inventory=INVENTORY.name in rest
             )
             self._lock.check()
             self._record(bag, BAG_CODE_VERSION, {})

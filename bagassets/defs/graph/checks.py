@@ -4,7 +4,8 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 
 import dagster as dg
 
-from bagassets.assets.quality.check import Evidence, RecordingCheck, severity_of
+from bagassets.assets.quality.check import RecordingCheck, severity_of
+from bagassets.assets.quality.evidence import Evidence
 from bagassets.assets.quality.finding import Finding
 from bagassets.assets.selection import choose_rig, skip_reason
 from bagassets.base.escaping import markdown, visible
@@ -13,7 +14,7 @@ from bagassets.defs.records.partitions import recording_partitions
 from bagassets.defs.records.reporting import errors_explained
 from bagassets.defs.records.workspace import Workspace
 from bagassets.formats import checking
-from bagassets.formats.catalogue import MAIN, recording_assets
+from bagassets.formats.catalogue import recording_assets
 from bagassets.formats.dataset_build import Dataset, datasets_of
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_checks import Severity
@@ -125,10 +126,9 @@ def dataset_checks(recipe: Recipe, names: Naming) -> list[dg.AssetChecksDefiniti
 
 def _dataset_operation(recipe: Recipe, names: Naming, dataset: Dataset) -> dg.AssetChecksDefinition:
     asset, wanted = dataset.asset, checking.dataset_checks(recipe, dataset.kind)
-    prefix = "" if dataset.kind is MAIN else f"{dataset.kind.name}_"
 
     @dg.multi_asset_check(
-        name=names.spell(f"{prefix}dataset_checks"),
+        name=names.spell(f"{asset}_checks"),
         required_resource_keys={names.workspace},
         specs=[
             dg.AssetCheckSpec(check.name, asset=names.key(asset), description=check.description)

@@ -22,7 +22,8 @@ from bagassets.defs.records.workspace import Workspace
 from bagassets.defs.runs.fence import refuse_if_ended
 from bagassets.engine.plan import AssetState
 from bagassets.engine.targets import Evidence, Read, Target, target_state
-from bagassets.formats.catalogue import MAIN, formats, recording_assets
+from bagassets.formats import trajectory_map
+from bagassets.formats.catalogue import formats, formats_of, recording_assets
 from bagassets.formats.dataset_build import (
     DatasetInputs,
     build_dataset,
@@ -45,7 +46,7 @@ __all__ = [
     "write_report",
 ]
 
-TRAJECTORY_MAP = "trajectory_map"
+TRAJECTORY_MAP = trajectory_map.STEP.name
 INPUTS_CODE_VERSION = "1"
 _READS = (Read(DATASET_INPUTS, "whole", "its recordings changed since it was made"),)
 _CODE_CHANGED = "its settings, the splits or its version changed"
@@ -231,7 +232,8 @@ def make_dataset(
     dataset = datasets_of(recipe)[asset]
     summary = build_dataset(dataset, recipe, workspace.store, planned.plan, planned.inputs, permit)
     failed = planned.inputs.failed.get(dataset.kind.name, {})
-    report = {"report": write_report(instance, workspace, planned)} if asset == MAIN.asset else {}
+    is_first = dataset.kind in formats_of(recipe)[:1] and dataset.selection is None  # the report is about all
+    report = {"report": write_report(instance, workspace, planned)} if is_first else {}
     return MadeAsset(asset, summary.digest, report | dataset_metadata(summary, failed))
 
 

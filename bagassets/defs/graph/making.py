@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import dagster as dg
 
+from bagassets.assets.inventory import INVENTORY
 from bagassets.base.errors import StoreError
 from bagassets.defs.records.events import CONTENT, MADE_ALONG, SEVERAL, recorded_partition
 from bagassets.defs.records.naming import Naming
@@ -127,7 +128,7 @@ def make_assets(
     """
     key, assets, names = source.recording.key, workspace.assets, workspace.names
     # The inventory decides whether the recording takes part, even if the asset (of a package) does not read it.
-    upstream = {"inventory", *(name for asset in wanted for name in assets.upstream(asset))} - wanted
+    upstream = {INVENTORY.name, *(name for asset in wanted for name in assets.upstream(asset))} - wanted
     records = {name: recorded_partition(instance, names, name, key) for name in sorted(upstream)}
     found = {name: record for name, record in records.items() if record is not None and not record.is_skip}
     given = {name: workspace.store.artifact(record.data_version) for name, record in found.items()}
@@ -154,10 +155,12 @@ def make_assets(
             if isinstance(result, Skipped):
                 version, metadata = skip_version(result.reason), skip_metadata(result.reason)
             else:
-                reason = graph.node(SELECTION).skipped if result.asset == "inventory" else None
+                reason = graph.node(SELECTION).skipped if result.asset == INVENTORY.name else None
                 cached = result.cached and result.action_digest != source.made_along
                 skipped: Metadata = {"skipped": reason} if reason else {}  # first: nothing else follows of it
-                metadata = skipped | result_metadata(replace(result, cached=cached))
+                metadata = skipped | result_metadata(
+                    replace(result, cached=cached), assets[result.asset].face
+                )
                 version = result.artifact.digest
             if content:
                 metadata[CONTENT] = content

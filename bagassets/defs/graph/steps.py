@@ -8,6 +8,7 @@ from pathlib import Path
 
 import dagster as dg
 
+from bagassets.assets.face import Face
 from bagassets.base.errors import StoreError
 from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.defs.graph.own_assets import FOLLOWS, sensor_tags
@@ -153,7 +154,7 @@ def publish(
             key.to_user_string(), outcome.artifact, outcome.action_digest, outcome.cached, outcome.seconds
         )
         return dg.MaterializeResult(
-            data_version=dg.DataVersion(outcome.artifact.digest), metadata=result_metadata(result)
+            data_version=dg.DataVersion(outcome.artifact.digest), metadata=result_metadata(result, Face())
         )
 
 

@@ -10,22 +10,18 @@ from typing import Any
 
 import dagster as dg
 
-from bagassets.assets.pictures.pictures import TITLES
-from bagassets.assets.preview import FACTS
-from bagassets.assets.quality.counted import counted_in_channel, counted_in_poses
+from bagassets.assets.face import Face, Table, counts_table
 from bagassets.base.alike import names_text, told_once, without_path
 from bagassets.base.errors import BagAssetsError, UnexpectedError
 from bagassets.base.escaping import markdown, visible
-from bagassets.base.json_types import Json, JsonMapping
+from bagassets.base.json_types import Json
 from bagassets.base.quantities import count_text, readable_bytes
 from bagassets.defs.records.artifact_files import picture_link
 from bagassets.defs.records.events import REASON, STAT
 from bagassets.engine.execute import AssetResult, BuildFailure
 from bagassets.engine.splits import SplitShare
 from bagassets.formats.assembly import DatasetSummary
-from bagassets.formats.catalogue import MAIN
 from bagassets.formats.dataset_build import DatasetInputs
-from bagassets.geometry.calibration import Calibration
 from bagassets.recordings.digest import RecordingDigest, RecordingStat
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.artifact import Artifact
@@ -46,11 +42,10 @@ Metadata = dict[str, Any]
 """What Dagster shows of a materialization: its `MetadataValue`, or what it makes one of."""
 
 BAG_CODE_VERSION = "1"
-_CHANNEL_ASSETS = ("frames", "sweeps")
 _COUNTS = {"read", "written", "merged", "lost"}
 _MOST_ROWS = 60
 _SHOWN_AT_ONCE = 1000  # characters of Markdown; Dagster shows more on a click
-_PACKAGE = Path(__file__).resolve().parent.parent
+_PACKAGE = Path(__file__).resolve().parents[2]
 
 
 def bag_metadata(recording: RecordingFiles, stat: RecordingStat, digest: RecordingDigest) -> Metadata:
@@ -68,41 +63,26 @@ def bag_metadata(recording: RecordingFiles, stat: RecordingStat, digest: Recordi
     }
 
 
-def result_metadata(result: AssetResult) -> Metadata:
+def result_metadata(result: AssetResult, face: Face) -> Metadata:
     """Return a result as Dagster metadata: what people look for first, paths and digests last."""
-    summary = dict(result.artifact.summary())
-    metadata: Metadata = {}
-    if result.asset == "inventory":
-        metadata["contents"] = _topics_table(result.artifact)
-    elif result.asset == "calibration":
-        metadata["mounting"] = _calibration_table(result.artifact)
-    elif result.asset in _CHANNEL_ASSETS:
-        channels = summary.pop("channels")
-        # Of all channels together: Dagster plots numbers, and no tables.
-        metadata["written"] = sum(entry["written"] for entry in channels.values())
-        metadata["lost"] = sum(sum(entry.get("lost", {}).values()) for entry in channels.values())
-        metadata["channels"] = _counts_table(
-            {f"{name} ({counted_in_channel(counts)}s)": counts for name, counts in channels.items()}
-        )
-    elif result.asset == "ego_poses":
-        unit = counted_in_poses(summary["source"])
-        metadata["counts"] = _counts_table({"all": summary.pop("counts")}, f"{unit}s")
-    elif result.asset == "nuscenes_tables":
-        counts = summary["counts"]
-        metadata |= {"scenes": counts["scenes"], "keyframes": counts["samples"]}
-        metadata["boxes"] = counts["boxes"]["annotations"]
-    metadata |= {name: shown for name, value in summary.items() if (shown := _shown(value)) is not None}
-    # The artifact of frames or sweeps only names those of the channels.
-    size = metadata.pop("bytes", None) or sum(entry.size for entry in result.artifact.entries())
-    metadata |= {
-        "size": readable_bytes(size),
-        "size_bytes": size,
-        "seconds": round(result.seconds, 3),
-        "cached": result.cached,
-        "artifact": dg.MetadataValue.path(str(result.artifact.folder)),
-        "action_digest": result.action_digest,
+    artifact = result.artifact
+    metadata = {
+        name: shown for name, value in face.shown(artifact).items() if (shown := _shown(value)) is not None
     }
-    return (_pictures(result.artifact) if result.asset == "preview" else {}) | metadata
+    # The artifact of an asset of channels only names those of the channels.
+    size = metadata.pop("bytes", None) or sum(entry.size for entry in artifact.entries())
+    return (
+        _pictures(artifact, face)
+        | metadata
+        | {
+            "size": readable_bytes(size),
+            "size_bytes": size,
+            "seconds": round(result.seconds, 3),
+            "cached": result.cached,
+            "artifact": dg.MetadataValue.path(str(artifact.folder)),
+            "action_digest": result.action_digest,
+        }
+    )
 
 
 def skip_metadata(reason: str) -> Metadata:
@@ -110,23 +90,26 @@ def skip_metadata(reason: str) -> Metadata:
     return {"skipped": True, REASON: visible(reason)}
 
 
-def _pictures(preview: Artifact) -> dict[str, dg.MetadataValue[str]]:
-    """Return the pictures of a preview as Markdown: what `bagassets ui` serves, each a link to the large one.
+def _pictures(artifact: Artifact, face: Face) -> Metadata:
+    """Return the pictures of an artifact as Markdown: what `bagassets ui` serves, each a link to the large one.
 
     Dagster shows short Markdown at once, and the event log keeps all of it twice: so the pictures themselves stay in the
     store. Other web servers do not serve them; a thumbnail inside Markdown, which takes a click, is all that they show.
     """
-    metadata: dict[str, dg.MetadataValue[str]] = {}
-    for name in preview.read_json(FACTS)["pictures"]:
-        shown, large = (picture_link(preview.digest, file) for file in (f"inline/{name}.jpg", f"{name}.jpg"))
-        metadata[f"picture_{name}"] = dg.MetadataValue.md(f"[![{TITLES[name]}]({shown})]({large})")
-    data = b64encode(preview.path("thumbnail.jpg").read_bytes()).decode()
-    metadata["thumbnail"] = dg.MetadataValue.md(f"![Thumbnail](data:image/jpeg;base64,{data})")
+    metadata: Metadata = {}
+    for picture in face.pictures(artifact):
+        shown, large = (picture_link(artifact.digest, file) for file in (picture.small, picture.large))
+        metadata[f"picture_{picture.name}"] = dg.MetadataValue.md(f"[![{picture.title}]({shown})]({large})")
+    if face.thumbnail is not None:
+        data = b64encode(artifact.path(face.thumbnail).read_bytes()).decode()
+        metadata["thumbnail"] = dg.MetadataValue.md(f"![Thumbnail](data:image/jpeg;base64,{data})")
     return metadata
 
 
-def _shown(value: Json) -> object:
+def _shown(value: Json | Table) -> Any:
     """Return a fact in readable form, or None if it is empty."""
+    if isinstance(value, Table):
+        return _table(value.header, value.rows)
     if isinstance(value, str):
         return visible(value)
     if isinstance(value, bool | int | float):
@@ -137,15 +120,15 @@ def _shown(value: Json) -> object:
         return ", ".join(map(visible, value))
     if isinstance(value, dict):
         if set(value) == _COUNTS and isinstance(value["read"], int):
-            return _counts_table({"all": value}, "messages")
+            return _shown(counts_table({"all": value}, "messages"))
         if all(isinstance(item, int | float | str) for item in value.values()):
-            return _record_table(value, ("", ""))
+            return _table(("", ""), list(value.items()))
     return dg.MetadataValue.json(value)
 
 
 def inputs_metadata(inputs: DatasetInputs) -> Metadata:
     """Return the number of recordings that enter the dataset, and why others are left out."""
-    reasons = {"why_failed": inputs.failed.get(MAIN.name, {}), "why_skipped": inputs.skipped}
+    reasons = {"why_failed": inputs.failed.get(inputs.first, {}), "why_skipped": inputs.skipped}
     return {name: _said_of(why) for name, why in reasons.items() if why} | inputs.as_json()
 
 
@@ -169,7 +152,7 @@ def dataset_metadata(summary: DatasetSummary, failed: Mapping[str, str]) -> Meta
         "changed": summary.changed,
     }
     if summary.files:
-        metadata["files"] = _record_table(summary.files, ("way", "files"))
+        metadata["files"] = _table(("way", "files"), list(summary.files.items()))
     if summary.moved:
         moved = {key: f"was in {old}, is in {new}" for key, (old, new) in summary.moved.items()}
         metadata["moved"] = _said_of(moved)
@@ -238,42 +221,6 @@ def _table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> dg.Markdo
     if len(rows) > _MOST_ROWS:
         lines.append(_line([f"… and {len(rows) - _MOST_ROWS} more", *[""] * (len(header) - 1)]))
     return dg.MetadataValue.md("\n".join(lines))
-
-
-def _record_table(record: JsonMapping, header: tuple[str, str]) -> dg.MarkdownMetadataValue:
-    """Return a table of two columns."""
-    return _table(header, list(record.items()))
-
-
-def _counts_table(counts: Mapping[str, JsonMapping], name: str = "channel") -> dg.MarkdownMetadataValue:
-    """Return a table of what each channel or topic had: read, written, merged, and lost with the reason."""
-    rows = []
-    for key, entry in sorted(counts.items()):
-        lost = ", ".join(f"{number} {reason}" for reason, number in sorted(entry.get("lost", {}).items()))
-        rows.append((key, entry["read"], entry["written"], entry.get("merged", 0), lost or "none"))
-    return _table((name, "read", "written", "merged", "lost"), rows)
-
-
-def _topics_table(inventory: Artifact) -> dg.MarkdownMetadataValue:
-    """Return a table of the topics in an inventory."""
-    topics = inventory.read_json("inventory.json")["topics"]
-    rows = []
-    for topic in topics:
-        rate = "" if topic["rate_hz"] is None else f"{topic['rate_hz']:.4g} Hz"
-        rows.append((topic["name"], topic["type"], topic["count"], rate, topic["problem"] or ""))
-    return _table(("topic", "type", "messages", "rate", "problem"), rows)
-
-
-def _calibration_table(calibration: Artifact) -> dg.MarkdownMetadataValue:
-    """Return a table of the sensors in a calibration: place on the vehicle, and lens."""
-    rows = []
-    channels = Calibration.from_json(calibration.read_json("calibration.json")).channels
-    for name, sensor in sorted(channels.items()):
-        x_m, y_m, z_m = (f"{value:.3f}" for value in sensor.ego_SE3_sensor.translation)
-        camera = sensor.camera
-        lens = "" if camera is None else f"{camera.width} x {camera.height}, {camera.model}"
-        rows.append((name, sensor.frame, f"{x_m}, {y_m}, {z_m}", sensor.source, lens))
-    return _table(("channel", "frame", "x, y, z in the ego frame (m)", "from", "camera"), rows)
 
 
 def _line(cells: Sequence[str]) -> str:

@@ -14,9 +14,10 @@ from bagassets.formats.json_files import column_texts, row_blocks
 from bagassets.formats.nuscenes.dataset_checks import CHECKS, check
 from bagassets.formats.nuscenes.filenames import recording_of
 from bagassets.formats.nuscenes.join import join
+from bagassets.formats.nuscenes.no_scenes import why_no_scenes
 from bagassets.formats.nuscenes.selection import select
+from bagassets.formats.nuscenes.settings import NuScenes
 from bagassets.formats.nuscenes.tables import FILES, NUSCENES_TABLES
-from bagassets.recipe.model import NuScenes
 from bagassets.store.artifact import Artifact
 from bagassets.store.canonical import digest_json
 
@@ -84,6 +85,7 @@ dataset. `dataset.lock.json` names every recording and artifact, and the recordi
     duration_s=lambda facts: float(facts["counts"]["duration_s"]),
     folder=lambda settings: settings.version,
     fills_split=lambda facts: bool(facts["counts"]["scenes"]),
+    why_empty=why_no_scenes,
     named_by=("output", "version"),
     places=LooseFiles(_named_in, recording_of),
     folders=("samples", "sweeps", "maps"),

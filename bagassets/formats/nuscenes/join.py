@@ -10,9 +10,9 @@ from bagassets.formats.format import Joined, Member
 from bagassets.formats.json_files import json_bytes, rows_text, write_hashed, write_joined
 from bagassets.formats.nuscenes import shared_rows
 from bagassets.formats.nuscenes.schema import RECORDING_TABLES, SPLITS, TABLES, devkit_split_name
+from bagassets.formats.nuscenes.settings import NuScenes
 from bagassets.formats.nuscenes.table_file import table_bytes
 from bagassets.formats.nuscenes.tokens import attribute_token, category_token
-from bagassets.recipe.model import NuScenes
 
 __all__ = ["join"]
 

@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bagassets.assets.ego_poses import load_trajectory
+from bagassets.assets.ego_poses import EGO_POSES
 from bagassets.assets.lidar_file import read_lidar_file
-from bagassets.assets.quality.check import Evidence, RecordingCheck
-from bagassets.assets.quality.counted import counted_in_poses
+from bagassets.assets.pose_samples import counted_in_poses
+from bagassets.assets.quality.check import RecordingCheck
+from bagassets.assets.quality.evidence import Evidence
 from bagassets.assets.quality.file_rules import files_match
 from bagassets.assets.quality.finding import Finding
 from bagassets.assets.quality.pose_rules import poses_complete, poses_cover_sensors
@@ -18,12 +19,12 @@ from bagassets.assets.quality.radar_rules import RadarReadings, radar_velocities
 from bagassets.assets.quality.scene_rules import keyframes_complete, scenes_made
 from bagassets.assets.quality.sweep_rules import Sweeps, sweeps_timed
 from bagassets.assets.radar_file import read_radar_file
+from bagassets.assets.sweeps import SWEEPS
 from bagassets.base.errors import DatasetError
 from bagassets.base.json_types import JsonObject
 from bagassets.formats.nuscenes.schema import RECORDING_TABLES, Row
 from bagassets.formats.nuscenes.table_integrity import broken_references, duplicate_tokens
 from bagassets.geometry.se3 import SE3, Floats
-from bagassets.geometry.trajectory import Trajectory
 from bagassets.recipe.model import LidarChannel, RadarChannel
 from bagassets.store.artifact import Artifact
 
@@ -44,13 +45,11 @@ def _facts(evidence: Evidence) -> JsonObject:
     return facts
 
 
-def _trajectory(evidence: Evidence) -> Trajectory:
-    return load_trajectory(evidence.artifact("ego_poses"))
-
-
 def _lost_poses(evidence: Evidence) -> Iterator[str]:
-    counts = evidence.artifact("ego_poses").read_json("ego_poses.json")["counts"]
+    counts = evidence.artifact(EGO_POSES.name).read_json("ego_poses.json")["counts"]
     pose = evidence.rig.ego_pose
+    if pose is None:  # the format asks for poses, so there is one
+        return iter(())
     what = f"{counted_in_poses(pose.source)}s of {getattr(pose, 'topic', 'TF')}"
     return poses_complete(counts, what, evidence.recipe.limits.reported_losses)
 
@@ -59,7 +58,7 @@ def _artifacts_of(
     evidence: Evidence, kind: type[LidarChannel] | type[RadarChannel]
 ) -> Iterator[tuple[str, Artifact, SE3]]:
     """Yield the name, the sweeps and the mounting of each lidar, or of each radar."""
-    for name, entry in sorted(evidence.channels("sweeps").items()):
+    for name, entry in sorted(evidence.channels(SWEEPS.name).items()):
         if isinstance(evidence.rig.channels.get(name), kind):
             mount = evidence.calibration.channels[name].ego_SE3_sensor.normalised()
             yield name, evidence.store.artifact(entry["artifact"]), mount
@@ -87,7 +86,7 @@ def _radar_velocities(evidence: Evidence) -> Finding:
         with suppress(OSError, ValueError, DatasetError):  # the check `files_match` reports it
             readings = [(row["stamp_ns"], _targets(artifact.path(row["file"]))) for row in chosen]
             radars[name] = ego_SE3_sensor, readings
-    return radar_velocities(radars, evidence.once(_trajectory))
+    return radar_velocities(radars, evidence.trajectory)
 
 
 def _targets(path: Path) -> Floats:
@@ -103,7 +102,7 @@ def _references_intact(evidence: Evidence) -> Finding:
 def _sweeps_timed(evidence: Evidence) -> Finding:
     lidars = _artifacts_of(evidence, LidarChannel)
     sweeps = {name: _sweeps(artifact, ego_SE3_sensor) for name, artifact, ego_SE3_sensor in lidars}
-    return sweeps_timed(evidence.rig, sweeps, evidence.once(_trajectory), evidence.checks.sweeps_timed)
+    return sweeps_timed(evidence.rig, sweeps, evidence.trajectory, evidence.checks.sweeps_timed)
 
 
 PART_CHECKS = (
@@ -138,7 +137,7 @@ PART_CHECKS = (
         "between two poses; two trajectories overlap in time; as a warning: more than `limits.reported_losses` (5 %) "
         "of the messages gave no pose",
         lambda e: poses_cover_sensors(
-            e.once(_trajectory), e.stamps_ns(), e.checks.poses_cover_sensors, _lost_poses(e)
+            e.trajectory, e.stamps_ns(), e.checks.poses_cover_sensors, _lost_poses(e)
         ),
     ),
     RecordingCheck(

@@ -13,7 +13,9 @@ from math import sqrt
 
 import numpy as np
 
-from bagassets.assets.ego_poses import load_trajectory
+from bagassets.assets.ego_poses import EGO_POSES, load_trajectory
+from bagassets.assets.inventory import INVENTORY
+from bagassets.assets.track import TRACK
 from bagassets.base.errors import StoreError
 from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.engine.plan import Plan
@@ -24,6 +26,7 @@ from bagassets.formats.nuscenes.scene_conditions import require_own_scenes, unme
 from bagassets.formats.nuscenes.schema import RECORDING_TABLES
 from bagassets.formats.nuscenes.subset import subset_facts, subset_tables
 from bagassets.formats.nuscenes.table_file import table_bytes
+from bagassets.formats.nuscenes.tables import NUSCENES_TABLES
 from bagassets.formats.nuscenes.tokens import category_token
 from bagassets.geometry.sun import daylight
 from bagassets.geometry.trajectory import Trajectory
@@ -78,7 +81,7 @@ def select(
             chosen.append(part)
         else:
             tokens = sorted(scene["token"] for scene in kept)
-            action = SUBSET_STEP.action({"scenes": tokens}, {"nuscenes_tables": tables.digest})
+            action = SUBSET_STEP.action({"scenes": tokens}, {NUSCENES_TABLES.name: tables.digest})
             outcome = run_action(store, action, partial(_make_subset, tables, kept))
             chosen.append(Part(part.key, part.content, outcome.artifact.digest))
     return Selection(chosen, skipped, dict(sorted(left_out.items())))
@@ -87,14 +90,14 @@ def select(
 def _scene_facts(recipe: Recipe, store: Store, plan: Plan, part: Part, tables: Artifact) -> JsonObject:
     """Return the facts about the scenes of one recording, from the store if they are there."""
     bag = plan.bags[part.key]
-    inventory, poses = bag.current_artifact(store, "inventory"), bag.current_artifact(store, "ego_poses")
+    inventory, poses = (bag.current_artifact(store, one.name) for one in (INVENTORY, EGO_POSES))
     if inventory is None or poses is None:
         raise StoreError(
             f"{part.key}: the inventory or ego_poses, by which named datasets select scenes, are not in the store; "
             "run `bagassets build`."
         )
     track = track_of(store, inventory, poses, recipe.clock_of(recipe.rig_named(bag.rig)))
-    inputs = {"nuscenes_tables": tables.digest, "ego_poses": poses.digest, "track": track.digest}
+    inputs = {NUSCENES_TABLES.name: tables.digest, EGO_POSES.name: poses.digest, TRACK.name: track.digest}
     make = partial(_make_facts, tables, load_trajectory(poses), track.points)
     facts: JsonObject = run_action(store, FACTS_STEP.action({}, inputs), make).artifact.read_json(_SCENES)
     return facts

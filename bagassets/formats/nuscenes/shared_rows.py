@@ -6,13 +6,13 @@ from collections.abc import Callable, Iterable, Sequence
 from collections.abc import Set as AbstractSet
 
 from bagassets.base.json_types import JsonObject
+from bagassets.formats.nuscenes.settings import NamedText
 from bagassets.formats.nuscenes.tokens import (
     VISIBILITY_LEVELS,
     sensor_token,
     token,
     visibility_token,
 )
-from bagassets.recipe.model import NamedText
 
 __all__ = [
     "MAP_FILE",

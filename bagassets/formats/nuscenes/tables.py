@@ -20,6 +20,7 @@ from bagassets.assets.boxes.motion import MotionRule
 from bagassets.assets.boxes.table import BoxTable
 from bagassets.assets.calibration import CALIBRATION
 from bagassets.assets.ego_poses import EGO_POSES
+from bagassets.assets.face import Face
 from bagassets.assets.frames import FRAMES
 from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.sweeps import SWEEPS
@@ -32,12 +33,13 @@ from bagassets.formats.nuscenes.readings import ChannelReadings, load_readings
 from bagassets.formats.nuscenes.scene_plan import RecordingPlan, SceneParams, plan_scenes
 from bagassets.formats.nuscenes.schema import RECORDING_TABLES
 from bagassets.formats.nuscenes.sensor_rows import SensorRows, sensor_rows
+from bagassets.formats.nuscenes.settings import AttributesByMotion, NuScenes
 from bagassets.formats.nuscenes.table_file import table_bytes
 from bagassets.formats.nuscenes.tokens import RecordingTokens
 from bagassets.geometry.calibration import Calibration
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
-from bagassets.recipe.model import AttributesByMotion, CameraChannel, Recipe, Rig, Scenes
+from bagassets.recipe.model import CameraChannel, Recipe, Rig, Scenes
 from bagassets.store.artifact import Artifact, ArtifactWriter
 
 __all__ = ["FILES", "NUSCENES_TABLES"]
@@ -92,7 +94,7 @@ class TablesParams:
         A rig without the recipe's reference channel uses the default, so that rigs with different sensors can share a
         recipe.
         """
-        scenes = recipe.scenes
+        scenes, settings = recipe.scenes, recipe.settings(NuScenes) or NuScenes()
         candidates: tuple[str, ...] = ()
         if scenes.reference not in rig.channels:
             scenes, candidates = scenes.model_copy(update={"reference": None}), _by_preference(rig)
@@ -102,7 +104,7 @@ class TablesParams:
             location=rig.location,
             scenes=scenes,
             candidates=candidates,
-            attributes_by_motion=MotionLimits.of(recipe.nuscenes.attributes_by_motion),
+            attributes_by_motion=MotionLimits.of(settings.attributes_by_motion),
         )
 
 
@@ -153,12 +155,12 @@ def use(params: TablesParams, facts: Facts) -> dict[str, Use[TablesUse]]:
         attributes_by_motion=params.attributes_by_motion,
     )
     inputs = {f"channel:{name}": artifact.digest for name, artifact in channels.items()}
-    inputs |= {name: facts.artifact(name).digest for name in ("ego_poses", "annotations")}
+    inputs |= {one.name: facts.artifact(one.name).digest for one in (EGO_POSES, ANNOTATIONS)}
     return {"": Use(read, inputs=inputs)}
 
 
 def _channels(facts: Facts) -> dict[str, Artifact]:
-    return {**facts.channels("frames"), **facts.channels("sweeps")}
+    return {**facts.channels(FRAMES.name), **facts.channels(SWEEPS.name)}
 
 
 def _extrinsics(calibration: Calibration, channel: str) -> SE3:
@@ -202,14 +204,14 @@ def make(use: Use[TablesUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
     _check_poses(readings[scenes.reference], trajectory, params.key)
     holes = [last_ns for _, last_ns in trajectory.holes_ns]
     plan = plan_scenes({name: channel.stamps_ns for name, channel in readings.items()}, scenes, holes)
-    origin = inputs.artifact("ego_poses").read_json("ego_poses.json")["origin"]
+    origin = inputs.artifact(EGO_POSES.name).read_json("ego_poses.json")["origin"]
     log = {"logfile": params.key, "vehicle": params.vehicle, "location": params.location, "origin": origin}
     tokens = RecordingTokens(params.rig, params.key)
     sensors = sensor_rows(tokens, readings, plan.scenes, log)
     motion = params.attributes_by_motion
     objects = annotation_rows(
         tokens,
-        BoxTable.from_arrow(inputs.artifact("annotations").read_table("annotations.parquet")),
+        BoxTable.from_arrow(inputs.artifact(ANNOTATIONS.name).read_table("annotations.parquet")),
         readings,
         plan.scenes,
         scenes,
@@ -281,13 +283,29 @@ def _channel_counts(
     }
 
 
+def _shown(artifact: Artifact) -> JsonObject:
+    summary = artifact.summary()
+    counts = summary["counts"]
+    numbers = {"scenes": counts["scenes"], "keyframes": counts["samples"]}
+    return {**numbers, "boxes": counts["boxes"]["annotations"], **summary}
+
+
 NUSCENES_TABLES = Asset(
     name="nuscenes_tables",
+    enabled=lambda recipe: recipe.settings(NuScenes) is not None,
     version=7,
     changes={7: "cuts scenes at long pauses and where a clock was set"},
     title="This recording's rows of the nuScenes tables: scenes, keyframes, readings, poses, boxes.",
     description="Keyframe rate, scene length and tolerance act here; nothing is extracted again when they change.",
     kinds=frozenset({"nuscenes", "json"}),
+    face=Face(
+        shown=_shown,
+        counts={
+            "scenes": lambda summary: summary.get("counts", {}).get("scenes"),
+            "keyframes": lambda summary: summary.get("counts", {}).get("samples"),
+        },
+        operation="tables",
+    ),
     reads=(INVENTORY, CALIBRATION, EGO_POSES, ANNOTATIONS, FRAMES, SWEEPS),
     params=TablesParams.of,
     use=use,

@@ -7,7 +7,10 @@ them from the artifacts of `frames`.
 """
 
 import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+
+import numpy as np
 
 from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use, as_json, inlined
 from bagassets.assets.calibration import CALIBRATION
@@ -15,28 +18,36 @@ from bagassets.assets.ego_poses import EGO_POSES
 from bagassets.assets.frames import FRAMES
 from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.transform_logs import read_transforms
-from bagassets.base.errors import CalibrationError, DatasetError
+from bagassets.base.errors import CalibrationError
 from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.formats.format import FACTS
 from bagassets.formats.json_files import rows_bytes
-from bagassets.formats.vision.join import SEQUENCES
-from bagassets.formats.vision.metadata import recording_metadata, transforms_json
-from bagassets.formats.vision.relative import relative_poses
 from bagassets.formats.vision.sequences import cut_sequences
-from bagassets.formats.vision.trajectories import Bodies, csv_bytes, tf_poses, trajectory_table
+from bagassets.formats.vision.settings import Vision
+from bagassets.formats.vision.trajectories import (
+    Bodies,
+    csv_bytes,
+    relative_poses,
+    tf_poses,
+    trajectory_table,
+)
 from bagassets.geometry.calibration import Mounts
+from bagassets.geometry.sun import sun_elevation_deg
 from bagassets.geometry.tf_tree import TfTree
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.recipe.model import CameraChannel, Recipe, Rig
 from bagassets.recipe.model_base import Clock
-from bagassets.recipe.model_poses import FixedPose
+from bagassets.recipe.model_poses import FixedPose, TfSource
+from bagassets.recordings.inventory import Inventory
 from bagassets.recordings.recording import Recording
 from bagassets.store.artifact import Artifact, ArtifactWriter
 from bagassets.store.canonical import digest_json
 
-__all__ = ["FILES", "VISION_SEQUENCES"]
+__all__ = ["FILES", "SEQUENCES", "VISION_SEQUENCES", "recording_metadata", "transforms_json"]
 
 FILES = "files.json"
+# Has the rows of all sequences.
+SEQUENCES = "sequences.json"
 _LEAST_DIGITS = 4
 
 
@@ -76,14 +87,8 @@ class VisionParams:
 
     @classmethod
     def of(cls, recipe: Recipe, rig: Rig) -> "VisionParams":
-        """Return the parameters for a rig.
-
-        Raises:
-            DatasetError: the recipe makes no vision dataset.
-        """
-        vision = recipe.vision
-        if vision is None:
-            raise DatasetError("the recipe has no `vision` section; add one to make `vision_sequences`.")
+        """Return the parameters for a rig."""
+        vision = recipe.settings(Vision) or Vision()
         cameras = [name for name, channel in rig.channels.items() if isinstance(channel, CameraChannel)]
         frames = {frame for pair in vision.trajectories for frame in pair.split(":")}
         through_tf = not frames <= {"ego", "global"}
@@ -97,7 +102,9 @@ class VisionParams:
             tf=rig.tf if through_tf else (),
             tf_static=rig.tf_static if through_tf else (),
             tf_clock=recipe.clock_of(rig) if through_tf else None,
-            tf_max_gap_s=0.0 if isinstance(rig.ego_pose, FixedPose) else rig.ego_pose.max_gap_s,
+            tf_max_gap_s=0.0
+            if isinstance(rig.ego_pose, FixedPose)
+            else (rig.ego_pose or TfSource()).max_gap_s,
         )
 
 
@@ -121,9 +128,9 @@ class VisionUse(VisionParams):
 
 def use(params: VisionParams, facts: Facts) -> dict[str, Use[VisionUse]]:
     """Return the inputs of a recording's part: images, poses, extrinsics, metadata, and transforms if needed."""
-    mounts, images = facts.calibration.mounts, facts.channels("frames")
+    mounts, images = facts.calibration.mounts, facts.channels(FRAMES.name)
     cameras = {name: images[name] for name in params.cameras if name in images}
-    poses = facts.artifact("ego_poses")
+    poses = facts.artifact(EGO_POSES.name)
     bodies = Bodies.of(mounts, poses.read_json("ego_poses.json")["global_frame"])
     through_tf = not all(bodies.has(*pair.split(":")) for pair in params.trajectories)
     tf, tf_static = (
@@ -139,13 +146,13 @@ def use(params: VisionParams, facts: Facts) -> dict[str, Use[VisionUse]]:
     )
     inputs = {f"channel:{name}": artifact.digest for name, artifact in cameras.items()}
     topics = tuple(sorted({*tf, *tf_static}))
-    return {"": Use(read, topics, {**inputs, "ego_poses": poses.digest})}
+    return {"": Use(read, topics, {**inputs, EGO_POSES.name: poses.digest})}
 
 
 def make(use: Use[VisionUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
     """Write the recording's part of the dataset; return the summary."""
-    params, trajectory, images = use.params, inputs.trajectory, inputs.channels("frames")
-    poses_json = inputs.artifact("ego_poses").read_json("ego_poses.json")
+    params, trajectory, images = use.params, inputs.trajectory, inputs.channels(FRAMES.name)
+    poses_json = inputs.artifact(EGO_POSES.name).read_json("ego_poses.json")
     cameras = {name: images[name].read_json("channel.json") for name in params.cameras}
     written = [
         out.write_json("metadata.json", params.metadata),
@@ -192,15 +199,19 @@ def _cut_camera(
     rows: list[JsonObject],
     files: list[dict[str, str]],
 ) -> dict[str, int]:
-    """Add the sequences of one camera and their files; return the counts of its images."""
+    """Add the sequences of one camera and their files; return the counts of its images.
+
+    Where the rig has no poses at all, neither have its images.
+    """
     index = artifact.read_table("index.parquet")
     stamps_ns = index.column("stamp_ns").to_numpy()
     names = index.column("file").to_pylist()
     widths, heights = index.column("width").to_pylist(), index.column("height").to_pylist()
     positions, rotations, has_pose = trajectory.at(stamps_ns)
+    has_poses = bool(len(trajectory.stamps_ns))
     cuts = cut_sequences(
         stamps_ns,
-        has_pose,
+        has_pose if has_poses else np.ones(len(stamps_ns), dtype=np.bool_),
         length=params.cuts.frames,
         stride=params.cuts.stride,
         max_gap_ns=round(params.cuts.max_gap_s * 1e9),
@@ -209,7 +220,9 @@ def _cut_camera(
     for number, images in enumerate(cuts.sequences):
         sequence = f"{number:0{digits}d}"
         folder = f"{name}/{sequence}"
-        poses = relative_poses(positions[images], rotations[images])
+        poses: Sequence[Sequence[float] | None] = [None] * len(images)
+        if has_poses:
+            poses = relative_poses(positions[images], rotations[images])
         shown = []
         for place, (image, pose) in enumerate(zip(images.tolist(), poses, strict=True)):
             suffix = names[image].rpartition(".")[2]
@@ -293,9 +306,59 @@ VISION_SEQUENCES = Asset(
     title="This recording's part of the vision dataset: image sequences with relative trajectories.",
     kinds=frozenset({"image", "json"}),
     reads=(INVENTORY, CALIBRATION, EGO_POSES, FRAMES),
-    enabled=lambda recipe: recipe.vision is not None,
+    enabled=lambda recipe: recipe.settings(Vision) is not None,
     optional=True,
     params=VisionParams.of,
     use=use,
     make=make,
 )
+
+
+def recording_metadata(key: str, rig: str, inventory: Inventory) -> JsonObject:
+    """Return the facts about a recording as a whole.
+
+    It does not change when the recording is re-indexed, re-compressed or converted, so it lacks file size and format.
+
+    Args:
+        key: partition key.
+        rig: name of the rig.
+        inventory: inventory of the recording.
+    """
+    first, last = inventory.gnss or (None, None)
+    # Without daylight the clock of the fix cannot be trusted, and so neither can the sun.
+    elevation = None
+    if first is not None and inventory.daylight is not None:
+        elevation = round(sun_elevation_deg(first.lat, first.lon, first.stamp_ns), 1)
+    return {
+        "name": key,
+        "rig": rig,
+        "start_ns": inventory.start_ns,
+        "end_ns": inventory.end_ns,
+        "duration_s": round(inventory.duration_s, 6),
+        "messages": sum(topic.count for topic in inventory.topics.values()),
+        "topics": {
+            name: {"type": topic.msgtype, "messages": topic.count} for name, topic in inventory.topics.items()
+        },
+        "gnss": None if first is None or last is None else {"first": as_json(first), "last": as_json(last)},
+        "daylight": inventory.daylight,
+        "sun_elevation_deg": elevation,
+    }
+
+
+def transforms_json(mounts: Mounts, cameras: Mapping[str, JsonMapping]) -> JsonObject:
+    """Return the content of `transforms.json`: extrinsics of all sensors, and intrinsics of the images as written.
+
+    Args:
+        mounts: extrinsics of the sensors.
+        cameras: channel -> content of `channel.json` of its images.
+    """
+    return {
+        "ego_frame": mounts.ego_frame,
+        "sensors": {
+            name: {
+                **as_json(mount),
+                **({"intrinsics": cameras[name]["camera_intrinsic"]} if name in cameras else {}),
+            }
+            for name, mount in sorted(mounts.channels.items())
+        },
+    }

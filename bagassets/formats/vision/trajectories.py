@@ -1,8 +1,8 @@
-"""Trajectories of one frame in another, as tables for CSV and Parquet."""
+"""Trajectories of one frame in another, as tables for CSV and Parquet; poses relative to the first one, as position and angles."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import isnan
+from math import isnan, pi
 
 import numpy as np
 import pyarrow as pa
@@ -10,14 +10,69 @@ from numpy.typing import NDArray
 
 from bagassets.base.errors import CalibrationError
 from bagassets.base.json_types import JsonMapping
-from bagassets.formats.vision.relative import roll_pitch_yaw
 from bagassets.geometry.calibration import Mounts
+from bagassets.geometry.portable import arctan2
 from bagassets.geometry.se3 import SE3, Floats, quaternion_multiply, rotate
 from bagassets.geometry.tf_tree import TfTree
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.geometry.wgs84 import LocalFrame, utm_track
 
-__all__ = ["Bodies", "TimedPoses", "csv_bytes", "geodetic_columns", "trajectory_table"]
+__all__ = [
+    "Bodies",
+    "TimedPoses",
+    "csv_bytes",
+    "geodetic_columns",
+    "relative_poses",
+    "roll_pitch_yaw",
+    "trajectory_table",
+]
+
+METRE_DIGITS = 6
+RADIAN_DIGITS = 9
+_CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
+# Closer to the zenith, roll and yaw are the same rotation; all of it is called yaw.
+_GIMBAL_LOCK = 1.0 - 1e-12
+
+
+def relative_poses(positions_m: Floats, rotations: Floats) -> list[list[float]]:
+    """Return `first_SE3_i` of each pose as x, y, z (metres) and roll, pitch, yaw (radians).
+
+    The transforms are composed, `first_SE3_i = (global_SE3_first)^-1 global_SE3_i`, and the angles are those of the
+    result: the difference between the angles of two poses is not the rotation between them.
+
+    Args:
+        positions_m: (N, 3) of `global_SE3_i`.
+        rotations: (N, 4) unit quaternions w, x, y, z.
+    """
+    first_Q_global = rotations[0] * _CONJUGATE
+    offsets_m = rotate(first_Q_global, positions_m - positions_m[0])
+    angles = roll_pitch_yaw(quaternion_multiply(first_Q_global, rotations))
+    return [
+        [round(float(v), METRE_DIGITS) + 0.0 for v in offset_m]
+        + [round(float(v), RADIAN_DIGITS) + 0.0 for v in angle]
+        for offset_m, angle in zip(offsets_m, angles, strict=True)
+    ]
+
+
+def roll_pitch_yaw(rotations: Floats) -> Floats:
+    """Return the (N, 3) angles in radians of (N, 4) unit quaternions w, x, y, z.
+
+    They rotate by roll about x, then pitch about y, then yaw about z, all fixed axes (REP 103):
+    `R = Rz(yaw) Ry(pitch) Rx(roll)`. At a pitch of ±90 degrees roll is set to 0.
+    """
+    w, x, y, z = np.moveaxis(rotations, -1, 0)
+    sine = np.clip(2 * (w * y - z * x), -1.0, 1.0)
+    pitch = arctan2(sine, np.sqrt(1.0 - sine * sine))
+    locked = np.abs(sine) > _GIMBAL_LOCK
+    roll = np.where(locked, 0.0, arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)))
+    yaw = np.where(
+        locked,
+        arctan2(2 * (w * z - x * y), 1 - 2 * (x * x + z * z)),
+        arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
+    )
+    wrapped = np.where(yaw <= -pi, yaw + 2 * pi, yaw)
+    return np.stack([roll, pitch, wrapped], axis=-1)
+
 
 # Decimal places: a micrometre, 1e-9 for quaternions and radians, a tenth of a millimetre of latitude, and the tenth of a
 # millimetre that UTM is accurate to.
@@ -89,7 +144,8 @@ class Bodies:
         t, q = trajectory.positions_m, trajectory.rotations
         stamps_ns = trajectory.stamps_ns
         if (sensor in self.global_names) == (reference in self.global_names):
-            stamps_ns, t, q = stamps_ns[:1], np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0, 0.0]])
+            t, q = np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0, 0.0]])
+            stamps_ns = stamps_ns[:1] if len(stamps_ns) else np.zeros(1, dtype=np.int64)
             if sensor in self.ego_SE3:
                 fixed = self.ego_SE3[reference].inverse() @ self.ego_SE3[sensor]
                 t, q = np.array([fixed.translation]), np.array([fixed.rotation])
