@@ -68,6 +68,10 @@ lint: $(VENV)/.made
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
+# All that pages and pictures show of the code: after a new asset, format, check or field of the recipe.
+docs: $(VENV)/.made
+	$(BIN)/python -m scripts.docs
+
 # About ten minutes on two cores; EXTERNAL="converter {bags} {output}" adds another converter.
 bench-incremental: $(VENV)/.made
 	@mkdir -p build

@@ -7,8 +7,7 @@ import tomllib
 import zipfile
 from pathlib import Path
 
-from bagassets.base.extensions import announced, installed_extensions
-from bagassets.base.plugins import installed_decoders
+from bagassets.base.plugins import announced, installed_decoders, installed_extensions
 from bagassets.formats.catalogue import catalogue
 from bagassets.store import action
 

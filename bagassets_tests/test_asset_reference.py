@@ -14,9 +14,7 @@ HOW_IT_DECIDES = (DOCS / "how-it-decides.md").read_text("utf-8")
 
 
 def test_docs_are_up_to_date():
-    assert PAGE.read_text(encoding="utf-8") == asset_reference(), (
-        "docs/assets.md is out of date: bagassets docs assets > docs/assets.md"
-    )
+    assert PAGE.read_text(encoding="utf-8") == asset_reference(), "docs/assets.md is out of date: make docs"
 
 
 def test_every_asset_says_what_it_is():
@@ -28,7 +26,7 @@ def test_every_asset_says_what_it_is():
 
 def test_the_table_of_inputs_is_that_of_the_assets():
     assert input_table() in HOW_IT_DECIDES
-    assert page() == HOW_IT_DECIDES, "docs/how-it-decides.md is out of date: python scripts/input_table.py"
+    assert page() == HOW_IT_DECIDES, "docs/how-it-decides.md is out of date: make docs"
 
 
 def test_every_asset_has_parameters():

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bagassets.report.map_shell import map_shell
-from bagassets.report.model import Problem, RecordingFacts, ReportData, Route
+from bagassets.report.model import Problem, RecordingFacts, ReportData
 from bagassets.report.page import report_page
 from bagassets.report.trajectory_map import MapRoute, trajectory_map_page
 from benchmarks.web_ui import web_ui
@@ -61,7 +61,7 @@ def test_a_report_of_300_recordings_opens_in_two_seconds(tmp_path, browser):
         RecordingFacts(
             f"{NAME}_{number:03}.bag", "ready", "", "ros1", 5 * 10**9, 1_700_000_000 * 10**9, 3600.0, 3600.0, "car", "train",
             "twilight", 45_600.0, {"images": 144_000, "sweeps": 36_000, "poses": 180_000, "boxes": 720_000}, {"car": 9},
-            problems=[slow], checks_passed=14, route=Route([(48.0, 11.0), (48.0 + number / 300, 11.1)]),
+            problems=[slow], checks_passed=14, points=[(48.0, 11.0), (48.0 + number / 300, 11.1)],
             pictures={"Lidar over camera": picture}, thumbnail=picture, full_pictures=tmp_path,
         )
         for number in range(300)

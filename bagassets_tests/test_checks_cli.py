@@ -141,7 +141,7 @@ def test_an_artifact_that_is_gone_is_a_finding(built):
 def test_the_table_of_the_documentation_is_that_of_the_assets():
     result = CliRunner().invoke(root, ["docs", "checks"])
     text = (Path(__file__).parent.parent / "docs" / "checks.md").read_text(encoding="utf-8")
-    assert result.stdout in text, "put the output of `bagassets docs checks` there"
+    assert result.stdout in text, "docs/checks.md is out of date: make docs"
     assert {line.split("`")[1] for line in result.stdout.splitlines()[2:]} == {
         check.name for check in RECORDING_CHECKS
     }

@@ -1,6 +1,6 @@
 """What a build says of disk space beforehand, and when it refuses."""
 
-import os
+import shutil
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -20,7 +20,7 @@ from bagassets_tests.small_drive import write_drive
 
 
 def free(monkeypatch, size):
-    monkeypatch.setattr(os, "statvfs", lambda _path: SimpleNamespace(f_bavail=size // 1000, f_frsize=1000))
+    monkeypatch.setattr(shutil, "disk_usage", lambda _path: SimpleNamespace(free=size))
 
 
 def bag(key, state, **others):

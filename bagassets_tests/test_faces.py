@@ -10,7 +10,7 @@ from rich.console import Console
 
 from bagassets.assets.asset import Asset, Use
 from bagassets.assets.face import Face, Loss, Picture, Table
-from bagassets.base.extensions import Extension
+from bagassets.base.plugins import Extension
 from bagassets.cli.status import _table
 from bagassets.cli.summary import print_summary
 from bagassets.defs.graph.location import build_definitions

@@ -44,7 +44,7 @@ SHOWN_ELSEWHERE = {"install_size", "project_size"}
 @pytest.mark.parametrize("page", pages(), ids=lambda page: page.name)
 def test_pages_show_what_was_measured(page):
     text = page.read_text("utf-8")
-    assert with_figures(text) == text, f"{page.name}: run `python -m benchmarks.pages`"
+    assert with_figures(text) == text, f"{page.name}: make docs"
 
 
 @pytest.mark.parametrize("page", pages(), ids=lambda page: page.name)

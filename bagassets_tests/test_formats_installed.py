@@ -6,7 +6,7 @@ import pytest
 from click.testing import CliRunner
 
 from bagassets.base.errors import DatasetError, PluginError, RecipeError
-from bagassets.base.extensions import ASSETS, FORMATS
+from bagassets.base.plugins import ASSETS, FORMATS
 from bagassets.cli.main import root
 from bagassets.defs.graph.checks import recording_checks
 from bagassets.defs.records.naming import Naming

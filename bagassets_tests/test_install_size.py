@@ -52,7 +52,7 @@ def test_files_with_several_names_count_once(tmp_path):
 
 def test_the_readme_has_the_same_figures():
     readme = (ROOT / "README.md").read_text("utf-8")
-    found = re.search(r"It takes (\d+) MB; `pip uninstall llvmlite` frees (\d+) of\s+them", readme)
+    found = re.search(r"(\d+) MB, of which\s+`pip uninstall llvmlite` frees (\d+)", readme)
     llvmlite = MEASURED["packages"]["llvmlite"]["bytes"]
     assert [int(one) for one in found.groups()] == [
         round(MEASURED["total_bytes"] / 1e6),

@@ -155,6 +155,8 @@ def test_without_llvmlite_points_are_moved_all_the_same(no_llvmlite):
 
 
 def test_all_are_compiled_before_workers_fork():
+    import bagassets.geometry.kernels.returns  # noqa: F401  (what is imported is compiled)
+
     for _ in machine_code.compile_all():
         pass
     assert {code._name for code in machine_code._ALL if code._function is not None} >= {

@@ -6,7 +6,7 @@ import pytest
 
 from bagassets.propose.scan import scan_recording
 from bagassets.recordings.open import open_recording
-from bagassets.sample.oddities.cameras import rectified
+from bagassets.sample.oddities import rectified
 from bagassets.sample.render import CameraView
 from bagassets_tests.odd_drive import OddDrive
 

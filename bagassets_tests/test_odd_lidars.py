@@ -15,8 +15,7 @@ from bagassets.propose.scan import scan_recording
 from bagassets.recordings.discover import find_one
 from bagassets.recordings.open import open_recording
 from bagassets.sample.messages import Messages
-from bagassets.sample.oddities.catalogue import ODDITIES
-from bagassets.sample.oddities.lidars import UNTIMED
+from bagassets.sample.oddities import ODDITIES, UNTIMED
 from bagassets.sample.recorder import open_recorder
 from bagassets.sample.schedule import drive_events
 from bagassets.sample.truth import Truth

@@ -16,7 +16,7 @@ from bagassets.recipe.model import Limits
 from bagassets.recipe.model_checks import PosesCheck
 from bagassets.recordings.open import open_recording
 from bagassets.sample.drive import Target, write_recordings
-from bagassets.sample.oddities.motion import BOOTED_NS, SET_AFTER_NS, SET_BACK_NS
+from bagassets.sample.oddities import BOOTED_NS, SET_AFTER_NS, SET_BACK_NS
 from bagassets.sample.recipe import sample_recipe
 from bagassets.store.store import Store
 from bagassets_tests.ncom_data import ETHERNET, ethernet, ncom

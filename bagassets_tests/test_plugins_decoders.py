@@ -193,7 +193,7 @@ def test_a_plugin_goes_before_a_decoder_of_ours_that_goes_by_the_fields_of_messa
         radar__sensor_msgs__PointCloud="decode",
     )
     for msgtype in ("radar_msgs/msg/RadarScan", "sensor_msgs/msg/PointCloud"):
-        assert find_decoder("radar", msgtype).plugin.distribution == "exact"
+        assert find_decoder("radar", msgtype).plugin.package == "exact"
         assert families_of(msgtype) == ("radar",)
     assert find_decoder("radar", "radar_msgs/msg/RadarTracks").plugin is None
 
@@ -237,9 +237,9 @@ print(sorted(name for name in sys.modules if name.startswith(("bagassets.", "num
     assert set(ast.literal_eval(reported)) == {
         "bagassets.decode",
         "bagassets.decode.registry",
+        "bagassets.base",
         "bagassets.base.errors",
         "bagassets.base.escaping",
-        "bagassets.base.extensions",
         "bagassets.base.plugins",
     }
 

@@ -12,7 +12,6 @@ import pytest
 from bagassets.assets.boxes.table import BoxTable
 from bagassets.assets.ego_poses import load_trajectory
 from bagassets.assets.frames import FRAMES
-from bagassets.assets.lidar_file import read_lidar_file
 from bagassets.assets.pictures import future
 from bagassets.assets.pictures.birds_eye import BoxAt, birds_eye
 from bagassets.assets.pictures.canvas import (
@@ -29,9 +28,8 @@ from bagassets.assets.pictures.canvas import (
     text,
     turbo,
 )
-from bagassets.assets.pictures.channels import CameraImages, Clouds
+from bagassets.assets.pictures.channels import CameraImages, Clouds, View
 from bagassets.assets.pictures.future import future_trajectory
-from bagassets.assets.pictures.lens import View
 from bagassets.assets.pictures.lidar_over_camera import lidar_over_camera
 from bagassets.assets.pictures.pictures import (
     GAP_PX,
@@ -432,7 +430,6 @@ class TestStep:
             "LIDAR_TOP",
             channel("sweeps", "LIDAR_TOP"),
             calibration["LIDAR_TOP"].ego_SE3_sensor,
-            read_lidar_file,
         )
         image = 12
         stamp_ns = int(camera.stamps_ns[image])

@@ -19,8 +19,7 @@ from bagassets.propose.proposal import propose_recipe
 from bagassets.propose.scan import scan_recording
 from bagassets.recipe import load_recipe, parse_recipe
 from bagassets.recordings.open import open_recording
-from bagassets.sample.oddities.catalogue import ODDITIES
-from bagassets.sample.oddities.radars import EGO_SE3_TURNED_RADAR
+from bagassets.sample.oddities import EGO_SE3_TURNED_RADAR, ODDITIES
 from bagassets.sample.recorder import open_recorder
 from bagassets.sample.render import radar_targets
 from bagassets.sample.schedule import LATENCY_NS, event, motion_events

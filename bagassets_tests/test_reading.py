@@ -9,10 +9,9 @@ from rich.console import Console
 from bagassets.cli.progress import LinesProgress, LiveProgress
 from bagassets.defs.builds.pending_work import open_project
 from bagassets.defs.runs import run_pool
-from bagassets.engine import reading
+from bagassets.engine import source as engine_source
 from bagassets.engine.build_report import Event
-from bagassets.engine.reading import readings_told
-from bagassets.engine.source import MessageSource
+from bagassets.engine.source import MessageSource, progress_told
 from bagassets.recipe import load_recipe
 from bagassets.recordings.digest import recording_stat
 from bagassets.recordings.discover import discover
@@ -32,7 +31,7 @@ def project(tmp_path):
 @pytest.fixture
 def at_once(monkeypatch):
     """Each read is reported, however fast."""
-    monkeypatch.setattr(reading, "EVERY_S", 0.0)
+    monkeypatch.setattr(engine_source, "EVERY_S", 0.0)
     monkeypatch.setattr(run_pool, "_LOG_S", -1.0)
 
 
@@ -40,7 +39,7 @@ def read_whole(recipe_file, key, tell=None):
     recipe = load_recipe(recipe_file)
     recording = discover(recipe.bags).recordings[key]
     source = MessageSource(recording, recording_stat(recording), (), recipe.limits, what="reading it")
-    with readings_told(tell), source.whole() as opened:
+    with progress_told(tell), source.whole() as opened:
         return len(list(opened.messages(list(opened.topics))))
 
 

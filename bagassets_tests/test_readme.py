@@ -1,4 +1,4 @@
-"""The README: its commands are run in their order in an empty folder, and print what it shows."""
+"""README and first steps: the commands of that page are run in their order in an empty folder, and print what it shows."""
 
 import doctest
 import json
@@ -20,9 +20,10 @@ from bagassets_tests.services import BIN, bare_environment, eventually, free_por
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text("utf-8")
-HOME = "/home/me/bagassets"  # the checkout, as the README shows it
+STEPS = (ROOT / "docs" / "first-steps.md").read_text("utf-8")
+HOME = "/home/me/bagassets"  # the checkout, as the page shows it
 
-# Commands of the README that the test does not run as they are, and why.
+# Commands of both that the test does not run as they are, and why.
 NOT_RUN = {
     "make demo": "it makes an environment; its last line is run in the one there is",
     "make test": "it runs this",
@@ -55,32 +56,32 @@ MORE = {
 
 @dataclass(frozen=True)
 class Command:
-    """A command that the README shows, and the lines that it shows below it."""
+    """A command that a page shows, and the lines that it shows below it."""
 
     text: str
     shown: tuple[str, ...]
 
 
-def blocks():
-    return re.findall(r"^```\w*\n(.*?)^```$", README, re.MULTILINE | re.DOTALL)
+def blocks(page=STEPS):
+    return re.findall(r"^```\w*\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
 
 
-def commands():
-    """Yield the commands at a prompt in the order of the page."""
-    for block in blocks():
+def commands(page=STEPS):
+    """Yield the commands at a prompt in the order of a page."""
+    for block in blocks(page):
         for part in re.split(r"^\$ ", block, flags=re.MULTILINE)[1:]:
             command, *shown = part.splitlines()
             yield Command(re.sub(r"\s+# .*", "", command), tuple(filter(None, map(str.rstrip, shown))))
 
 
 def more_rows():
-    table = README.partition("### More commands\n")[2].partition("\n## ")[0]
+    table = STEPS.partition("## More commands\n")[2]
     return [row.replace("`", "") for row in re.findall(r"^\| (`.*?) \|", table, re.MULTILINE)]
 
 
 def in_text():
     """Return the commands that the text names between backticks, without blocks."""
-    prose = re.sub(r"^```.*?^```$", "", README, flags=re.MULTILINE | re.DOTALL)
+    prose = re.sub(r"^```.*?^```$", "", README + STEPS, flags=re.MULTILINE | re.DOTALL)
     return re.findall(r"`((?:bagassets|make|pip|dagster) [^`]*)`", prose)
 
 
@@ -104,15 +105,25 @@ def test_every_command_is_run_or_listed_with_the_reason_why_not():
     page = [
         *texts,
         *in_text(),
-        *(line.split("#")[0].strip() for block in blocks() for line in block.splitlines()),
+        *(line.split("#")[0].strip() for block in blocks(README + STEPS) for line in block.splitlines()),
     ]
     assert NOT_RUN.keys() <= set(page), "what is not on the page needs no reason"
+
+
+def test_the_readme_shows_commands_of_the_first_steps():
+    shown = [command.text for command in commands(README)]
+    assert len(shown) > 5
+    assert set(shown) <= {command.text for command in commands()}
+
+
+def test_the_readme_is_short():
+    assert len(README.encode()) < 7_500
 
 
 @pytest.mark.skipif(not (ROOT / ".git").exists(), reason="no git checkout")
 def test_what_it_makes_in_a_checkout_is_ignored_by_git_and_so_by_linters():
     made = [
-        re.search(pattern, README)[1]
+        re.search(pattern, STEPS)[1]
         for pattern in (r"\$ cp -r \S+ (\S+)", r"\$ bagassets convert \S+ (\S+)", r"\$ bagassets init (\S+)")
     ]
     assert made == ["recordings", "drive_1", "van"]
@@ -122,7 +133,7 @@ def test_what_it_makes_in_a_checkout_is_ignored_by_git_and_so_by_linters():
 
 
 def plain(text, folder):
-    """Return the lines of an output as the README shows them: without what differs between runs and machines."""
+    """Return the lines of an output as the page shows them: without what differs between runs and machines."""
     text = text.replace(str(folder), HOME)
     text = re.sub(r"\d+(\.\d+)? s\b(?! of drive)", "# s", text)
     text = re.sub(r"[\d.]+ [KMGT]B free", "# free", text)
@@ -135,7 +146,7 @@ def differences(shown, printed, beside):
     """Compare what is shown with what was printed; both as `plain` returns them.
 
     Args:
-        shown: lines of the README; `(and N more)` stands for N lines, any other line in brackets for any number.
+        shown: lines of the page; `(and N more)` stands for N lines, any other line in brackets for any number.
         printed: lines of the standard output: all of them must be shown.
         beside: lines of the standard error: they may be.
     """
@@ -179,7 +190,7 @@ print(json.dumps(printed))
 
 
 class Reader:
-    """Types what the README shows, in a folder."""
+    """Types what the page shows, in a folder."""
 
     def __init__(self, folder, stack):
         self.root = self.folder = folder
@@ -243,7 +254,7 @@ class Reader:
 
 @pytest.fixture(scope="module")
 def project(tmp_path_factory):
-    """The project that the README makes, after all its commands at a prompt."""
+    """The project that the page makes, after all its commands at a prompt."""
     folder = tmp_path_factory.mktemp("readme")
     with ExitStack() as stack:
         reader = Reader(folder, stack)
@@ -260,7 +271,7 @@ def project(tmp_path_factory):
         yield reader
 
 
-# Half of the time goes into six drives of the length that the README shows.
+# Half of the time goes into six drives of the length that the page shows.
 @pytest.mark.long
 @pytest.mark.xdist_group("readme")
 class TestAsTyped:

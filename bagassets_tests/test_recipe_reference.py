@@ -23,7 +23,7 @@ def models():
 
 def test_docs_are_up_to_date():
     assert (DOCS / "recipe.md").read_text(encoding="utf-8") == render_reference(), (
-        "docs/recipe.md is out of date: bagassets docs recipe > docs/recipe.md"
+        "docs/recipe.md is out of date: make docs"
     )
 
 

@@ -20,7 +20,7 @@ from bagassets.recipe.model_splits import Splits
 from bagassets.recordings.discover import discover
 from bagassets.report.grid_map import colour_of_split, grid_map, legend
 from bagassets.report.map_shell import map_shell
-from bagassets.report.model import Gaps, Problem, RecordingFacts, ReportData, Route
+from bagassets.report.model import Gaps, Problem, RecordingFacts, ReportData
 from bagassets.report.page import report_json, report_page
 from bagassets.report.trajectory_map import MapRoute, trajectory_map_page
 from bagassets.report.write import write_page
@@ -149,16 +149,14 @@ class TestPage:
 
     def test_names_cannot_break_out_of_the_page(self, tmp_path):
         evil = '<script>alert("x")</script>'
-        recordings = [
-            facts(evil, rig=evil, notes=[evil], gaps=[Gaps(evil, 1, 1.0)], route=Route([(48.0, 11.0)]))
-        ]
+        recordings = [facts(evil, rig=evil, notes=[evil], gaps=[Gaps(evil, 1, 1.0)], points=[(48.0, 11.0)])]
         recordings.append(RecordingFacts("b", "failed", evil))
         page = Page(report_page(data_of(tmp_path, recordings, {evil: evil})))
         assert [tag for tag, _ in page.found].count("script") == 1
         assert evil in page.text
 
     def test_it_loads_nothing(self, tmp_path):
-        page = report_page(data_of(tmp_path, [facts("a", route=Route([(48.0, 11.0), (48.1, 11.2)]))]))
+        page = report_page(data_of(tmp_path, [facts("a", points=[(48.0, 11.0), (48.1, 11.2)])]))
         sources = [attrs.get("src") or attrs.get("href") for tag, attrs in Page(page).found if tag != "a"]
         assert [source for source in sources if source and not source.startswith("data:")] == []
         assert "http" not in page
@@ -368,7 +366,7 @@ class TestGathered:
         assert recording.daylight == "day"
         assert recording.length_m == made["ego_poses"].artifact.summary()["length_m"]
         assert len(recording.pictures) == 5
-        assert recording.route.points[0][0] == pytest.approx(48.0775, abs=1e-3)
+        assert recording.points[0][0] == pytest.approx(48.0775, abs=1e-3)
         assert "lidar_over_camera.jpg" in {path.name for path in recording.full_pictures.iterdir()}
         assert sum(recording.boxes.values()) == recording.counts["boxes"] > 0
         assert list(recording.boxes) == made["annotations"].artifact.summary()["categories"]

@@ -15,7 +15,7 @@ from bagassets.recordings.discover import discover
 from bagassets.recordings.inventory import Inventory
 from bagassets.recordings.open import open_recording
 from bagassets.sample.drive import Target, write_recordings
-from bagassets.sample.oddities.robots import APART_M
+from bagassets.sample.oddities import APART_M
 from bagassets.store.store import Store
 from bagassets_tests.recording_build import RecordingBuild
 

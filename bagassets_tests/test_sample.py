@@ -13,7 +13,7 @@ from bagassets.recipe.model import Bags
 from bagassets.recordings.discover import discover, find_one
 from bagassets.recordings.open import open_recording
 from bagassets.sample.drive import PROFILES, Target, drive_start_ns, write_recordings
-from bagassets.sample.oddities.catalogue import ODDITIES
+from bagassets.sample.oddities import ODDITIES
 from bagassets.sample.recorder import COMPRESSIONS, RecordingFormat
 
 SHORT_S = 0.25

@@ -3,13 +3,13 @@
 import subprocess
 
 import pytest
-from test_slurm_build import build, command, projects, runs, use_slurm
 
 from bagassets.defs.records.instances import open_instance
 from bagassets.defs.runs.execution import failure_of
 from bagassets.propose.project import dagster_home
 from bagassets.recipe import load_recipe
 from bagassets_tests.in_process import make_project
+from bagassets_tests.test_slurm_build import build, command, projects, runs, use_slurm
 
 pytestmark = pytest.mark.long
 __all__ = ["projects"]

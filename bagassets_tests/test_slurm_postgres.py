@@ -7,13 +7,13 @@ import time
 
 import dagster as dg
 import pytest
-from test_slurm_build import build, content, projects, runs, start, use_slurm, wait
 
 from bagassets.defs.records.partitions import DATASET
 from bagassets.engine.freshness.decide import nothing_to_do
 from bagassets_tests.in_process import keys_of, make_project
 from bagassets_tests.postgres_server import PROGRAMS, running_postgres, use_postgres
 from bagassets_tests.small_drive import write_drive
+from bagassets_tests.test_slurm_build import build, content, projects, runs, start, use_slurm, wait
 
 pytestmark = [
     pytest.mark.long,

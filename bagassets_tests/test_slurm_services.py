@@ -6,12 +6,12 @@ from urllib.request import Request, urlopen
 
 import dagster as dg
 import pytest
-from test_slurm_build import use_slurm
 
 from bagassets.defs.records.instances import open_instance
 from bagassets_tests.services import BIN, eventually, free_port, make_project, running
 from bagassets_tests.slurm_cluster import NODES
 from bagassets_tests.small_drive import write_drive
+from bagassets_tests.test_slurm_build import use_slurm
 
 pytestmark = [pytest.mark.long, pytest.mark.xdist_group("slurm-services")]
 

@@ -10,13 +10,13 @@ import sys
 from pathlib import Path
 
 import pytest
-from test_slurm_build import content
 
 from bagassets.forkserver.client import Client
 from bagassets.recipe import load_recipe
 from bagassets.store.store import Store
 from bagassets_tests.in_process import QUICK
 from bagassets_tests.small_drive import write_drive
+from bagassets_tests.test_slurm_build import content
 
 pytestmark = pytest.mark.long
 

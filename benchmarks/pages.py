@@ -37,6 +37,8 @@ from benchmarks.slurm import scaling_table, slurm_table
 from benchmarks.small import small_table
 from benchmarks.soak import soak_table
 from benchmarks.windows import report_opened
+from scripts.call_path import call_path_table
+from scripts.code_size import code_size_table
 
 __all__ = ["FIGURES", "MARK", "NOT_YET", "RESULTS", "pages", "with_figures"]
 
@@ -54,8 +56,10 @@ def _plotted(tell: Callable[[Any], str], name: str, title: str) -> Callable[[Any
 
 
 FIGURES: dict[str, tuple[str, Callable[[Any], str]]] = {
+    "call path": ("call_path", call_path_table),
     "chaos": ("chaos", chaos_table),
     "clicks": ("clicks", clicks_table),
+    "code size": ("code_size", code_size_table),
     "cold": ("cold", cold_table),
     "doors": ("doors", doors_table),
     "doors tiny": ("doors", tiny_table),

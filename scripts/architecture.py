@@ -8,6 +8,7 @@ The assets, their order and what they read are those of the code; `bagassets_tes
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
+from textwrap import shorten
 
 from bagassets.formats.catalogue import formats, known_assets
 
@@ -19,6 +20,7 @@ COLUMN_W, ROW_H = 182, 80
 SANS = "font-family=\"-apple-system,'Segoe UI','Noto Sans',Helvetica,Arial,sans-serif\""
 MONO = "font-family=\"ui-monospace,SFMono-Regular,'DejaVu Sans Mono',Menlo,Consolas,monospace\""
 
+# What assets are, in two or three words; others are shown with the beginning of their titles.
 ABOUT = {
     "inventory": "topics, digest of each",
     "calibration": "extrinsics, lenses",
@@ -229,7 +231,8 @@ def _assets(picture: Picture, places: dict[str, tuple[float, float]]) -> None:
         picture.arrow(f"M{x1 + BOX_W:g} {y1 + BOX_H / 2:g}H{turn:g}{curve[curve.index('C') :]}", theme.line)
     for asset in known_assets():
         stacked = asset.name in stacks
-        picture.asset(*places[asset.name], asset.name, ABOUT[asset.name], theme.green, stacked=stacked)
+        about = ABOUT.get(asset.name) or shorten(asset.title.rstrip("."), 24, placeholder="…")
+        picture.asset(*places[asset.name], asset.name, about, theme.green, stacked=stacked)
 
 
 def _datasets(picture: Picture, places: dict[str, tuple[float, float]]) -> None:

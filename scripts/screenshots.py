@@ -1,4 +1,4 @@
-"""Take the pictures of the web UI that the README and docs/ui.md show.
+"""Take the pictures of the web UI that docs/first-steps.md and docs/ui.md show.
 
     python scripts/screenshots.py                          # of build/demo, which `make demo` makes
     python scripts/screenshots.py --recipe my/recipe.yaml --output /tmp/pictures --only asset_graph

@@ -21,7 +21,7 @@ from bagassets.assets.boxes.table import SCHEMA, BoxTable
 from bagassets.assets.calibration import CALIBRATION
 from bagassets.assets.channel import Counts, settings_of
 from bagassets.assets.ego_poses import EGO_POSES
-from bagassets.assets.face import Face, Loss
+from bagassets.assets.face import Face, Loss, losses_of
 from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.quality.box_rules import boxes_plausible
 from bagassets.assets.quality.check import RecordingCheck
@@ -305,10 +305,9 @@ def _boxes_plausible(evidence: Evidence) -> Finding:
 
 
 def _losses(summary: JsonMapping) -> Iterator[Loss]:
-    for topic, counts in summary.get("counts", {}).items():
-        for what, unit in (("messages", "message"), ("boxes", "box")):
-            for reason, number in counts.get(what, {}).get("lost", {}).items():
-                yield Loss(topic, reason, number, unit)
+    for source, counts in summary.get("counts", {}).items():
+        yield from losses_of(source, counts.get("messages", {}))
+        yield from losses_of(source, counts.get("boxes", {}), "box")
 
 
 ANNOTATIONS = Asset(

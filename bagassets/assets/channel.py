@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
-from bagassets.assets.face import Face, Loss, Table, counts_table
+from bagassets.assets.face import Face, Loss, Table, counts_table, losses_of
 from bagassets.base.errors import DecodeError
 from bagassets.base.json_types import Json, JsonMapping, JsonObject
 from bagassets.base.plugins import Family
@@ -139,5 +139,4 @@ def _written(summary: JsonMapping) -> int | None:
 
 def _losses(summary: JsonMapping) -> Iterator[Loss]:
     for channel, counts in summary.get("channels", {}).items():
-        for reason, number in counts.get("lost", {}).items():
-            yield Loss(channel, reason, number, counted_in_channel(counts))
+        yield from losses_of(channel, counts, counted_in_channel(counts))

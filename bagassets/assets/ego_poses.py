@@ -3,7 +3,7 @@
 Files: `ego_poses.parquet` (stamp_ns, x, y, z, qw, qx, qy, qz) and `ego_poses.json`.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 
 from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use
-from bagassets.assets.face import Face, Loss, Table, counts_table
+from bagassets.assets.face import Face, Loss, Table, counts_table, losses_of
 from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.pose_outliers import Mask, Stamps, overlaps, strays
 from bagassets.assets.pose_samples import Joint, MovingRig, PoseSamples, counted_in_poses
@@ -303,9 +303,8 @@ def _shown(artifact: Artifact) -> Mapping[str, Json | Table]:
     return {"counts": counts_table(counts, f"{counted_in_poses(summary['source'])}s"), **summary}
 
 
-def _losses(summary: JsonMapping) -> Iterator[Loss]:
-    for reason, number in summary.get("counts", {}).get("lost", {}).items():
-        yield Loss(EGO_POSES.name, reason, number, counted_in_poses(summary["source"]))
+def _losses(summary: JsonMapping) -> list[Loss]:
+    return losses_of(EGO_POSES.name, summary.get("counts", {}), counted_in_poses(summary.get("source", "")))
 
 
 EGO_POSES = Asset(

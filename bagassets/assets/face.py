@@ -10,7 +10,7 @@ from bagassets.store.artifact import Artifact
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["Face", "Loss", "Picture", "Table", "counts_table"]
+__all__ = ["Face", "Loss", "Picture", "Table", "counts_table", "losses_of"]
 
 
 class Table(NamedTuple):
@@ -34,6 +34,11 @@ class Loss(NamedTuple):
     reason: str
     number: int
     unit: str = "message"
+
+
+def losses_of(source: str, counts: JsonMapping, unit: str = "message") -> list[Loss]:
+    """Return what was lost of a source, by its `Counts` as JSON."""
+    return [Loss(source, reason, number, unit) for reason, number in counts.get("lost", {}).items()]
 
 
 class Picture(NamedTuple):

@@ -18,7 +18,6 @@ from bagassets.assets.ego_poses import EGO_POSES
 from bagassets.assets.face import Face, Picture
 from bagassets.assets.frames import FRAMES
 from bagassets.assets.inventory import INVENTORY
-from bagassets.assets.lidar_file import read_lidar_file
 from bagassets.assets.pictures.canvas import Image, jpeg, jpeg_within
 from bagassets.assets.pictures.channels import CameraImages, Clouds
 from bagassets.assets.pictures.pictures import TITLES, CannotDrawError, Pictures, Style
@@ -131,7 +130,7 @@ def make(use: Use[PreviewUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
         cameras={name: camera for name, camera in cameras.items() if len(camera.files)},
         clouds=None
         if lidar is None
-        else Clouds.of(lidar, inputs.channels(SWEEPS.name)[lidar], extrinsics[lidar], read_lidar_file),
+        else Clouds.of(lidar, inputs.channels(SWEEPS.name)[lidar], extrinsics[lidar]),
         trajectory=inputs.trajectory,
         boxes=BoxTable.from_arrow(inputs.artifact(ANNOTATIONS.name).read_table("annotations.parquet")),
         timeline_facts=timeline_facts(inputs.inventory),

@@ -27,7 +27,14 @@ __all__ = [
     "StoreError",
     "UnexpectedError",
     "UnsetError",
+    "kind_and_text",
 ]
+
+
+def kind_and_text(err: BaseException) -> str:
+    """Return the type of an error that was not raised for users, and the first line of its text, if there is any."""
+    lines = str(err).strip().splitlines()
+    return f"{type(err).__name__}: {lines[0]}" if lines else type(err).__name__
 
 
 class BagAssetsError(Exception):
@@ -125,6 +132,6 @@ class DatasetError(BagAssetsError):
 
 
 class RunEndedError(BagAssetsError):
-    """A run was given up while its worker was at work, which is to record nothing more."""
+    """A run was given up while its worker was at work; that worker must record nothing more."""
 
     transient = True

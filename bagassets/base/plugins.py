@@ -1,60 +1,107 @@
-"""Decoders that installed packages add, listed without importing any of them.
+"""What installed packages add: entry points, listed without importing any of them, so that planning never imports foreign code.
 
-A package announces a decoder as an entry point of the group `bagassets.decoders`, named
-`<family>.<package>.<Type>`, as in `image.acme_msgs.Frame`. Names and versions are read from the
-metadata of the installed distributions, so that planning never imports foreign code.
-`bagassets.decode.registry` combines them with the built-in decoders.
+A package announces a dataset format in the group `bagassets.formats`, and an asset of recordings in the group
+`bagassets.assets`; the entry point has the name of the format or asset. A decoder, in the group `bagassets.decoders`, is
+named `<family>.<package>.<Type>`, as in `image.acme_msgs.Frame`; `bagassets.decode.registry` combines them with the
+built-in ones. Names and versions are read from the metadata of the installed distributions.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Literal, get_args
+from importlib import import_module
+from typing import TYPE_CHECKING, Literal, get_args
 
-from bagassets.base.extensions import DECODERS, announced
+from bagassets.base.errors import PluginError
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 __all__ = [
+    "ASSETS",
     "FAMILIES",
+    "FORMATS",
     "DecoderPlugin",
+    "Extension",
     "Family",
     "InstalledDecoders",
+    "announced",
     "installed_decoders",
+    "installed_extensions",
 ]
+
+ASSETS, DECODERS, FORMATS = "bagassets.assets", "bagassets.decoders", "bagassets.formats"
 
 Family = Literal["image", "cloud", "radar", "pose", "boxes"]
 FAMILIES: tuple[Family, ...] = get_args(Family)
 
 
 @dataclass(frozen=True, slots=True)
-class DecoderPlugin:
-    """A decoder that an installed distribution announces.
+class Extension:
+    """An entry point of an installed distribution.
 
     Attributes:
-        family: the kind of reading that it returns.
-        msgtype: the message type that it decodes, `pkg/msg/Type`.
-        distribution: name of the distribution.
-        version: its version; a new one re-runs the actions that use the decoder, and no others.
-        reference: the decoder, as `module:object`.
+        name: name of the entry point.
+        package: name of the distribution.
+        version: version of the distribution.
+        reference: the object, as `module:object`.
     """
 
-    family: Family
-    msgtype: str
-    distribution: str
+    name: str
+    package: str
     version: str
     reference: str
 
     @property
-    def name(self) -> str:
-        """Name of the entry point."""
-        package, _, kind = self.msgtype.partition("/msg/")
-        return f"{self.family}.{package}.{kind}"
+    def distribution(self) -> str:
+        """Name and version of the distribution."""
+        return f"{self.package} {self.version}"
+
+    def load(self) -> object:
+        """Return the object.
+
+        Raises:
+            PluginError: it cannot be imported; the message names the package.
+        """
+        module, _, path = self.reference.partition(":")
+        try:
+            loaded: object = import_module(module)
+            for part in path.split(".") if path else ():
+                loaded = getattr(loaded, part)
+        except (Exception, SystemExit) as err:
+            what = f"{type(err).__name__}: {err}" if str(err) else type(err).__name__
+            raise self.problem(f"importing {self.reference} raised {what}") from err
+        return loaded
+
+    def problem(self, what: str) -> PluginError:
+        """Return an error that says why the object cannot be used."""
+        return PluginError(
+            f"{self.name} of {self.distribution} cannot be used: {what}; fix, upgrade or uninstall that package."
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class DecoderPlugin(Extension):
+    """A decoder that an installed distribution announces; a new version of that re-runs the actions that use it, and no others.
+
+    Attributes:
+        family: the kind of reading that it returns.
+    """
+
+    family: Family
+
+    @property
+    def msgtype(self) -> str:
+        """The message type that it decodes, `pkg/msg/Type`."""
+        _, package, kind = self.name.split(".")
+        return f"{package}/msg/{kind}"
 
     def as_json(self) -> dict[str, str]:
         """Return the entry for the decoder in actions that use it."""
-        return {"distribution": self.distribution, "version": self.version, "object": self.reference}
+        return {"distribution": self.package, "version": self.version, "object": self.reference}
 
     def __str__(self) -> str:
-        return f"decoder {self.name} of {self.distribution} {self.version}"
+        return f"decoder {self.name} of {self.distribution}"
 
 
 @dataclass(frozen=True)
@@ -71,6 +118,29 @@ class InstalledDecoders:
 
 
 @cache
+def announced() -> "Mapping[str, tuple[EntryPoint, ...]]":
+    """Return group -> entry points of the packages that were installed at the first call.
+
+    Finding those of one group takes as long as finding all.
+    """
+    from importlib.metadata import entry_points  # noqa: PLC0415  (50 ms, which `--help` should not pay)
+
+    found = entry_points()
+    return {group: tuple(found.select(group=group)) for group in (ASSETS, DECODERS, FORMATS)}
+
+
+@cache
+def installed_extensions(group: str) -> tuple[Extension, ...]:
+    """Return the entry points in a group, by name, of the packages that were installed at the first call."""
+    extensions = [
+        Extension(entry.name, entry.dist.name, entry.dist.version, entry.value)
+        for entry in announced()[group]
+        if entry.dist is not None
+    ]
+    return tuple(sorted(extensions, key=lambda extension: (extension.name, extension.distribution)))
+
+
+@cache
 def installed_decoders() -> InstalledDecoders:
     """Return the decoder plug-ins that were installed when this process first asked."""
     plugins, unusable = [], []
@@ -84,7 +154,6 @@ def installed_decoders() -> InstalledDecoders:
                 f"with one of the families {', '.join(FAMILIES)}."
             )
             continue
-        msgtype = f"{parts[1]}/msg/{parts[2]}"
-        plugins.append(DecoderPlugin(family, msgtype, entry.dist.name, entry.dist.version, entry.value))
-    plugins.sort(key=lambda plugin: (plugin.name, plugin.distribution))
+        plugins.append(DecoderPlugin(entry.name, entry.dist.name, entry.dist.version, entry.value, family))
+    plugins.sort(key=lambda plugin: (plugin.name, plugin.package))
     return InstalledDecoders(tuple(plugins), tuple(sorted(unusable)))

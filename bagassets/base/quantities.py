@@ -1,6 +1,6 @@
 """Numbers as people read them: with a noun in the singular or plural, or with a unit."""
 
-__all__ = ["count_text", "readable_bytes", "readable_length", "readable_time", "span_text"]
+__all__ = ["clock_text", "count_text", "readable_bytes", "readable_length", "readable_time", "span_text"]
 
 
 def count_text(number: int, noun: str) -> str:
@@ -39,6 +39,11 @@ def span_text(seconds: float | None) -> str:
         return ""
     if seconds < 60:
         return f"{seconds:.1f} s"
+    return f"{clock_text(seconds)} {'h' if round(seconds) >= 3600 else 'min'}"
+
+
+def clock_text(seconds: float) -> str:
+    """Return a duration as minutes and seconds, with hours where there are any: `2:03`, `1:02:03`."""
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02}:{rest:02} h" if hours else f"{minutes}:{rest:02} min"
+    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"

@@ -81,16 +81,10 @@ def _print(verdicts: Sequence["Verdict"]) -> None:
     counts = {"passed": 0, "warn": 0, "error": 0, "not made yet": 0}
     found = []
     for verdict in verdicts:
-        if verdict.finding is None:
-            counts["not made yet"] += 1
-        elif verdict.finding.passed:
-            counts["passed"] += 1
-        else:
-            counts[verdict.weight] += 1
-            first, more = (
-                verdict.finding.sentences[:_MOST_PROBLEMS],
-                verdict.finding.sentences[_MOST_PROBLEMS:],
-            )
+        finding = verdict.finding
+        counts["not made yet" if finding is None else "passed" if finding.passed else verdict.weight] += 1
+        if finding is not None and not finding.passed:
+            first, more = finding.sentences[:_MOST_PROBLEMS], finding.sentences[_MOST_PROBLEMS:]
             problems = "\n".join([*map(visible, first), *([f"and {len(more)} more"] if more else [])])
             found.append(((verdict.weight, verdict.check), verdict.recording or "", problems))
     for told in told_once(found):

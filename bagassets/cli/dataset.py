@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from bagassets.base.json_types import JsonObject
+from bagassets.base.quantities import count_text
 from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.options import recipe_option
 from bagassets.cli.terminal import echo, echo_json
@@ -137,7 +138,7 @@ def _show(before: "DatasetLock", after: "DatasetLock", found: "DatasetDiff") -> 
 
 
 def _counts(lock: "DatasetLock") -> str:
-    return ", ".join([_number(len(lock.bags), "recordings"), *_numbers(_totals(lock))])
+    return ", ".join([count_text(len(lock.bags), "recording"), *_numbers(_totals(lock))])
 
 
 def _totals(lock: "DatasetLock") -> dict[str, int]:
@@ -148,12 +149,7 @@ def _totals(lock: "DatasetLock") -> dict[str, int]:
 
 
 def _numbers(counts: Mapping[str, int]) -> list[str]:
-    return [_number(number, what) for what, number in counts.items()]
-
-
-def _number(number: int, what: str) -> str:
-    """Return a number of things named in the plural."""
-    return f"{number} {what.removesuffix('s') if number == 1 else what}"
+    return [count_text(number, what.removesuffix("s")) for what, number in counts.items()]
 
 
 def _bag_text(bag: "BagDiff", *, has_samples: bool) -> str:
@@ -179,7 +175,7 @@ def _bag_text(bag: "BagDiff", *, has_samples: bool) -> str:
 def _scene_text(scene: "SceneDiff") -> str:
     what = []
     if scene.added:
-        what.append(f"{_number(len(scene.added), 'samples')} added")
+        what.append(f"{count_text(len(scene.added), 'sample')} added")
     if scene.removed:
         what.append(f"{len(scene.removed)} removed")
     if scene.changed:
@@ -191,12 +187,8 @@ def _scene_text(scene: "SceneDiff") -> str:
 
 
 def _lock_json(lock: "DatasetLock") -> JsonObject:
-    return {
-        "path": str(lock.path),
-        "kind": lock.kind,
-        "recordings": len(lock.bags),
-        **_totals(lock),
-    }
+    facts = {"path": str(lock.path), "kind": lock.kind, "recordings": len(lock.bags)}
+    return facts | _totals(lock)
 
 
 def _bag_json(bag: "LockedBag | None") -> JsonObject | None:

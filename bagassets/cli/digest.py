@@ -65,7 +65,11 @@ def digest(bags: tuple[Path, ...], recipe: Path | None, rehash: bool, verify: bo
             continue
         done.append(entry)
         if not as_json:
-            _show(entry)
+            if "digest" in entry:
+                echo(f"{entry['digest']}  {entry['path']}")
+            for disagreement in entry.get("disagreements", ()):
+                echo_lines(disagreement["message"])
+            sys.stdout.flush()
     for sentence in errors:
         echo_lines(f"error: {sentence}", err=True)
     wrong = sum(len(entry.get("disagreements", ())) for entry in done)
@@ -119,7 +123,7 @@ def _digested(recording: "RecordingFiles", index: "DigestIndex | None", *, rehas
 
 
 def _verified(recording: "RecordingFiles", index: "DigestIndex | None") -> JsonObject:
-    from bagassets.recordings.digest_check import check_digests
+    from bagassets.recordings.digest import check_digests
 
     return {
         "path": str(recording.path),
@@ -129,14 +133,6 @@ def _verified(recording: "RecordingFiles", index: "DigestIndex | None") -> JsonO
             for wrong in check_digests(recording, index)
         ],
     }
-
-
-def _show(entry: JsonObject) -> None:
-    if "digest" in entry:
-        echo(f"{entry['digest']}  {entry['path']}")
-    for disagreement in entry.get("disagreements", ()):
-        echo_lines(disagreement["message"])
-    sys.stdout.flush()
 
 
 def _summarize(done: list[JsonObject], wrong: int | None) -> None:

@@ -94,13 +94,10 @@ def gc(
     loaded = load_recipe(recipe)
     store = Store(loaded.store_path)
     now_s = time.time()
-    used_since_s = now_s - keep_days * _DAY_S
     running_since_s = in_use_since_s(store.root)
-    if running_since_s is not None:
-        used_since_s = min(used_since_s, running_since_s)
-    roots = find_roots(
-        store, recipe, tuple(lock.absolute() for lock in locks), tuple(path.absolute() for path in forget)
-    )
+    used_since_s = min(now_s - keep_days * _DAY_S, now_s if running_since_s is None else running_since_s)
+    kept, forgotten = (tuple(map(Path.absolute, paths)) for paths in (locks, forget))
+    roots = find_roots(store, recipe, kept, forgotten)
     garbage = find_garbage(store, roots.artifacts, used_since_s, now_s, [TRACK.name])
     collected = Collected() if dry_run else collect(store, garbage, now_s)
     listed = garbage if dry_run else collected.removed
@@ -111,20 +108,22 @@ def gc(
             runs = superseded_runs(instance, loaded, names, now_s - keep_runs_days * _DAY_S)
             if not dry_run:
                 delete_runs(instance, runs)
+    size = sum(entry.size for entry in listed)
     if as_json:
+        artifacts = [
+            {
+                "artifact": entry.artifact,
+                "step": entry.step or None,
+                "size": entry.size,
+                "unused_days": round((now_s - entry.used_s) / _DAY_S, 2),
+            }
+            for entry in listed
+        ]
         echo_json(
             {
                 "dry_run": dry_run,
-                "artifacts": [
-                    {
-                        "artifact": entry.artifact,
-                        "step": entry.step or None,
-                        "size": entry.size,
-                        "unused_days": round((now_s - entry.used_s) / _DAY_S, 2),
-                    }
-                    for entry in listed
-                ],
-                "bytes": sum(entry.size for entry in listed),
+                "artifacts": artifacts,
+                "bytes": size,
                 "runs": runs,
                 "spared": collected.spared,
                 "leftovers": collected.leftovers,
@@ -141,7 +140,7 @@ def gc(
         )
     verb = "would be removed" if dry_run else "removed"
     echo(
-        f"{count_text(len(listed), 'artifact')}, {readable_bytes(sum(e.size for e in listed))}, {verb}; kept what "
+        f"{count_text(len(listed), 'artifact')}, {readable_bytes(size)}, {verb}; kept what "
         f"{count_text(len(roots.projects), 'project')} and {count_text(len(roots.locks), 'dataset lock')} refer to.",
         err=True,
     )

@@ -2,9 +2,9 @@
 
 import os
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import click
 
@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from bagassets.propose.summary import RecordingSummary
 
 __all__ = ["init"]
-
-T = TypeVar("T")
 
 
 @click.command(
@@ -133,8 +131,18 @@ def _propose(project: Path, path: Path, look_at: int) -> "tuple[Proposal, dict[s
             *(f"{path}: {reason.removesuffix('.')}." for path, reason in sorted(reasons.items())),
         )
     unreadable |= reasons
-    digest_attributes = _may_write_attributes()
-    chosen = _spread(recordings, look_at)
+    # Whether builds may write to recordings; no, where nobody can answer.
+    digest_attributes = (
+        sys.stdin.isatty()
+        and sys.stdout.isatty()
+        and click.confirm(
+            "Builds only read recordings. Should they store digests beside them (extended attributes),\n"
+            "so that other projects and machines need not hash them again?",
+            default=False,
+        )
+    )
+    number = min(look_at, len(recordings))  # evenly spread from the first to the last
+    chosen = [recordings[i * (len(recordings) - 1) // max(1, number - 1)] for i in range(number)]
     summaries: dict[str, RecordingSummary] = {}
     with click.progressbar(
         chosen,
@@ -149,12 +157,10 @@ def _propose(project: Path, path: Path, look_at: int) -> "tuple[Proposal, dict[s
             except BagAssetsError as err:
                 # The build will fail this recording's partition with the same words; others go on.
                 unreadable[recording.relative] = str(err).removeprefix(f"{recording.path}: ")
-    inside = root.is_relative_to(project)
-    written_root = os.path.relpath(root, project) if inside else root
     proposal = propose_recipe(
         summaries,
         name=project.name,
-        root=written_root,
+        root=os.path.relpath(root, project) if root.is_relative_to(project) else root,
         include=bags.include if "include" in bags.model_fields_set else (),
         asked=discovery.asked,
         unreadable=unreadable,
@@ -164,21 +170,3 @@ def _propose(project: Path, path: Path, look_at: int) -> "tuple[Proposal, dict[s
         urdfs=True,
     )
     return proposal, unreadable
-
-
-def _may_write_attributes() -> bool:
-    """Ask whether builds may write to recordings; no, where nobody can answer."""
-    if not (sys.stdin.isatty() and sys.stdout.isatty()):
-        return False
-    return click.confirm(
-        "Builds only read recordings. Should they store digests beside them (extended attributes),\n"
-        "so that other projects and machines need not hash them again?",
-        default=False,
-    )
-
-
-def _spread(items: Sequence[T], number: int) -> Sequence[T]:
-    """Return `number` of the items, evenly spread from the first to the last."""
-    if len(items) <= number:
-        return items
-    return [items[i * (len(items) - 1) // max(1, number - 1)] for i in range(number)]

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import click
 
 from bagassets import __version__
-from bagassets.base.errors import BagAssetsError
+from bagassets.base.errors import BagAssetsError, kind_and_text
 from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.terminal import echo, status_of_unwritten
 
@@ -144,8 +144,6 @@ def _crashed(err: Exception, arguments: list[str]) -> int:
     import tempfile
     import traceback
 
-    summary = str(err).strip().splitlines()
-    reason = f"{type(err).__name__}: {summary[0]}" if summary else type(err).__name__
     try:
         descriptor, path = tempfile.mkstemp(prefix="bagassets-", suffix=".log")
         with os.fdopen(descriptor, "w", encoding="utf-8", errors="backslashreplace") as log:
@@ -154,5 +152,5 @@ def _crashed(err: Exception, arguments: list[str]) -> int:
         where = f"the traceback is in {path}; please report it"
     except OSError:
         where = "the traceback could not be written"
-    echo(f"error: this is a defect of bagassets ({reason}); {where}.", err=True)
+    echo(f"error: this is a defect of bagassets ({kind_and_text(err)}); {where}.", err=True)
     return ExitStatus.CRASHED

@@ -73,13 +73,8 @@ def formats(as_json: bool) -> None:
     known = catalogue()
     value = {
         "formats": [
-            {
-                "name": kind.name,
-                "version": kind.version,
-                "section": kind.section,
-                "part": kind.part,
-                "package": kind.distribution or None,
-            }
+            {name: getattr(kind, name) for name in ("name", "version", "section", "part")}
+            | {"package": kind.distribution or None}
             for kind in known.formats
         ],
         "assets": [

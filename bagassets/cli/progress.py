@@ -7,7 +7,7 @@ from contextlib import ExitStack, contextmanager
 from functools import cache
 from typing import TYPE_CHECKING, Self
 
-from bagassets.base.quantities import count_text
+from bagassets.base.quantities import clock_text, count_text
 from bagassets.cli.terminal import echo, print_lines
 from bagassets.engine.build_report import Event
 
@@ -142,9 +142,9 @@ class LiveProgress(SilentProgress):
         total = sum(weight.values())
         done = sum(weight.get(key, 0) for key in self._done)
         number = len(self._done & weight.keys())
-        text = f"{number}/{len(weight)} {self._counted}, {clock(now - self._began)}"
+        text = f"{number}/{len(weight)} {self._counted}, {clock_text(now - self._began)}"
         if done and number < len(weight):
-            text += f", about {clock((now - self._began) * (total - done) / done)} left"
+            text += f", about {clock_text((now - self._began) * (total - done) / done)} left"
         if self._failed:
             text += f", {self._failed} failed"
         row = Table.grid(padding=(0, 1))
@@ -155,7 +155,7 @@ class LiveProgress(SilentProgress):
             share = None if where is None else where.share
             in_work.add_row(
                 Text(
-                    f"  {clock(now - since)}  {key or 'dataset: linking files and writing tables'}",
+                    f"  {clock_text(now - since)}  {key or 'dataset: linking files and writing tables'}",
                     style="cyan",
                 ),
                 "" if share is None else ProgressBar(total=1.0, completed=share, width=_SMALL_BAR_WIDTH),
@@ -163,13 +163,6 @@ class LiveProgress(SilentProgress):
             )
         # After the runs what they may have changed is planned again.
         return Group(row, in_work, *([Text(self._preparing, style="dim")] if self._preparing else []))
-
-
-def clock(seconds: float) -> str:
-    """Return a duration as minutes and seconds, with hours where there are any."""
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"
 
 
 @contextmanager

@@ -90,7 +90,7 @@ def sample(
     The same seed gives the same drive in every format.
     """
     from bagassets.sample.drive import PROFILES, Target, write_recordings
-    from bagassets.sample.oddities.catalogue import ODDITIES
+    from bagassets.sample.oddities import ODDITIES
 
     kind = file_format or _FORMATS.get(path.suffix)
     if kind is None:

@@ -82,15 +82,13 @@ def ui(
         seen = len(received)
         # After SIGTERM, or when the terminal was closed, nobody will send a second signal.
         services.end_runs(
-            _report_waiting,
+            lambda runs: echo(
+                f"Waiting for {'a run' if runs == 1 else f'{runs} runs'} to end; Ctrl-C again cancels.",
+                err=True,
+            ),
             cancel=lambda: len(received) > max(seen, 1) or not {signal.SIGINT}.issuperset(received),
         )
     return 1 if has_failed else 0
-
-
-def _report_waiting(runs: int) -> None:
-    what = "a run" if runs == 1 else f"{runs} runs"
-    echo(f"Waiting for {what} to end; Ctrl-C again cancels.", err=True)
 
 
 def _has_display() -> bool:

@@ -106,22 +106,9 @@ def _check(recipe: "Recipe", store: "Store", *, report_only: bool, as_json: bool
         remove_damaged(spoiled)
     status = ExitStatus.FOUND if damages or spoiled else 0
     if as_json:
-        echo_json(
-            {
-                "damaged": [
-                    {
-                        "kind": d.kind,
-                        "digest": d.digest,
-                        "step": d.step,
-                        "what": names.get(d.digest),
-                        "reasons": list(d.reasons),
-                    }
-                    for d in damages
-                ],
-                "datasets": [{"path": str(d.path), "reason": d.reason} for d in spoiled],
-                "taken_out": not report_only,
-            }
-        )
+        damaged = [vars(d) | {"what": names.get(d.digest)} for d in damages]
+        datasets = [{"path": str(d.path), "reason": d.reason} for d in spoiled]
+        echo_json({"damaged": damaged, "datasets": datasets, "taken_out": not report_only})
         return status
     for damage in damages:
         of = f" ({names[damage.digest]})" if damage.digest in names else ""
@@ -165,15 +152,11 @@ def _check_recordings(recipe: "Recipe", store: "Store", *, as_json: bool) -> int
         echo_json({"recordings": [recording.as_json() for recording in checked]})
         return ExitStatus.FOUND if wrong else 0
     size = sum(recording.size for recording in checked)
-    advice = (
-        " Restore them from their source; accept intended changes with `bagassets digest --rehash`."
-        if wrong
-        else ""
+    done = (
+        f"{count_text(len(checked), 'recording')}, {readable_bytes(size)} hashed: {wrong or 'none'} changed."
     )
-    echo(
-        f"{count_text(len(checked), 'recording')}, {readable_bytes(size)} hashed: {wrong or 'none'} changed.{advice}",
-        err=True,
-    )
+    advice = " Restore them from their source; accept intended changes with `bagassets digest --rehash`."
+    echo(done + (advice if wrong else ""), err=True)
     return ExitStatus.FOUND if wrong else 0
 
 
@@ -230,7 +213,18 @@ def _rebuild(
         made = rebuild_elsewhere(recipe_file, key, [action.action for action in actions], environment)
         again = {result["action"]: result for result in made}
         for action in actions:
-            outcome = _outcome(action, again[action.action])
+            now = again[action.action]
+            outcome = {
+                "result": {None: "failed", action.artifact: "same"}.get(now["artifact"], "different"),
+                "recording": action.key,
+                "step": action.step,
+                "channel": action.channel or None,
+                "action": action.action,
+                "artifact": action.artifact,
+                "again": now["artifact"],
+                "differing": now["differing"],
+                "error": now["error"],
+            }
             outcomes.append(outcome)
             if not as_json:
                 echo(f"{outcome['result']:<9}  {action}" + _details(outcome))
@@ -245,20 +239,6 @@ def _rebuild(
             err=True,
         )
     return ExitStatus.FOUND if different else 0
-
-
-def _outcome(known: "KnownAction", again: JsonObject) -> JsonObject:
-    return {
-        "result": {None: "failed", known.artifact: "same"}.get(again["artifact"], "different"),
-        "recording": known.key,
-        "step": known.step,
-        "channel": known.channel or None,
-        "action": known.action,
-        "artifact": known.artifact,
-        "again": again["artifact"],
-        "differing": again["differing"],
-        "error": again["error"],
-    }
 
 
 def _details(outcome: JsonObject) -> str:

@@ -106,13 +106,5 @@ def _line(event: "WatchEvent") -> str:
 
 
 def _json_line(event: "WatchEvent") -> str:
-    return json.dumps(
-        {
-            "event": event.kind,
-            "path": None if event.path is None else str(event.path),
-            "digest": event.digest,
-            "size": event.size,
-            "seconds": round(event.seconds, 3),
-            "message": event.message,
-        }
-    )
+    fields = {name: value for name, value in vars(event).items() if name != "kind"}
+    return json.dumps({"event": event.kind, **fields, "seconds": round(event.seconds, 3)}, default=str)

@@ -44,11 +44,8 @@ def decode_compressed_image(message: Message) -> ImageReading:
         raise DecodeError("compressedDepth images are not supported; record the raw depth topic")
     data = np.ascontiguousarray(message.data, np.uint8).data
     start = bytes(data[: len(PNG)])
-    if start.startswith(JPEG):
-        kind = "jpeg"
-    elif start == PNG:
-        kind = "png"
-    else:
+    kind = "jpeg" if start.startswith(JPEG) else "png" if start == PNG else ""
+    if not kind:
         raise DecodeError(f"format '{text}' is neither JPEG nor PNG by its first bytes")
     inside = _inside(text)
     return ImageReading(stamp_ns, frame_id, None, data, f"{kind}:{inside}" if inside else kind)

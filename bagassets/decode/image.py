@@ -22,8 +22,6 @@ __all__ = [
     "to_bgr_or_grey",
 ]
 
-# uint8 or uint16: OpenCV takes both, and its type hints cannot tell them apart.
-
 
 @dataclass(frozen=True, slots=True)
 class _Encoding:
@@ -102,8 +100,7 @@ def to_bgr_or_grey(pixels: Pixels, encoding: str) -> Pixels:
     conversion = ENCODINGS[encoding].conversion
     if conversion is None:
         return pixels
-    converted: Pixels = cv2.cvtColor(np.ascontiguousarray(pixels), conversion)
-    return converted
+    return cv2.cvtColor(np.ascontiguousarray(pixels), conversion)
 
 
 def bayer_to_bgra(pixels: Pixels, encoding: str) -> Pixels | None:
@@ -112,10 +109,7 @@ def bayer_to_bgra(pixels: Pixels, encoding: str) -> Pixels | None:
     Four channels are resampled faster than three.
     """
     conversion = _BAYER_TO_BGRA.get(encoding)
-    if conversion is None:
-        return None
-    converted: Pixels = cv2.cvtColor(np.ascontiguousarray(pixels), conversion)
-    return converted
+    return None if conversion is None else cv2.cvtColor(np.ascontiguousarray(pixels), conversion)
 
 
 def demosaic(mosaic: Pixels, encoding: str) -> Pixels:
@@ -123,5 +117,4 @@ def demosaic(mosaic: Pixels, encoding: str) -> Pixels:
     pattern = encoding.lower().removeprefix("bayer_").rstrip("0123456789")
     if pattern not in _BAYER:
         raise DecodeError(f"Bayer pattern '{encoding}' is not known")
-    converted: Pixels = cv2.cvtColor(mosaic, _BAYER[pattern])
-    return converted
+    return cv2.cvtColor(mosaic, _BAYER[pattern])

@@ -11,7 +11,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
-from bagassets.base.errors import DecodeError, PluginError
+from bagassets.base.errors import DecodeError, PluginError, kind_and_text
 from bagassets.base.plugins import DecoderPlugin
 from bagassets.decode.boxes import BoxDecoder
 from bagassets.decode.model import BoxReading, CloudReading, ImageReading, PoseReading, RadarReading
@@ -137,11 +137,9 @@ def _checked_boxes(plugin: DecoderPlugin, decoder: object) -> BoxDecoder:
 
     def decode(message: Message, item: Message) -> BoxReading | None:
         box = _guarded(plugin, decoder.decode, message, item)
-        if box is None:
-            return None
-        _check(plugin, box, BoxReading)
-        reading: BoxReading = box
-        return reading
+        if box is not None:
+            _check(plugin, box, BoxReading)
+        return box
 
     return BoxDecoder(items, decode)
 
@@ -155,12 +153,12 @@ def _load(plugin: DecoderPlugin) -> object:
     entry = importlib.metadata.EntryPoint(plugin.name, plugin.reference, "")
     try:
         # Code imported only now must have the version in the action's key.
-        version = importlib.metadata.version(plugin.distribution)
+        version = importlib.metadata.version(plugin.package)
         if version == plugin.version:
             return entry.load()
     except Exception as err:  # any exception of foreign code is the plug-in's fault
         raise PluginError(
-            f"{plugin}: {plugin.reference} cannot be loaded ({_describe_error(err)}); fix or uninstall it."
+            f"{plugin}: {plugin.reference} cannot be loaded ({kind_and_text(err)}); fix or uninstall it."
         ) from err
     raise PluginError(f"{plugin}: version {version} was installed while this process ran; start it again.")
 
@@ -192,8 +190,3 @@ def _check(plugin: DecoderPlugin, reading: object, kind: type) -> None:
     problem = problem_of(reading)
     if problem is not None:
         raise DecodeError(f"{plugin} returned a {kind.__name__} whose {problem}")
-
-
-def _describe_error(err: Exception) -> str:
-    lines = str(err).strip().splitlines()
-    return f"{type(err).__name__}: {lines[0]}" if lines else type(err).__name__

@@ -4,9 +4,9 @@ The field is found by name. What it counts, and from when, is one decision for a
 what most points of its first clouds say, from their header stamps, and from the time from one to the next.
 
 * **Unit.** Integers count nanoseconds, or microseconds if the name ends in `us` or if only that makes a date of them: `t` of
-  Ouster, `offset_time` of Livox, `time_stamp` of Nebula (all uint32 ns). Floats count that of seconds, milliseconds,
-  microseconds and nanoseconds in which they are a date since 1970 (`timestamp` of Hesai and RoboSense, float64 s, and of
-  livox_ros_driver2, float64 ns); else the largest in which a cloud lasts no more than two seconds (`time` of
+  Ouster, `offset_time` of Livox, `time_stamp` of Nebula (all uint32 ns). Floats count whichever of seconds, milliseconds,
+  microseconds and nanoseconds makes them a date since 1970 (`timestamp` of Hesai and RoboSense, float64 s, and of
+  livox_ros_driver2, float64 ns); else the largest unit in which a cloud lasts no more than two seconds (`time` of
   velodyne_pointcloud, float32 s).
 * **Origin.** Times that are small and do not go on from cloud to cloud count from the header stamp. All others are those of
   a clock: that of the header stamps if these are less than ten seconds away, even if it starts at 0 as in a simulator;

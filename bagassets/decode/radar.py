@@ -122,19 +122,13 @@ def _flat(element: Message, prefix: str = "") -> dict[str, float]:
         dotted = f"{prefix}{name.lower()}"
         if isinstance(value, bool | int | float | np.number | np.bool_):
             numbers[dotted] = float(value)
-        elif name == "uuid":
-            numbers["uuid"] = _short_id(value)
+        elif name == "uuid":  # 15 bits of a `unique_identifier_msgs/UUID`, as many as the radar format keeps
+            numbers["uuid"] = float((int(value.uuid[0]) << 8 | int(value.uuid[1])) & 0x7FFF)
         elif name == "track_shape":
             numbers.update(_centroid(value, f"{dotted}.centroid."))
         elif is_dataclass(value) and name not in ("header", "stamp"):
             numbers.update(_flat(cast("Message", value), f"{dotted}."))
     return numbers
-
-
-def _short_id(uuid: Message) -> float:
-    """Return 15 bits of a `unique_identifier_msgs/UUID`, as many as the radar format keeps."""
-    values = [int(v) for v in uuid.uuid]
-    return float((values[0] << 8 | values[1]) & 0x7FFF)
 
 
 def _centroid(polygon: Message, prefix: str) -> dict[str, float]:

@@ -6,12 +6,13 @@ A wrong type or shape would otherwise show far from its cause, or in written fil
 import numpy as np
 
 from bagassets.decode.image import ENCODINGS
+from bagassets.decode.image_structure import JPEG, PNG
 from bagassets.decode.model import BoxReading, CloudReading, ImageReading, PoseReading, RadarReading
 from bagassets.geometry.se3 import SE3
 
 __all__ = ["problem_of"]
 
-_MAGIC = {"jpeg": b"\xff\xd8\xff", "png": b"\x89PNG\r\n\x1a\n"}
+_MAGIC = {"jpeg": JPEG, "png": PNG}
 
 
 def problem_of(reading: object) -> str | None:
@@ -26,9 +27,8 @@ def problem_of(reading: object) -> str | None:
         case CloudReading():
             if not _is_array(reading.points, np.float32, (None, 5)):
                 return "points are not (N, 5) float32"
-            if reading.times_ns is not None and not _is_array(
-                reading.times_ns, np.int64, (len(reading.points),)
-            ):
+            times_ns = reading.times_ns
+            if times_ns is not None and not _is_array(times_ns, np.int64, (len(reading.points),)):
                 return "times_ns are not (N,) int64"
         case RadarReading():
             if not {"x", "y", "z"} <= reading.targets.keys():
@@ -44,9 +44,8 @@ def problem_of(reading: object) -> str | None:
                 return "frame_SE3_box is no SE3"
             if len(reading.size_m) != 3 or not all(isinstance(size, float) for size in reading.size_m):
                 return "size_m is not three floats"
-            if not all(
-                type(text) is str for text in (reading.track_id, reading.category, *reading.attributes)
-            ):
+            texts = (reading.track_id, reading.category, *reading.attributes)
+            if not all(type(text) is str for text in texts):
                 return "track_id, category or attributes are no text"
     return None
 

@@ -148,7 +148,7 @@ def find_decoder(family: AnyFamily, msgtype: str) -> Decoder | None:
     ]
     if not plugins:
         return own
-    claims = " and ".join(f"{plugin.distribution} {plugin.version}" for plugin in plugins)
+    claims = " and ".join(f"{plugin.distribution}" for plugin in plugins)
     if own is not None and not own.by_fields:
         raise PluginError(
             f"{msgtype}: {claims} would replace the decoder that bagassets has for it; uninstall it, "

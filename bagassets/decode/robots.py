@@ -5,7 +5,7 @@ Frames of robots mostly have equal names, so what belongs to which robot only th
 
 import os.path
 from collections.abc import Collection, Iterable, Mapping
-from functools import cache, partial
+from functools import cache
 from itertools import combinations
 
 from bagassets.decode.registry import bulk_types, families_of
@@ -33,7 +33,12 @@ def robots_of(topics: Mapping[str, tuple[str, Collection[str]]]) -> dict[str, bo
     }
     kinds = {name: _pose_kind(name, msgtype) for name, (msgtype, _) in topics.items()}
     sources = [(name.split("/"), kind) for name, kind in sorted(kinds.items()) if kind][:_MOST_SOURCES]
-    frames_below = cache(partial(_frames, sensors))
+
+    @cache
+    def frames_below(namespace: str) -> frozenset[str]:
+        within = (own for name, own in sensors.items() if name.startswith(f"{namespace}/"))
+        return frozenset().union(*within)
+
     found: set[str] = set()
     for (one, kind), (other, other_kind) in combinations(sources, 2):
         shared = len(os.path.commonprefix([one[::-1], other[::-1]]))  # noqa: RUF071  parts are meant
@@ -60,9 +65,3 @@ def _pose_kind(name: str, msgtype: str) -> str:
     if "transforms" in families:
         return "" if "static" in name.rpartition("/")[2] else _TF
     return msgtype if "pose" in families else ""
-
-
-def _frames(sensors: Mapping[str, set[str]], namespace: str) -> frozenset[str]:
-    return frozenset(
-        frame for name, own in sensors.items() if name.startswith(f"{namespace}/") for frame in own
-    )

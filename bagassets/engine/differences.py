@@ -9,6 +9,7 @@ from bagassets.base.json_types import JsonMapping
 __all__ = ["Change", "compare_actions", "describe_changes", "flatten"]
 
 _MOST_CHARACTERS = 24
+_KINDS = ("topic", "channel", "msg", "labels", "calibration")  # of inputs
 
 
 @dataclass(frozen=True)
@@ -31,9 +32,8 @@ class Change:
         verb = "is new" if self.before is None else "is gone" if self.now is None else "changed"
         if self.group == "inputs":
             return f"{_input_name(self.name)} {verb}"
-        what = {"step": "step", "version": "step version", "libraries": f"library {self.name}"}.get(
-            self.group, self.name
-        )
+        whats = {"step": "step", "version": "step version", "libraries": f"library {self.name}"}
+        what = whats.get(self.group, self.name)
         if verb == "changed" and _is_short(self.before) and _is_short(self.now):
             return f"{what} {self.before} -> {self.now}"
         return f"{what} {verb}"
@@ -69,17 +69,11 @@ def flatten(value: JsonMapping, prefix: str = "") -> Iterator[tuple[str, object]
 
 
 def _input_name(name: str) -> str:
-    kind, _, rest = name.partition(":")
     if name == "bag":
         return "the recording's content"
-    kinds = {
-        "topic": "topic",
-        "channel": "channel",
-        "msg": "definition",
-        "labels": "labels",
-        "calibration": "calibration file",
-    }
-    return f"{kinds[kind]} {rest}" if kind in kinds else name
+    kind, _, rest = name.partition(":")
+    named = {"msg": "definition", "calibration": "calibration file"}.get(kind, kind)
+    return f"{named} {rest}" if kind in _KINDS else name
 
 
 def _is_short(value: object) -> bool:

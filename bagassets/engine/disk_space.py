@@ -1,6 +1,6 @@
 """How much disk a build is going to need, from what is on record: no recording is opened for it."""
 
-import os
+import shutil
 from collections.abc import Collection, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ class SpaceNeeded:
     Attributes:
         recordings: number of recordings whose images or sweeps are extracted for the first time.
         recorded_bytes: their size.
-        bytes: what will be written; of no known recording, what at most is likely.
+        bytes: what will be written; the most that is likely, if no recording was built before.
         is_measured: recordings that were built before say so.
     """
 
@@ -88,7 +88,9 @@ def require_disk_space(needed: SpaceNeeded, folders: Mapping[str, Path], *, igno
     """
     texts = []
     for field, folder in folders.items():
-        free = _free_bytes(folder)
+        free = shutil.disk_usage(
+            nearest_existing(folder)
+        ).free  # for this user, in a folder that need not exist yet
         if needed.is_measured and not ignore and free < needed.bytes * _SURELY_NEEDED:
             raise StoreError(
                 f"{folder}: only {readable_bytes(free)} are free here, and the build needs about "
@@ -130,12 +132,6 @@ def _bytes_of(store: Store, artifacts: Iterable[str]) -> int:
         with suppress(StoreError):
             size += sum(entry.size for entry in store.artifact(digest).entries())
     return size
-
-
-def _free_bytes(folder: Path) -> int:
-    """Return what this user may still write in a folder that need not exist yet."""
-    status = os.statvfs(nearest_existing(folder))
-    return status.f_bavail * status.f_frsize
 
 
 def _device(folder: Path) -> int:

@@ -66,7 +66,9 @@ def first_pass(
         StoreError: the index cannot be written.
     """
     with only_reader(store, recording, stat):
-        if stored_digest(recording, index) is not None or _is_touched(recording, index):
+        rows = [(index.row(path), stat) for path, stat in stat_files(recording)]
+        is_touched = all(row is not None and row.size == stat.st_size for row, stat in rows)
+        if is_touched or stored_digest(recording, index) is not None:
             return FirstPass(recording_digest(recording, index))
         keep_freed_memory()
         with HashedAlong(recording, index) as along:
@@ -80,35 +82,23 @@ def only_reader(store: Store, recording: RecordingFiles, stat: RecordingStat) ->
         yield
 
 
-def _is_touched(recording: RecordingFiles, index: DigestIndex) -> bool:
-    rows = [(index.row(path), stat) for path, stat in stat_files(recording)]
-    return all(row is not None and row.size == stat.st_size for row, stat in rows)
-
-
 def _with_inventory(
     recipe: Recipe, store: Store, recording: RecordingFiles, stat: RecordingStat, along: HashedAlong
 ) -> FirstPass:
-    source = MessageSource(
-        recording,
-        stat,
-        recipe.bags.message_definitions,
-        recipe.limits,
-        on_read=along.follow,
-        what="hash and inventory",
-    )
+    definitions, what = recipe.bags.message_definitions, "hash and inventory"
+    source = MessageSource(recording, stat, definitions, recipe.limits, along.follow, what)
     inputs = RecordingInputs(store, recording, "", source)
     pending = summary = made = None
     try:
-        with suppress(Exception), span("hash and inventory"):
+        with suppress(Exception), span(what):
             use = inventory.use(inventory.InventoryParams.of(recipe, recipe.rigs[0]), inputs)[""]
             pending = store.begin(inventory.INVENTORY.action(use, None))
             summary = inventory.INVENTORY.run(use, inputs, pending.out)
         digest = along.finish()
         if pending is not None and summary is not None:
             with suppress(Exception):
-                pending.action = replace(
-                    pending.action, inputs={**pending.action.inputs, "bag": digest.digest}
-                )
+                inputs_now = {**pending.action.inputs, "bag": digest.digest}
+                pending.action = replace(pending.action, inputs=inputs_now)
                 made = store.use(pending.action) or pending.commit(summary)
         return FirstPass(digest, made)
     finally:

@@ -12,11 +12,13 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Self
 
 from bagassets.assets.asset import AnyAsset, AnyUse
 from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.selection import choose_rig, skip_reason
 from bagassets.base.errors import BagAssetsError, RecipeError
+from bagassets.base.json_types import JsonMapping
 from bagassets.engine.differences import compare_actions, describe_changes
 from bagassets.engine.inputs import RecordingInputs, not_materialized
 from bagassets.engine.plan import AssetState, Recorded, skip_version, version_as_input
@@ -24,7 +26,7 @@ from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.engine.source import MessageSource
 from bagassets.engine.unexpected import explained_error
 from bagassets.recipe.model import Rig
-from bagassets.recordings.digest import RecordingStat
+from bagassets.recordings.digest import DigestIndex, RecordingStat, recording_digest, recording_stat
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.action import Action, Step
 from bagassets.store.artifact import Artifact
@@ -135,6 +137,17 @@ class Graph:
         recipe = self.assets.recipe
         self.source = MessageSource(self.recording, self.stat, recipe.bags.message_definitions, recipe.limits)
         self.inputs = RecordingInputs(self.store, self.recording, self.digest or "", self.source, given)
+
+    @classmethod
+    def of(cls, assets: RecordingAssets, store: Store, recording: RecordingFiles) -> Self:
+        """Return the graph of a recording as it is on disk, whose files are hashed unless their digest is on record.
+
+        Raises:
+            RecordingError: it is gone, or changes while it is hashed.
+        """
+        stat = recording_stat(recording)
+        digest = recording_digest(recording, DigestIndex.of(assets.recipe))
+        return cls(assets, store, recording, digest.digest, stat.as_of(digest))
 
     # --- nodes ---------------------------------------------------------------------------
 
@@ -347,22 +360,24 @@ class Graph:
         if before is None:
             return "the record of the action that made it is gone"
         if node.action is not None:
-            return (
-                describe_changes(compare_actions(before, node.action.as_json()))
-                or "its artifact is gone from the store"
-            )
+            return _difference(before, node.action)
         reasons = []
         actions = before["params"].get("actions", {})
         for part in node.parts:
             if part.action is None or not part.is_open:
                 continue
             old = self.store.action(actions[part.channel]) if part.channel in actions else None
-            if old is None:
-                reasons.append(f"{part.channel} is new")
-            else:
-                changed = describe_changes(compare_actions(old, part.action.as_json()))
-                reasons.append(f"{part.channel}: {changed or 'its artifact is gone from the store'}")
+            told = (
+                f"{part.channel} is new"
+                if old is None
+                else f"{part.channel}: {_difference(old, part.action)}"
+            )
+            reasons.append(told)
         return "; ".join(reasons)
+
+
+def _difference(before: JsonMapping, now: Action) -> str:
+    return describe_changes(compare_actions(before, now.as_json())) or "its artifact is gone from the store"
 
 
 @contextmanager

@@ -23,7 +23,7 @@ def made_again(
     jobs: int,
     runs: int,
 ) -> str:
-    """Return a line about the assets whose version was raised since they were recorded, and one for each; "" if there are none.
+    """Return a line about the assets whose version was raised since they were recorded, then one about each; "" without any.
 
     Args:
         planner: has the assets with their versions, and the store with the time that actions took.

@@ -11,7 +11,7 @@ from bagassets.base.errors import BagAssetsError
 from bagassets.engine.execute import run_again
 from bagassets.engine.graph import Graph, Node
 from bagassets.engine.recording_assets import RecordingAssets
-from bagassets.recordings.digest import DigestIndex, recording_digest, recording_stat, stored_digest
+from bagassets.recordings.digest import DigestIndex, recording_stat, stored_digest
 from bagassets.recordings.discover import discover
 from bagassets.store.store import Outcome, Store
 
@@ -93,9 +93,7 @@ def rebuild(
     recording = discover(recipe.bags).recordings.get(key)
     if recording is None:
         raise BagAssetsError(f"{key}: no such recording below {recipe.bags.root}; it was removed meanwhile.")
-    stat = recording_stat(recording)
-    digest = recording_digest(recording, DigestIndex.of(recipe))
-    graph = Graph(assets, store, recording, digest.digest, stat.as_of(digest))
+    graph = Graph.of(assets, store, recording)
     known = {
         node.outcome.action_digest: node
         for node in graph.nodes()

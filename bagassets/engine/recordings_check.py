@@ -37,18 +37,18 @@ class ChangedFile:
         path: the file.
         recorded: the recorded digest.
         actual: the digest of the content.
-        is_touched: True if its size or time differs, too.
+        touched: True if its size or time differs, too.
     """
 
     path: Path
     recorded: str
     actual: str
-    is_touched: bool
+    touched: bool
 
     def __str__(self) -> str:
         how = (
             "written to since then"
-            if self.is_touched
+            if self.touched
             else "with the same size and time, so it was edited in place, or its disk is failing"
         )
         return f"{self.path}: the digest on record is {self.recorded[:16]}, that of the content {self.actual[:16]}; {how}"
@@ -58,18 +58,18 @@ class ChangedFile:
 class ChangedTopic:
     """A topic whose messages changed: the numbers of messages, None where the topic does not exist."""
 
-    name: str
+    topic: str
     recorded: int | None
     actual: int | None
 
     def __str__(self) -> str:
         if self.recorded is None:
-            return f"topic {self.name} was not there"
+            return f"topic {self.topic} was not there"
         if self.actual is None:
-            return f"topic {self.name} is gone ({count_text(self.recorded, 'message')})"
+            return f"topic {self.topic} is gone ({count_text(self.recorded, 'message')})"
         if self.recorded != self.actual:
-            return f"topic {self.name} has {count_text(self.actual, 'message')} instead of {self.recorded}"
-        return f"topic {self.name}: some of its {self.actual} messages changed"
+            return f"topic {self.topic} has {count_text(self.actual, 'message')} instead of {self.recorded}"
+        return f"topic {self.topic}: some of its {self.actual} messages changed"
 
 
 @dataclass(frozen=True)
@@ -102,19 +102,8 @@ class CheckedRecording:
         return {
             "key": self.key,
             "unrecorded": [str(path) for path in self.unrecorded],
-            "files": [
-                {
-                    "path": str(file.path),
-                    "recorded": file.recorded,
-                    "actual": file.actual,
-                    "touched": file.is_touched,
-                }
-                for file in self.files
-            ],
-            "topics": [
-                {"topic": topic.name, "recorded": topic.recorded, "actual": topic.actual}
-                for topic in self.topics
-            ],
+            "files": [vars(file) | {"path": str(file.path)} for file in self.files],
+            "topics": [vars(topic) for topic in self.topics],
             "problem": self.problem,
         }
 
@@ -136,11 +125,7 @@ def check_recordings(assets: RecordingAssets, store: Store) -> Iterator[CheckedR
 
 
 def _check(
-    assets: RecordingAssets,
-    store: Store,
-    index: DigestIndex,
-    key: str,
-    recording: RecordingFiles,
+    assets: RecordingAssets, store: Store, index: DigestIndex, key: str, recording: RecordingFiles
 ) -> CheckedRecording:
     recorded: dict[str, str] = {}
     changed: list[ChangedFile] = []

@@ -38,9 +38,8 @@ def recorded_trace(file: Path, state: Path) -> Iterator[None]:
         BagAssetsError: the trace cannot be written.
     """
     target = file.absolute().parent
-    if (
-        file.is_dir() or not target.is_dir() or not os.access(target, os.W_OK)
-    ):  # before the build, not after it
+    # Before the build, not after it.
+    if file.is_dir() or not target.is_dir() or not os.access(target, os.W_OK):
         raise BagAssetsError(f"{file}: the trace cannot be written there; name a file in a writable folder.")
     state.mkdir(parents=True, exist_ok=True)
     folder = Path(tempfile.mkdtemp(prefix="trace-", dir=state))

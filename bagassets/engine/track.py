@@ -35,6 +35,16 @@ class Track:
     local: tuple[tuple[int, float, float], ...]
     digest: str = ""
 
+    @property
+    def on_earth(self) -> list[tuple[float, float]]:
+        """Latitude and longitude, without times."""
+        return [(lat, lon) for _, lat, lon in self.points]
+
+    @property
+    def on_plane(self) -> list[tuple[float, float]]:
+        """The local x and y, without times."""
+        return [(x, y) for _, x, y in self.local]
+
 
 @dataclass(frozen=True)
 class _Stored(Contents):

@@ -3,7 +3,7 @@
 import traceback
 from pathlib import Path
 
-from bagassets.base.errors import BagAssetsError, MemoryShortageError, UnexpectedError
+from bagassets.base.errors import BagAssetsError, MemoryShortageError, UnexpectedError, kind_and_text
 
 __all__ = ["explained_error"]
 
@@ -26,18 +26,12 @@ def explained_error(err: Exception, path: Path, what: str) -> BagAssetsError:
             f"{path}: {what} ran out of memory; nothing of it is on record. Build again with fewer recordings at a time "
             "(--jobs), or on a machine with more memory."
         )
-    ours = [
-        frame for frame in traceback.extract_tb(err.__traceback__) if frame.filename.startswith(str(_PACKAGE))
-    ]
-    place = (
-        f"{Path(ours[-1].filename).relative_to(_PACKAGE.parent)}, line {ours[-1].lineno}"
-        if ours
-        else "a library"
-    )
-    text = str(err).strip().splitlines()
-    reason = f"{type(err).__name__}: {text[0]}" if text else type(err).__name__
+    place = "a library"
+    for frame in traceback.extract_tb(err.__traceback__):
+        if frame.filename.startswith(str(_PACKAGE)):  # the last one of ours
+            place = f"{Path(frame.filename).relative_to(_PACKAGE.parent)}, line {frame.lineno}"
     explained = UnexpectedError(
-        f"{path}: {what} met something in this recording that bagassets was not made for ({reason}; {place}); the others "
+        f"{path}: {what} met something in this recording that bagassets was not made for ({kind_and_text(err)}; {place}); the others "
         "go on. If the recording is sound, please report this."
     )
     explained.__cause__ = err

@@ -66,7 +66,9 @@ def _serve(
     files.remove_socket()
     lock.write("")
     _remove_leftovers(spec.state_folder)
-    _remove_old_logs(files.folder / "logs")
+    logs = (files.folder / "logs").glob("*.log")
+    for log in sorted(logs, key=lambda path: path.stat().st_mtime_ns, reverse=True)[_KEPT_LOGS:]:
+        log.unlink(missing_ok=True)
     server = Server(spec, files, lock)
     try:
         server.prepare(first_job)
@@ -121,12 +123,6 @@ def _answers(files: ServerFiles) -> bool:
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
         probe.settimeout(1.0)
         return path is not None and probe.connect_ex(str(path)) == 0
-
-
-def _remove_old_logs(folder: Path) -> None:
-    logs = sorted(folder.glob("*.log"), key=lambda path: path.stat().st_mtime_ns, reverse=True)
-    for log in logs[_KEPT_LOGS:]:
-        log.unlink(missing_ok=True)
 
 
 if __name__ == "__main__":

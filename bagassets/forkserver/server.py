@@ -15,7 +15,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from bagassets.base.errors import BagAssetsError
-from bagassets.base.fingerprints import signature
+from bagassets.base.fingerprints import Signature, signature
 from bagassets.base.lock_files import LockFile
 from bagassets.forkserver.connection import Connection
 from bagassets.forkserver.job import Job
@@ -53,7 +53,7 @@ class Server:
         self._done_once: set[str] = set()
         self._count = 0
         self._last_use = self._last_job = self._last_age_check = time.monotonic()
-        self._loaded: LoadedSources | None = None
+        self._loaded: dict[Path, Signature] = {}
         self._later: Iterator[object] | None = None
         self._can_wait = False
         self._end_requested = False
@@ -93,7 +93,7 @@ class Server:
                 f"importing {', '.join(self._spec.modules)} started threads ({', '.join(sorted(others))}), and a "
                 "process with threads cannot be forked safely; start them inside assets or resources instead."
             )
-        self._loaded = LoadedSources(self._spec.sources)
+        self._loaded = _loaded_sources(self._spec.sources)
         gc.freeze()  # keeps a worker's garbage collector from copying shared pages
         gc.enable()
 
@@ -110,7 +110,9 @@ class Server:
         _LOG.info("serving %s, stamp %s", ", ".join(self._spec.modules) or "nothing ahead", self._files.stamp)
         try:
             while self._listener is not None or self._jobs:
-                due = None if self._can_wait and self._is_at_work() else self._later
+                # What can wait does while a job is at work, or was a moment ago.
+                is_at_work = bool(self._jobs) or time.monotonic() - self._last_job < _QUIET_S
+                due = None if self._can_wait and is_at_work else self._later
                 ready = self._selector.select(0.0 if due is not None else _TICK_S)
                 for key, _ in ready:
                     key.data()
@@ -122,10 +124,10 @@ class Server:
             self._stop_listening()
         _LOG.info("ended")
 
-    def _prepare_more(self, steps: Iterator[object]) -> None:
-        """Do one step of the deferred preparation, while there is no request."""
+    def _prepare_more(self, later: Iterator[object]) -> None:
+        """Do a piece of the deferred preparation, while there is no request."""
         try:
-            self._can_wait = bool(next(steps))
+            self._can_wait = bool(next(later))
         except StopIteration:
             self._later = None
         except Exception:  # noqa: BLE001  (modules of users may raise anything)
@@ -133,10 +135,6 @@ class Server:
             self._later = None
         if self._later is None or self._can_wait:
             gc.freeze()
-
-    def _is_at_work(self) -> bool:
-        """Return whether a job is at work, or was a moment ago."""
-        return bool(self._jobs) or time.monotonic() - self._last_job < _QUIET_S
 
     def _listen(self) -> None:
         path = self._files.choose_socket()
@@ -228,9 +226,8 @@ class Server:
         """Return why nobody should use this server any more: code, recipe or environment changed since they were imported."""
         if self._is_displaced:
             return "its state folder was removed"
-        changed = self._loaded.changed() if self._loaded is not None else []
-        if changed:
-            return str(changed[0])
+        if changed := [file for file, seen in self._loaded.items() if signature(file)[:2] != seen]:
+            return str(min(changed))
         return None if self._spec.stamp() == self._files.stamp else "another stamp"
 
     # --- clients ---------------------------------------------------------------------
@@ -248,11 +245,20 @@ class Server:
     def _on_message(self, connection: Connection, message: Message) -> None:
         match message.get("op"):
             case "hello":
-                answer = self._hello()
+                answer = {
+                    "reply": "hello",
+                    "stamp": self._files.stamp,
+                    "process": self._process.as_json(),
+                    "draining": self._drain_if_old(),
+                }
             case "submit":
                 answer = self._submit(connection, message["job"])
             case "cancel":
-                answer = self._cancel(message)
+                job = self._jobs.get(message["job"])
+                found = job is not None and not job.is_done
+                if job is not None and found:
+                    job.cancel(message["grace_s"])
+                answer = {"reply": "cancelled", "found": found}
             case "status":
                 answer = self._status()
             case "drain":
@@ -274,14 +280,6 @@ class Server:
                 _LOG.info("job %s: its client is gone; cancelled", job.label)
                 job.cancel(job.request["grace_s"])
 
-    def _hello(self) -> Message:
-        return {
-            "reply": "hello",
-            "stamp": self._files.stamp,
-            "process": self._process.as_json(),
-            "draining": self._drain_if_old(),
-        }
-
     def _submit(self, connection: Connection, request: Message) -> Message:
         if self._listener is None or self._drain_if_old():
             return {"reply": "refused", "message": "the server is outdated and takes no more jobs"}
@@ -293,13 +291,6 @@ class Server:
         if not job.request["detached"]:
             self._owners[job.id] = connection
         return {"reply": "submitted", "job": job.id, "process": job.process.as_json()}
-
-    def _cancel(self, message: Message) -> Message:
-        job = self._jobs.get(message["job"])
-        if job is None or job.is_done:
-            return {"reply": "cancelled", "found": False}
-        job.cancel(message["grace_s"])
-        return {"reply": "cancelled", "found": True}
 
     def _status(self) -> Message:
         now = time.monotonic()
@@ -406,21 +397,13 @@ class Server:
             owner.send(event)
 
 
-class LoadedSources:
-    """The source files of all loaded modules, except those of Python and installed packages.
+def _loaded_sources(others: Sequence[str]) -> dict[Path, Signature]:
+    """Return size and time of the source files of all loaded modules, except those of Python and installed packages.
 
     Args:
         others: files and folders that are watched in another way.
     """
-
-    def __init__(self, others: Sequence[str] = ()) -> None:
-        installed = {Path(sysconfig.get_path(name)).resolve() for name in ("stdlib", "purelib", "platlib")}
-        ignored = installed | set(map(Path, others))
-        files = {Path(name) for m in list(sys.modules.values()) if (name := getattr(m, "__file__", None))}
-        self._seen = {
-            file: signature(file)[:2] for file in files if ignored.isdisjoint({file, *file.parents})
-        }
-
-    def changed(self) -> list[Path]:
-        """Return the files that changed since they were loaded."""
-        return sorted(file for file, seen in self._seen.items() if signature(file)[:2] != seen)
+    installed = {Path(sysconfig.get_path(name)).resolve() for name in ("stdlib", "purelib", "platlib")}
+    ignored = installed | set(map(Path, others))
+    files = {Path(name) for m in list(sys.modules.values()) if (name := getattr(m, "__file__", None))}
+    return {file: signature(file)[:2] for file in files if ignored.isdisjoint({file, *file.parents})}

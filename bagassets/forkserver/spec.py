@@ -42,8 +42,8 @@ class ServerSpec(NamedTuple):
         modules: modules that it imports before it serves.
         paths: folders put on the module search path, for modules that are not installed.
         preload: `module:function` called with the names of the modules before the server serves; may
-            return an iterator of further steps, which are done later while there is no request; after one that yields
-            True, while no job is at work.
+            return an iterator of more to prepare, which is advanced later while there is no request; once it has yielded
+            True, only while no job is at work.
         environment: relevant variables, except those that the recipe's `.env` sets anyway.
         sources: files and folders of source code that the stamp covers.
         idle_timeout_s: seconds without a job or client after which the server ends.

@@ -18,7 +18,7 @@ from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.preview import PREVIEW
 from bagassets.assets.sweeps import SWEEPS
 from bagassets.base.errors import DatasetError, PluginError
-from bagassets.base.extensions import ASSETS, FORMATS, Extension, installed_extensions
+from bagassets.base.plugins import ASSETS, FORMATS, Extension, installed_extensions
 from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.formats import trajectory_map
 from bagassets.formats.dataset_lock import DatasetLock

@@ -11,7 +11,7 @@ from bagassets.assets.asset import AnyAsset, AnyUse, Asset, Facts, as_json
 from bagassets.assets.face import Face
 from bagassets.assets.quality.check import RecordingCheck
 from bagassets.base.errors import BagAssetsError, DatasetError, PluginError
-from bagassets.base.extensions import Extension
+from bagassets.base.plugins import Extension
 from bagassets.formats.format import AnyFormat, DatasetCheck, Format
 from bagassets.recipe.format_settings import settings_model
 from bagassets.recipe.model import Recipe, Rig

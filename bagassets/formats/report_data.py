@@ -26,7 +26,7 @@ from bagassets.formats.format import AnyFormat
 from bagassets.recipe.model import Recipe
 from bagassets.recordings.discover import Discovery
 from bagassets.report.grid_map import colour_of_split
-from bagassets.report.model import Gaps, Problem, RecordingFacts, ReportData, Route
+from bagassets.report.model import Gaps, Problem, RecordingFacts, ReportData
 from bagassets.report.trajectory_map import MapRoute
 from bagassets.report.write import write_page
 from bagassets.store.artifact import Artifact
@@ -167,14 +167,11 @@ def _map_routes(recipe: Recipe, store: Store, plan: Plan) -> list[MapRoute]:
             continue
         split = dealt.get(key, _NO_SPLIT)
         seconds = (stamps_ns[-1] - stamps_ns[0]) / 1e9
-        route = _route(track)
         note = f"{split}, {seconds:.0f} s"
-        routes.append(MapRoute(key, split, colour_of_split(split, splits), note, route.points, route.local))
+        routes.append(
+            MapRoute(key, split, colour_of_split(split, splits), note, track.on_earth, track.on_plane)
+        )
     return routes
-
-
-def _route(track: Track) -> Route:
-    return Route([(lat, lon) for _, lat, lon in track.points], [(x, y) for _, x, y in track.local])
 
 
 def _facts(recipe: Recipe, assets: RecordingAssets, store: Store, bag: BagPlan, split: str) -> RecordingFacts:
@@ -202,7 +199,8 @@ def _facts(recipe: Recipe, assets: RecordingAssets, store: Store, bag: BagPlan, 
         length_m=None if poses is None else _summary(poses).get("length_m"),
         boxes=_boxes(bag.current_artifact(store, ANNOTATIONS.name)),
         gaps=_gaps(seen["topics"]),
-        route=Route() if track is None else _route(track),
+        points=() if track is None else track.on_earth,
+        local=() if track is None else track.on_plane,
         notes=seen["notes"],
         **_shown(assets, store, bag),
     )

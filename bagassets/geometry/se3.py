@@ -4,7 +4,7 @@ All arithmetic is elementwise. What is computed here is written into datasets, a
 kernels differ between processors in the last bits.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import isfinite, sqrt
 from typing import Self, TypeVar
@@ -31,11 +31,7 @@ class SE3:
     translation: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @classmethod
-    def create(
-        cls,
-        rotation: "Floats | list[float] | tuple[float, ...]",
-        translation: "Floats | list[float] | tuple[float, ...]",
-    ) -> Self:
+    def create(cls, rotation: Floats | Sequence[float], translation: Floats | Sequence[float]) -> Self:
         """Return the transform with `rotation` (w, x, y, z; normalised here) and `translation` (3,).
 
         Raises:
@@ -52,7 +48,7 @@ class SE3:
         return cls((w, x, y, z), (t[0], t[1], t[2]))
 
     def normalised(self) -> "SE3":
-        """Return it with a quaternion of unit length, which one that was rounded is not."""
+        """Return it with a quaternion of unit length; rounding leaves one that is a little off."""
         return SE3.create(self.rotation, self.translation)
 
     @property

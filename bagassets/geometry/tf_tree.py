@@ -184,9 +184,9 @@ class TfTree:
         from_dst, trouble_dst = self._way_up(dst)
         above_dst = [dst, *(edge.parent for edge in from_dst)]
         above_src = [src, *(edge.parent for edge in from_src)]
-        for steps, frame in enumerate(above_src):
+        for height, frame in enumerate(above_src):
             if frame in above_dst:
-                up, down = from_src[:steps], from_dst[: above_dst.index(frame)]
+                up, down = from_src[:height], from_dst[: above_dst.index(frame)]
                 for edge in (*up, *down):
                     if edge.disputed:
                         raise CalibrationError(

@@ -13,6 +13,7 @@ from bagassets.geometry.kernels.bilinear import BilinearLookup
 __all__ = ["Undistortion", "undistort"]
 
 Pixels = NDArray[Any]
+"""uint8 or uint16: OpenCV takes both, and its type hints cannot tell them apart."""
 
 
 class Undistortion:
@@ -61,7 +62,6 @@ def undistort(pixels: Pixels, maps: tuple[NDArray[np.int16], NDArray[np.uint16]]
     In double precision the products of 16-bit pixels and 10-bit weights are exact, and so is the result.
     """
     if pixels.dtype == np.uint8:
-        mixed: Pixels = cv2.remap(pixels, *maps, cv2.INTER_LINEAR)
-        return mixed
+        return cv2.remap(pixels, *maps, cv2.INTER_LINEAR)
     exact = np.asarray(cv2.remap(pixels.astype(np.float64), *maps, cv2.INTER_LINEAR), dtype=np.float64)
     return np.floor(exact + 0.5).astype(np.uint16)

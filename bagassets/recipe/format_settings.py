@@ -11,8 +11,8 @@ from typing import Any, TypeVar
 from pydantic import Field, create_model
 
 from bagassets.base.errors import PluginError
-from bagassets.base.extensions import FORMATS, Extension, installed_extensions
 from bagassets.base.json_types import JsonMapping
+from bagassets.base.plugins import FORMATS, Extension, installed_extensions
 from bagassets.recipe.model_base import DatasetSettings, Model
 
 __all__ = [

@@ -11,8 +11,8 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from bagassets.base.errors import PluginError, RecipeError
-from bagassets.base.extensions import FORMATS, installed_extensions
 from bagassets.base.json_types import Json, JsonMapping, JsonObject
+from bagassets.base.plugins import FORMATS, installed_extensions
 from bagassets.recipe.consistency import paths_in, problems_in
 from bagassets.recipe.format_settings import OUR_FORMATS, asked_formats, section_model
 from bagassets.recipe.model import Recipe, Rig

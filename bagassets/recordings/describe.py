@@ -21,9 +21,9 @@ def describe_inventory(inventory: JsonMapping) -> str:
 
     The clock offset is the median of log time minus header stamp.
     """
-    facts = _facts(inventory)
-    width = max(len(name) for name, _ in facts)
-    lines = [f"{name:<{width}}  {value}" for name, value in facts]
+    about = _about(inventory)
+    width = max(map(len, about))
+    lines = [f"{name:<{width}}  {value}" for name, value in about.items()]
     if inventory["topics"]:
         lines += ["", *_table([_row(topic) for topic in inventory["topics"]])]
     if inventory["notes"]:
@@ -31,28 +31,24 @@ def describe_inventory(inventory: JsonMapping) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _facts(inventory: JsonMapping) -> list[tuple[str, str]]:
-    topics = inventory["topics"]
+def _about(inventory: JsonMapping) -> dict[str, str]:
+    """Return what holds for the whole recording, by name."""
+    topics, gnss, start_ns = inventory["topics"], inventory["gnss"], inventory["start_ns"]
     file_format: str = inventory["format"]
-    facts = [
-        ("format", _FORMATS.get(file_format, file_format)),
-        ("size", readable_bytes(inventory["size"])),
-    ]
-    if inventory["start_ns"] is None:
-        facts.append(("span", "no messages"))
-    else:
-        facts.append(("span", f"{_utc(inventory['start_ns'])} to {_utc(inventory['end_ns'])}"))
-        facts.append(("duration", f"{inventory['duration_s']:.3f} s"))
+    about = {
+        "format": _FORMATS.get(file_format, file_format),
+        "size": readable_bytes(inventory["size"]),
+        "span": "no messages" if start_ns is None else f"{_utc(start_ns)} to {_utc(inventory['end_ns'])}",
+    }
+    if start_ns is not None:
+        about["duration"] = f"{inventory['duration_s']:.3f} s"
     messages = sum(topic["count"] for topic in topics)
-    facts.append(("messages", f"{messages} on {count_text(len(topics), 'topic')}"))
-    gnss = inventory["gnss"]
-    if gnss is None:
-        facts.append(("GNSS", "none"))
-    else:
-        facts.append(("GNSS", f"first {_fix(gnss['first'])}; last {_fix(gnss['last'])}"))
     unknown = "no GNSS" if gnss is None else "the time of the first fix is not set"
-    facts.append(("daylight", inventory["daylight"] or f"unknown ({unknown})"))
-    return facts
+    return about | {
+        "messages": f"{messages} on {count_text(len(topics), 'topic')}",
+        "GNSS": "none" if gnss is None else f"first {_fix(gnss['first'])}; last {_fix(gnss['last'])}",
+        "daylight": inventory["daylight"] or f"unknown ({unknown})",
+    }
 
 
 def _row(topic: JsonMapping) -> list[str]:

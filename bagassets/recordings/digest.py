@@ -2,7 +2,7 @@
 
 import os
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,8 +14,10 @@ from bagassets.base.json_types import Json
 from bagassets.base.trace import span
 from bagassets.recordings.digest_record import (
     DigestIndex,
+    Disagreement,
     Kept,
     digest_on_record,
+    disagreements,
     is_unchanged,
     put_on_record,
 )
@@ -29,6 +31,7 @@ __all__ = [
     "RecordingDigest",
     "RecordingStat",
     "assert_unchanged",
+    "check_digests",
     "combined_digest",
     "hash_file",
     "name_in",
@@ -184,6 +187,17 @@ def recording_digest(
     return RecordingDigest(combined_digest(recording, digests), size, digests, hashed, kept, tuple(statuses))
 
 
+def check_digests(recording: RecordingFiles, index: DigestIndex | None) -> Iterator[Disagreement]:
+    """Hash all files of a recording, and yield each digest on record that should match but does not.
+
+    Raises:
+        RecordingError: a file cannot be read.
+        ChangedWhileReadError: a file changed while it was hashed.
+    """
+    for path, stat in stat_files(recording):
+        yield from disagreements(path, stat, hash_file(path, stat), index)
+
+
 class HashedAlong:
     """Hashes the files of a recording as somebody else reads them, so that the disk gives each byte once for both.
 
@@ -278,8 +292,8 @@ def name_in(recording: RecordingFiles, path: Path) -> str:
 def combined_digest(recording: RecordingFiles, digests: dict[str, str]) -> str:
     """Return the digest of a recording, given those of its files (name -> digest).
 
-    That of a series is one of its parts in order, whatever they are called; that of a folder is one of its sorted (name,
-    digest); that of a single file is the file's.
+    For a series it is taken over the digests of its parts in order, whatever they are called; for a folder, over its sorted
+    (name, digest) pairs; for a single file it is the file's.
     """
     if recording.parts:
         return digest_json(["series", *digests.values()])

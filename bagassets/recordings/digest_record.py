@@ -27,8 +27,10 @@ if TYPE_CHECKING:
 __all__ = [
     "ATTRIBUTE",
     "DigestIndex",
+    "Disagreement",
     "Kept",
     "digest_on_record",
+    "disagreements",
     "is_unchanged",
     "put_on_record",
     "read_attribute",
@@ -225,6 +227,45 @@ def put_on_record(
     if index.get(path, stat) != digest:
         index.put(path, stat, digest)
     return ("attribute" if is_kept else "index"), stat
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """A digest on record that does not match the content of its file.
+
+    Attributes:
+        path: the file.
+        where: `attribute` or `index`.
+        recorded: the digest on record.
+        actual: the digest of the content.
+    """
+
+    path: Path
+    where: Literal["attribute", "index"]
+    recorded: str
+    actual: str
+
+    def __str__(self) -> str:
+        return (
+            f"{self.path}: the digest on record ({self.where}, for this size and time) is {self.recorded[:16]}, that of "
+            f"the content {self.actual[:16]}; the file was edited in place or its disk is failing. Compare it with its "
+            "source, then accept it with `bagassets digest --rehash`."
+        )
+
+
+def disagreements(
+    path: Path, stat: os.stat_result, actual: str, index: DigestIndex | None
+) -> Iterator[Disagreement]:
+    """Yield each digest on record for a file with this status that is not the actual one.
+
+    Records for another size or mtime are no disagreement: nobody trusts them.
+    """
+    attribute = read_attribute(path, stat)
+    if attribute is not None and attribute != actual:
+        yield Disagreement(path, "attribute", attribute, actual)
+    indexed = None if index is None else index.get(path, stat)
+    if indexed is not None and indexed != actual:
+        yield Disagreement(path, "index", indexed, actual)
 
 
 def read_attribute(path: Path, stat: os.stat_result | None = None) -> str | None:

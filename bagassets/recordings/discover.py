@@ -7,6 +7,7 @@ import re
 import stat
 import unicodedata
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from operator import attrgetter
 from pathlib import Path
@@ -157,9 +158,9 @@ def find_one(path: Path) -> RecordingFiles:
         if path.is_dir():
             with os.scandir(path) as scan:
                 entries += scan
-            if (reason := _special_within(entries)) is not None:
-                raise RecordingError(f"{path}: expected a ROS 2 bag folder, but {reason}.")
             recording = _folder_recording(path, path.name, entries)
+            if isinstance(recording, str):
+                raise RecordingError(f"{path}: expected a ROS 2 bag folder, but {recording}.")
         elif path.suffix in _BARE:
             recording = _recording_files(path, path.name, _BARE[path.suffix], [(path, path.stat())])
         else:
@@ -255,15 +256,16 @@ class _Walk:
         except OSError as err:
             self._unreadable(relative, err)
             return
-        if (reason := _special_within(entries)) is not None:
-            self._leave_out(relative or Path(path).name, reason)
+        name = relative or Path(path).name
+        recording = _folder_recording(Path(path), name, entries)
+        if isinstance(recording, str):
+            self._leave_out(name, recording)
             return
-        recording = _folder_recording(Path(path), relative or Path(path).name, entries)
         if recording is not None:
             self._take(recording)
             return
         if _lacks_storage(Path(path), entries):
-            self.excluded.append((relative or Path(path).name, _NO_STORAGE))
+            self.excluded.append((name, _NO_STORAGE))
         for entry in entries:
             within = f"{relative}/{entry.name}" if relative else entry.name
             try:
@@ -290,18 +292,18 @@ class _Walk:
             self.folder(entry.path, relative, ancestors)
 
     def _may_hold_included(self, folder: str) -> bool:
-        """Tell whether a folder is worth a walk: that of one recording in a home folder must not be one through all of it."""
+        """Tell whether a folder is worth a walk: for one recording in a home folder, not all of that is walked."""
         return any(may_match_within(pattern, folder) for pattern in self.bags.include)
 
     def _take(self, recording: RecordingFiles) -> None:
-        if _decodable(recording.relative):
+        shown = _shown(recording.relative)
+        if shown == recording.relative:
             self.recordings.append(recording)
         else:
-            self.excluded.append((ascii(recording.relative)[1:-1], "its name is not UTF-8; rename it"))
+            self.excluded.append((shown, "its name is not UTF-8; rename it"))
 
     def _leave_out(self, relative: str, reason: str) -> None:
-        shown = relative if _decodable(relative) else ascii(relative)[1:-1]
-        self.excluded.append((shown, _exclusion(self.bags, relative) or reason))
+        self.excluded.append((_shown(relative), _exclusion(self.bags, relative) or reason))
 
     def _unreadable(self, relative: str, err: OSError) -> None:
         """Leave out what cannot be read; the root itself must be readable."""
@@ -315,7 +317,7 @@ class _Walk:
                 f"{self.bags.root}: cannot be read: {cause}; correct that or bags.root."
             ) from err
         reason = f"cannot be read: {cause}; correct that, or name it in bags.exclude"
-        self.excluded.append((ascii(relative)[1:-1] if not _decodable(relative) else relative, reason))
+        self.excluded.append((_shown(relative), reason))
         self.unreadable[relative] = f"{self.bags.root / relative}: {reason}."
 
 
@@ -335,37 +337,24 @@ def _is_included(bags: Bags, relative: str) -> bool:
     return whole is not None and any(matches(pattern, whole) for pattern in bags.include)
 
 
-def _folder_recording(folder: Path, relative: str, entries: list[os.DirEntry[str]]) -> RecordingFiles | None:
-    """Return the files of a ROS 2 bag folder, or None if the folder is not one."""
+def _folder_recording(
+    folder: Path, relative: str, entries: list[os.DirEntry[str]]
+) -> RecordingFiles | str | None:
+    """Return the files of a ROS 2 bag folder, why they cannot be opened, or None if the folder is not one."""
     if not any(entry.name == METADATA for entry in entries):
         return None
-    files = [
-        (folder / entry.name, entry.stat())
-        for entry in entries
-        if entry.name == METADATA or (entry.name.endswith(_STORAGE) and not entry.name.startswith("."))
-    ]
+    own = [entry for entry in entries if entry.name == METADATA or entry.name.endswith(_STORAGE)]
+    for entry in own:
+        with suppress(OSError):  # whoever opens it reports that
+            if (what := _special_kind(entry.stat())) is not None:
+                return f"{entry.name} in it is {what}, no file"
+    files = [(folder / entry.name, entry.stat()) for entry in own if not entry.name.startswith(".")]
     return _recording_files(folder, relative, "ros2", files) if len(files) > 1 else None
 
 
 def _special_kind(status: os.stat_result) -> str | None:
     """Return the name of a kind of file that must not be opened: reading a pipe or a device may never end."""
     return _SPECIAL.get(stat.S_IFMT(status.st_mode))
-
-
-def _special_within(entries: Iterable[os.DirEntry[str]]) -> str | None:
-    """Return why a folder with these entries cannot be opened as a ROS 2 bag, or None."""
-    entries = list(entries)
-    if not any(entry.name == METADATA for entry in entries):
-        return None
-    for entry in entries:
-        if entry.name == METADATA or entry.name.endswith(_STORAGE):
-            try:
-                what = _special_kind(entry.stat())
-            except OSError:
-                continue  # whoever opens it reports that
-            if what is not None:
-                return f"{entry.name} in it is {what}, no file"
-    return None
 
 
 def _lacks_storage(folder: Path, entries: list[os.DirEntry[str]]) -> bool:
@@ -389,12 +378,9 @@ def _recording_files(
     return RecordingFiles(_key(relative), relative, path, file_format, names, size, mtime_ns)
 
 
-def _decodable(name: str) -> bool:
-    try:
-        name.encode()
-    except UnicodeEncodeError:
-        return False
-    return True
+def _shown(name: str) -> str:
+    """Return a path as it is, or with escapes for what is not UTF-8 in it."""
+    return name.encode(errors="backslashreplace").decode()
 
 
 def _key(relative: str) -> str:

@@ -58,9 +58,8 @@ def _compiled(pattern: str) -> re.Pattern[str]:
             at += 1
         elif pattern[at] == "[" and "]" in pattern[at + 2 :]:
             end = pattern.index("]", at + 2)
-            inside = re.sub(
-                r"[\\\[&~|]", r"\\\g<0>", pattern[at + 1 : end]
-            )  # Python's set operators mean nothing in a glob
+            # Python's set operators mean nothing in a glob.
+            inside = re.sub(r"[\\\[&~|]", r"\\\g<0>", pattern[at + 1 : end])
             parts.append(f"[{'^' + inside[1:] if inside.startswith('!') else inside}]")
             at = end + 1
         else:

@@ -73,7 +73,7 @@ def without_journals(path: Path) -> Iterator[Path]:
             if target.name.endswith(_JOURNAL):
                 with target.open("rb") as file:
                     file.seek(-len(_OF_SEVERAL), SEEK_END)
-                    if file.read() == _OF_SEVERAL:  # no recorder writes such, and it leads to other files
+                    if file.read() == _OF_SEVERAL:  # no recorder writes one, and it would lead to other files
                         raise DamageError(f"{source.name} belongs to several databases")
         with closing(sqlite3.connect(copy)) as connection:
             connection.execute("PRAGMA trusted_schema = OFF")

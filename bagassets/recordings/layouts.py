@@ -23,7 +23,7 @@ from rosbags.typesys.store import Typestore
 
 from bagassets.base.errors import BagAssetsError, DecodeError, RecordingError
 from bagassets.recipe.model import Limits
-from bagassets.recordings.elements import announced_elements, check_elements, fewest_bytes_of
+from bagassets.recordings.elements import announced_elements
 from bagassets.recordings.known_types import FieldType, Types, known_versions
 from bagassets.recordings.model import Definition, Message, Serialization
 from bagassets.store.canonical import digest_json
@@ -118,18 +118,6 @@ class Layout:
             raise
         except Exception as err:  # rosbags' generated code raises anything on bytes that do not fit
             raise DecodeError(f"its bytes do not fit {self.msgtype}") from err
-
-    def large_bytes(self, most_elements: int) -> int | None:
-        """Return the smallest size at which a message can hold more than `most_elements`; None if none can."""
-        return fewest_bytes_of(self.types, self.msgtype, self.serialization, most_elements)
-
-    def check_elements(self, data: bytes | memoryview, most_elements: int) -> None:
-        """Check the number of strings and nested messages in a message.
-
-        Raises:
-            DecodeError: there are more than `most_elements`, or its bytes do not fit.
-        """
-        check_elements(self.types, self.msgtype, self.serialization, data, most_elements)
 
 
 class _Codec:
@@ -342,7 +330,7 @@ def _standard(name: str) -> Lookup:
 
 
 def compile_common_types() -> Iterator[None]:
-    """Compile the types of most recordings, one per step, before processes are forked from this one.
+    """Compile the types of most recordings, one at a time, before processes are forked from this one.
 
     The standard types are loaded by the way (30 ms for each version of ROS), for recordings without definitions.
     """
@@ -357,10 +345,7 @@ def compile_common_types() -> Iterator[None]:
 
 @cache
 def _times() -> Types:
-    types: Typesdict = {}
-    for name in _TIME_NAMES:
-        types |= get_types_from_msg(_TIMES, name)
-    return types
+    return {name: get_types_from_msg(_TIMES, name)[name] for name in _TIME_NAMES}
 
 
 @cache

@@ -1,7 +1,6 @@
 """The chunks of an MCAP file: reading one, and finding the messages in it (https://mcap.dev/spec)."""
 
-from array import array
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from pathlib import Path
 from struct import Struct
 from typing import BinaryIO
@@ -9,6 +8,7 @@ from zlib import crc32
 
 import numpy as np
 from mcap.opcode import Opcode
+from numpy.typing import NDArray
 
 from bagassets.base.errors import RecordingError
 from bagassets.recordings.damage import DamageError
@@ -19,9 +19,12 @@ __all__ = [
     "MESSAGE_HEADER",
     "RECORD_HEADER",
     "ChecksumError",
-    "MessagePlaces",
-    "chunk_facts",
+    "Place",
+    "chunk_head",
+    "in_order",
+    "kept_places",
     "load_chunk",
+    "messages_in",
     "records_in",
 ]
 
@@ -34,12 +37,15 @@ _CHUNK_HEADER = Struct("<QQQII")
 _SIZE = Struct("<Q")
 _LONGEST_NAME = 64
 
+Place = tuple[int, int, int, int]
+"""Log time and channel of a message, and where its payload begins and ends."""
+
 
 class ChecksumError(RecordingError):
     """The content of a chunk does not match its checksum."""
 
 
-def chunk_facts(file: BinaryIO, offset: int) -> tuple[int, int]:
+def chunk_head(file: BinaryIO, offset: int) -> tuple[int, int]:
     """Return the log time of the earliest message in a chunk, and its announced uncompressed size in bytes."""
     file.seek(offset + RECORD_HEADER.size)
     start_ns, _, unpacked_bytes, _, _ = _CHUNK_HEADER.unpack(file.read(_CHUNK_HEADER.size))
@@ -107,45 +113,29 @@ def records_in(content: bytes) -> Iterator[tuple[int, int, int]]:
         at += length
 
 
-class MessagePlaces:
-    """Places of messages in a chunk or file, in a few bytes each, however small the message."""
+def messages_in(content: bytes, channels: Collection[int]) -> Iterator[Place]:
+    """Yield the places of the messages of some channels in a chunk.
 
-    def __init__(self) -> None:
-        self._times = array("Q")
-        self._begins = array("Q")
-        self._ends = array("Q")
-        self._channels = array("H")
+    Raises:
+        DamageError: a record is cut off.
+    """
+    header = MESSAGE_HEADER
+    for opcode, begin, end in records_in(content):
+        if opcode == Opcode.MESSAGE:
+            if begin + header.size > end:
+                raise DamageError("a message is cut off")
+            channel, _, log_time_ns, _ = header.unpack_from(content, begin)
+            if channel in channels:
+                yield log_time_ns, channel, begin + header.size, end
 
-    def __len__(self) -> int:
-        return len(self._times)
 
-    def add(self, log_time_ns: int, channel: int, begin: int, end: int) -> None:
-        """Add a message whose payload lies between `begin` and `end`."""
-        self._times.append(log_time_ns)
-        self._channels.append(channel)
-        self._begins.append(begin)
-        self._ends.append(end)
+def kept_places(found: Iterable[Place]) -> NDArray[np.uint64]:
+    """Return places of messages as (N, 4), in a few bytes each, however small the message."""
+    return np.fromiter(found, np.dtype((np.uint64, 4)))
 
-    @classmethod
-    def of_chunk(cls, content: bytes, channels: Collection[int]) -> "MessagePlaces":
-        """Return the places of the messages of some channels in a chunk.
 
-        Raises:
-            DamageError: a record is cut off.
-        """
-        places = cls()
-        header = MESSAGE_HEADER
-        for opcode, begin, end in records_in(content):
-            if opcode == Opcode.MESSAGE:
-                if begin + header.size > end:
-                    raise DamageError("a message is cut off")
-                channel, _, log_time_ns, _ = header.unpack_from(content, begin)
-                if channel in channels:
-                    places.add(log_time_ns, channel, begin + header.size, end)
-        return places
-
-    def in_order(self) -> Iterator[tuple[int, int, int, int]]:
-        """Yield log time, channel, begin and end in order of log time; messages of equal time keep their order."""
-        order = np.argsort(np.array(self._times), kind="stable").astype(np.uint32)
-        for number in order:
-            yield self._times[number], self._channels[number], self._begins[number], self._ends[number]
+def in_order(places: NDArray[np.uint64]) -> Iterator[Place]:
+    """Yield (N, 4) places in order of log time; messages of equal time keep their order."""
+    for number in np.argsort(places[:, 0], kind="stable"):
+        log_time_ns, channel, begin, end = places[number].tolist()
+        yield log_time_ns, channel, begin, end

@@ -19,7 +19,14 @@ from numpy.typing import NDArray
 from bagassets.recipe.model import Limits
 from bagassets.recordings.chunks import LatestChunks, detached
 from bagassets.recordings.damage import DamageError
-from bagassets.recordings.mcap_chunk import MESSAGE_HEADER, MessagePlaces, load_chunk
+from bagassets.recordings.mcap_chunk import (
+    MESSAGE_HEADER,
+    Place,
+    in_order,
+    kept_places,
+    load_chunk,
+    messages_in,
+)
 from bagassets.recordings.mcap_index import read_index, walk
 from bagassets.recordings.model import Definition, OnRead
 from bagassets.recordings.recording import FileRecording, merged
@@ -115,11 +122,11 @@ class McapFile:
 
         def places_in(offset: int) -> Iterator[tuple[int, int, int, int, int]]:
             nonlocal waiting
-            places = MessagePlaces.of_chunk(chunks.at(offset), channels)
+            places = kept_places(messages_in(chunks.at(offset), channels))
             if waiting and waiting + len(places) > _MOST_WAITING:
                 raise DamageError("too many of its chunks overlap in time; run `mcap sort` on it")
             waiting += len(places)
-            for place in places.in_order():
+            for place in in_order(places):
                 yield *place, offset
                 waiting -= 1
             chunks.drop(offset)
@@ -139,19 +146,20 @@ class McapFile:
 
     def _outside_chunks(self, channels: Collection[int]) -> Iterator[tuple[int, int, bytes | memoryview]]:
         """Read messages that are in no chunk."""
-        places = MessagePlaces()
+        for log_time_ns, channel, begin, end in in_order(kept_places(self._places_outside(channels))):
+            self._file.seek(begin)
+            data = self._file.read(end - begin)
+            self._tell_position(data)
+            yield channel, log_time_ns, data
+
+    def _places_outside(self, channels: Collection[int]) -> Iterator[Place]:
         for opcode, begin, end in walk(self._file, self._size):
             if opcode == Opcode.MESSAGE:
                 self._file.seek(begin)
                 header = self._file.read(min(MESSAGE_HEADER.size, end - begin))
                 channel, _, log_time_ns, _ = MESSAGE_HEADER.unpack(header)
                 if channel in channels:
-                    places.add(log_time_ns, channel, begin + MESSAGE_HEADER.size, end)
-        for log_time_ns, channel, begin, end in places.in_order():
-            self._file.seek(begin)
-            data = self._file.read(end - begin)
-            self._tell_position(data)
-            yield channel, log_time_ns, data
+                    yield log_time_ns, channel, begin + MESSAGE_HEADER.size, end
 
     def _tell_position(self, data: bytes) -> None:
         if self._on_read is not None:

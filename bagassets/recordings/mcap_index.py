@@ -18,7 +18,7 @@ from mcap.records import Channel, ChunkIndex, Footer, McapRecord, Schema, Statis
 from mcap.stream_reader import MAGIC_SIZE, StreamReader, read_magic
 
 from bagassets.recordings.damage import DamageError
-from bagassets.recordings.mcap_chunk import RECORD_HEADER, chunk_facts, load_chunk, records_in
+from bagassets.recordings.mcap_chunk import RECORD_HEADER, chunk_head, load_chunk, records_in
 from bagassets.recordings.sizes import Sizes
 
 __all__ = ["ChunkPlace", "McapIndex", "read_index", "walk"]
@@ -173,7 +173,7 @@ def _search(file: BinaryIO, path: Path, size: int, index: McapIndex, sizes: Size
             is_indexed = channels is not None and channels <= index.channels.keys()
             if is_indexed:
                 continue
-            start_ns, unpacked_bytes = chunk_facts(file, offset)
+            start_ns, unpacked_bytes = chunk_head(file, offset)
             sizes.add_chunk(offset, unpacked_bytes)
             if offset not in known:
                 index.chunks.append(ChunkPlace(offset, start_ns, None))

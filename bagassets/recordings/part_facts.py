@@ -28,7 +28,7 @@ __all__ = ["ForNow", "facts_of_parts", "part_facts"]
 _KIND = "series 2"
 # Fewer messages may be events, of which periods say nothing.
 _REGULAR = 10
-# Whoever reads messages asks for the limits of the recipe; an index is there whatever they are.
+# The limits of the recipe are for whoever reads messages; an index is read whatever they are.
 _ANY = Limits(chunk_bytes=4_000_000_000, compression_ratio=10**9, connections=10**9)
 
 

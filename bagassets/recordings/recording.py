@@ -43,7 +43,7 @@ class Recording(ABC):
 
     @abstractmethod
     def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
-        """Yield the messages of `topics`, all of them in the recording, in order of log time, as they are on their connections."""
+        """Yield the messages of `topics`, which the recording has, in order of log time, with the types of their connections."""
 
     @abstractmethod
     def close(self) -> None:

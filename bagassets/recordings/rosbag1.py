@@ -11,7 +11,7 @@ from io import BytesIO
 from pathlib import Path
 from struct import Struct
 from types import MappingProxyType
-from typing import BinaryIO, NamedTuple
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,20 +34,6 @@ _SIZE = Struct("<I")
 _TIME = Struct("<II")
 _ENTRY = np.dtype([("seconds", "<u4"), ("nanoseconds", "<u4"), ("offset", "<u4")])
 _BLOCK = 100_000
-
-
-class _Index(NamedTuple):
-    """Where messages are.
-
-    Attributes:
-        times_ns: (N,) their log times.
-        positions: (N,) of their chunks in the file.
-        offsets: (N,) of their records in the chunks.
-    """
-
-    times_ns: NDArray[np.int64]
-    positions: NDArray[np.int64]
-    offsets: NDArray[np.int64]
 
 
 class IndexReader(rosbag1.Reader):
@@ -133,15 +119,15 @@ class IndexReader(rosbag1.Reader):
             raise DamageError("its index names messages twice")
         self._entries.setdefault(header.get_uint32("conn"), []).append((pos, np.frombuffer(data, _ENTRY)))
 
-    def _index(self, connection: int) -> _Index:
-        """Return where the messages of a connection are."""
+    def _index(self, connection: int) -> tuple[NDArray[np.int64], ...]:
+        """Return of the messages of a connection (N,) log times, positions of their chunks in the file, and offsets in these."""
         parts = self._entries.get(connection, [])
         entries = np.concatenate([np.empty(0, _ENTRY), *(part for _, part in parts)])
         positions = np.repeat(
             np.array([position for position, _ in parts], dtype=np.int64), [len(part) for _, part in parts]
         )
         times_ns = entries["seconds"].astype(np.int64) * 10**9 + entries["nanoseconds"]
-        return _Index(times_ns, positions, entries["offset"].astype(np.int64))
+        return times_ns, positions, entries["offset"].astype(np.int64)
 
     def counts(self) -> dict[int, int]:
         """Return connection -> number of messages."""
@@ -170,7 +156,7 @@ class IndexReader(rosbag1.Reader):
 
     def log_times(self) -> dict[int, NDArray[np.int64]]:
         """Return connection -> (N,) log times in nanoseconds."""
-        return {one.id: self._index(one.id).times_ns for one in self.connections}
+        return {one.id: self._index(one.id)[0] for one in self.connections}
 
     def messages(  # type: ignore[override]  # by their numbers, and without the objects of connections
         self, connections: Collection[int]
@@ -272,14 +258,14 @@ def _sized(data: bytes, begin: int) -> memoryview:
     return memoryview(data)[begin : begin + size]
 
 
-def _in_order(indexes: Sequence[_Index]) -> Iterator[tuple[int, int, int, int]]:
+def _in_order(indexes: Sequence[tuple[NDArray[np.int64], ...]]) -> Iterator[tuple[int, int, int, int]]:
     """Yield the number of the index, time, position and offset of each message, in order of time.
 
     Of messages at the same time, those of the first index come first, as they are in the file.
     """
     if not indexes:
         return
-    numbers = np.repeat(np.arange(len(indexes)), [len(index.times_ns) for index in indexes])
+    numbers = np.repeat(np.arange(len(indexes)), [len(times_ns) for times_ns, *_ in indexes])
     columns = [numbers, *map(np.concatenate, zip(*indexes, strict=True))]
     order = np.argsort(columns[1], kind="stable")
     for begin in range(0, len(order), _BLOCK):  # without a Python object for each message of the file at once

@@ -16,6 +16,7 @@ from rosbags.interfaces import Nodetype
 
 from bagassets.base.errors import DecodeError, SizeLimitError
 from bagassets.recipe.model import Limits
+from bagassets.recordings.elements import check_elements, fewest_bytes_of
 from bagassets.recordings.known_types import FieldType
 from bagassets.recordings.layouts import TF_NAMES, Choice, Layout, choice_of
 from bagassets.recordings.model import Definition, Message, Serialization, SkimmedPacket
@@ -36,9 +37,8 @@ __all__ = [
 UNKNOWN = "unknown"
 """The type of a channel without a schema."""
 
-_HEADS = {
-    order: struct.Struct(f"{order}iII") for order in "<>"
-}  # seconds, nanoseconds, length of the frame id
+# Seconds, nanoseconds, length of the frame id.
+_HEADS = {order: struct.Struct(f"{order}iII") for order in "<>"}
 _STAMP_AT: dict[Serialization, int] = {"ros1": 0, "cdr": 4}  # with the sequence number of ROS 1
 _STAMP_END = 12
 _NUMBERS = {order: struct.Struct(f"{order}I") for order in "<>"}
@@ -241,7 +241,10 @@ class Topic:
         most_bytes = self._limits.message_bytes
         if isinstance(self._layouts, str):
             return most_bytes
-        large = [layout.large_bytes(self._limits.message_elements) for layout in self._layouts.layouts]
+        large = [
+            fewest_bytes_of(one.types, one.msgtype, one.serialization, self._limits.message_elements)
+            for one in self._layouts.layouts
+        ]
         return min([most_bytes, *(size for size in large if size is not None)])
 
     def refusal(self, data: bytes | memoryview) -> str | None:
@@ -251,8 +254,9 @@ class Topic:
         if isinstance(self._layouts, str):
             return None
         try:
-            for layout in self._layouts.layouts:
-                layout.check_elements(data, self._limits.message_elements)
+            for one in self._layouts.layouts:
+                most = self._limits.message_elements
+                check_elements(one.types, one.msgtype, one.serialization, data, most)
         except DecodeError as err:
             return str(err)
         return None

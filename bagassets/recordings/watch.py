@@ -8,6 +8,7 @@ notifications.
 import threading
 import time
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
 from os import stat_result
 from pathlib import Path
@@ -17,17 +18,17 @@ from bagassets.base.errors import BagAssetsError, ChangedWhileReadError, Recordi
 from bagassets.base.fingerprints import Signature, signature_of
 from bagassets.recipe.model import Bags
 from bagassets.recordings.digest import hash_file
-from bagassets.recordings.digest_check import disagreements
-from bagassets.recordings.digest_record import DigestIndex, digest_on_record, put_on_record
+from bagassets.recordings.digest_record import DigestIndex, digest_on_record, disagreements, put_on_record
 from bagassets.recordings.discover import discover
 from bagassets.recordings.model import RecordingFiles
-from bagassets.recordings.notify import Notifications
 
 __all__ = ["WatchEvent", "Watcher"]
 
 # However often it is woken, scanning takes at most this share of the time.
 _SCAN_SHARE = 0.1
 _SHORTEST_PAUSE_S = 0.5
+# The first answer comes after this time even without a change; from then on no change is missed.
+_FIRST_MS = 500
 
 
 @dataclass(frozen=True)
@@ -73,6 +74,69 @@ class _File:
 
 class _Stopped(Exception):  # noqa: N818  (no error: somebody asked for it)
     """The service was asked to stop while it hashed a file."""
+
+
+class Notifications:
+    """Calls `wake` soon after anything changed below a folder, from a thread of its own.
+
+    Args:
+        root: the folder.
+        wake: called after changes; many changes at once cause few calls.
+        failed: called with the reason if the file system sends no notifications.
+    """
+
+    def __init__(self, root: Path, wake: Callable[[], None], failed: Callable[[str], None]) -> None:
+        self._root = root
+        self._wake = wake
+        self._failed = failed
+        self._thread: threading.Thread | None = None
+        self._stop = threading.Event()
+        self._identity: tuple[int, int] | None = None
+
+    def follow(self) -> None:
+        """Start, or start anew if the path leads to another folder by now: replaced, or mounted over."""
+        try:
+            stat = self._root.stat()
+        except OSError:
+            return  # gone for now; the next call may find it again
+        identity = (stat.st_dev, stat.st_ino)
+        if self._identity == identity:
+            return
+        self.close()
+        self._identity, self._stop = identity, threading.Event()
+        self._thread = threading.Thread(
+            target=self._run, args=(self._stop,), name="bagassets-notify", daemon=True
+        )
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop, and wait for the thread to end."""
+        self._stop.set()
+        if self._thread is not None:
+            self._thread.join()
+            self._thread = None
+
+    def _run(self, stop: threading.Event) -> None:
+        from watchfiles import watch
+
+        try:
+            changes = watch(
+                self._root,
+                watch_filter=None,
+                stop_event=stop,
+                raise_interrupt=False,
+                ignore_permission_denied=True,
+                rust_timeout=_FIRST_MS,
+                yield_on_timeout=True,
+            )
+            established = False
+            for batch in changes:
+                # Nobody reports changes between the last scan and the first notification: scan once more.
+                if batch or not established:
+                    self._wake()
+                established = True
+        except (OSError, RuntimeError) as err:  # the latter from watchfiles, also for too many watches
+            self._failed(str(err))
 
 
 class Watcher:
@@ -124,7 +188,7 @@ class Watcher:
         if once:
             self._hash_all(due)
             return
-        with Notifications(self._bags.root, self._wake.set, self._not_notified) as notifications:
+        with closing(Notifications(self._bags.root, self._wake.set, self._not_notified)) as notifications:
             while not self._stop.is_set():
                 notifications.follow()
                 scanned_at_s = time.monotonic()
@@ -221,7 +285,7 @@ class Watcher:
             stat = path.stat()
             if file.state != signature_of(stat) or self._is_settled(path, file, stat, started_s):
                 return  # done, or changed since the scan: then the next scan sees it
-            digest = hash_file(path, stat, lambda _: self._checkpoint())
+            digest = hash_file(path, stat, self._checkpoint)
             for wrong in disagreements(path, stat, digest, self._index):
                 self._report(WatchEvent("wrong", str(wrong), path, digest=digest, size=stat.st_size))
             kept, _ = put_on_record(path, stat, digest, self._index)
@@ -251,7 +315,7 @@ class Watcher:
                 )
             )
 
-    def _checkpoint(self) -> None:
+    def _checkpoint(self, _read: int) -> None:
         if self._stop.is_set():
             raise _Stopped
 

@@ -6,20 +6,7 @@ from pathlib import Path
 
 from bagassets.engine.splits import SplitShare
 
-__all__ = ["Gaps", "Problem", "RecordingFacts", "ReportData", "Route"]
-
-
-@dataclass(frozen=True)
-class Route:
-    """The route of a recording.
-
-    Attributes:
-        points: latitude and longitude in order of time; empty if the place on Earth is unknown.
-        local: x and y in metres in the recording's global frame, in order of time.
-    """
-
-    points: Sequence[tuple[float, float]] = ()
-    local: Sequence[tuple[float, float]] = ()
+__all__ = ["Gaps", "Problem", "RecordingFacts", "ReportData"]
 
 
 @dataclass(frozen=True)
@@ -65,7 +52,8 @@ class RecordingFacts:
         problems: what checks found.
         checks_passed: how many checks found nothing.
         gaps: topics with pauses, the worst first.
-        route: where it was driven.
+        points: latitude and longitude of its route, in order of time; empty if the place on Earth is unknown.
+        local: x and y of it, in metres in the recording's global frame.
         pictures: name -> small picture as JPEG file, in the order of the report.
         thumbnail: a very small picture.
         full_pictures: folder of the pictures in full size.
@@ -90,7 +78,8 @@ class RecordingFacts:
     problems: Sequence[Problem] = ()
     checks_passed: int = 0
     gaps: Sequence[Gaps] = ()
-    route: Route = field(default_factory=Route)
+    points: Sequence[tuple[float, float]] = ()
+    local: Sequence[tuple[float, float]] = ()
     pictures: Mapping[str, Path] = field(default_factory=dict)
     thumbnail: Path | None = None
     full_pictures: Path | None = None

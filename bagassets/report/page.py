@@ -167,15 +167,15 @@ def _idle_pins(keys: Sequence[str]) -> str:
 def _map(data: ReportData) -> str:
     splits = [share.name for share in data.shares]
     shown = _in_dataset(data)
-    on_earth = [r for r in shown if r.route.points]
-    local = [r for r in shown if not r.route.points and r.route.local]
+    on_earth = [r for r in shown if r.points]
+    local = [r for r in shown if not r.points and r.local]
     parts = []
     for title, recordings, is_on_earth in (
         ("Map", on_earth, True),
         ("Recordings without a position on Earth, each in its own local frame", local, False),
     ):
         ways = [(r, colour_of_split(r.split, splits)) for r in recordings]
-        routes = [(r.key, colour, r.route.points if is_on_earth else r.route.local) for r, colour in ways]
+        routes = [(r.key, colour, r.points if is_on_earth else r.local) for r, colour in ways]
         if svg := grid_map(routes, on_earth=is_on_earth):
             parts += [f"<h2>{title}</h2>", svg, legend((r.split, colour, r.key) for r, colour in ways)]
     return "".join(parts)

@@ -11,7 +11,7 @@ from itertools import pairwise
 from math import inf
 from pathlib import Path
 
-from bagassets.sample.oddities.catalogue import ODDITIES
+from bagassets.sample.oddities import ODDITIES
 from bagassets.sample.recorder import Compression, RecordingFormat, open_recorder
 from bagassets.sample.rig import cameras
 from bagassets.sample.schedule import drive_events
@@ -87,7 +87,7 @@ def write_recordings(
         profile: name in `PROFILES`.
         duration_s: duration; default: that of the profile.
         progress: called with the number of seconds written so far.
-        odd: names in `oddities.catalogue.ODDITIES`, applied one after the other; not with throughput.
+        odd: names in `oddities.ODDITIES`, applied one after the other; not with throughput.
 
     Raises:
         RecordingError: something is in the place of a recording already, or its format has no such compression.

@@ -47,6 +47,7 @@ _MS = 1_000_000
 # How long after its header stamp a message is logged.
 CAMERA_LATENCY_NS, LIDAR_LATENCY_NS, LATENCY_NS = 30 * _MS, 105 * _MS, 2 * _MS
 GRAVITY_MPS2 = 9.81
+_CLOUD = "sensor_msgs/msg/PointCloud2"
 
 
 @dataclass(frozen=True)
@@ -87,126 +88,110 @@ def merged(*streams: Iterator[Event]) -> Iterator[Event]:
 def drive_events(truth: Truth, duration_s: float) -> Iterator[Event]:
     """Yield all messages of a drive with every sensor, in the order of their log times."""
     end_ns = truth.start_ns + round(duration_s * 1e9)
+    periodic = partial(_periodic, truth, end_ns)
     return merged(
         motion_events(truth, end_ns),
-        _lidar(truth, end_ns),
-        _radar(truth, end_ns),
-        _boxes(truth, end_ns),
+        # Revolutions are stamped when they begin and logged when they are over.
+        _periodic(
+            truth, end_ns - LIDAR.period_ns, LIDAR.period_ns, "/lidar_top/points", _CLOUD,
+            partial(_revolution, truth), LIDAR_LATENCY_NS,
+        ),
+        periodic(RADAR.period_ns, "/radar_front/points", _CLOUD, partial(_targets, truth)),
+        periodic(100 * _MS, "/annotations", "vision_msgs/msg/Detection3DArray", partial(_boxes, truth)),
         *(_camera(truth, camera, number, end_ns) for number, camera in enumerate(truth.cameras.values())),
-    )
+    )  # fmt: skip
 
 
 def motion_events(truth: Truth, end_ns: int) -> Iterator[Event]:
     """Yield where the car is and where its sensors sit: TF, odometry, GNSS and IMU."""
+    periodic, tf = partial(_periodic, truth, end_ns), "tf2_msgs/msg/TFMessage"
     return merged(
-        _static(truth),
-        _odometry(truth, end_ns),
-        _transforms(truth, end_ns),
-        _map(truth, end_ns),
-        _gnss(truth, end_ns),
-        _imu(truth, end_ns),
+        iter([event(truth.start_ns, "/tf_static", tf, partial(_mounts, truth))]),
+        periodic(20 * _MS, "/odom", "nav_msgs/msg/Odometry", partial(_odometry, truth)),
+        periodic(
+            20 * _MS, "/tf", tf, lambda at_ns: _edge(at_ns, "odom", "base_link", truth.odom_SE3_ego(at_ns))
+        ),
+        # Where the localization sees `odom` in the map, at its own slow rate.
+        periodic(
+            200 * _MS, "/tf", tf, lambda at_ns: _edge(at_ns, "map", "odom", MAP_SE3_ODOM), 2 * LATENCY_NS
+        ),
+        periodic(100 * _MS, "/gnss/fix", "sensor_msgs/msg/NavSatFix", partial(_fix, truth)),
+        periodic(10 * _MS, "/imu/data", "sensor_msgs/msg/Imu", partial(_imu, truth)),
     )
 
 
-def _stamps(truth: Truth, end_ns: int, period_ns: int, offset_ns: int = 0) -> range:
-    """Return header stamps up to and with the end."""
-    return range(truth.start_ns + offset_ns, end_ns + 1, period_ns)
+def _periodic(
+    truth: Truth,
+    end_ns: int,
+    period_ns: int,
+    topic: str,
+    msgtype: str,
+    make_at: Callable[[int], Make],
+    latency_ns: int = LATENCY_NS,
+) -> Iterator[Event]:
+    """Yield the messages of a topic, one a period up to and with the end; `make_at` takes the header stamp of each."""
+    for stamp_ns in range(truth.start_ns, end_ns + 1, period_ns):
+        yield event(stamp_ns + latency_ns, topic, msgtype, make_at(stamp_ns))
 
 
-def _static(truth: Truth) -> Iterator[Event]:
+def _mounts(truth: Truth, messages: Messages) -> Message:
     sensors = [(camera.frame, camera.ego_SE3_cam) for camera in truth.cameras.values()]
     sensors += [("lidar_top", EGO_SE3_LIDAR), ("radar_front", EGO_SE3_RADAR)]
-    make = partial(Messages.transforms, stamp_ns=truth.start_ns, parent="base_link", children=sensors)
-    yield event(truth.start_ns, "/tf_static", "tf2_msgs/msg/TFMessage", make)
+    return messages.transforms(truth.start_ns, "base_link", sensors)
 
 
-def _odometry(truth: Truth, end_ns: int) -> Iterator[Event]:
-    speed = truth.world.ego.speed_mps
-    for stamp_ns in _stamps(truth, end_ns, 20 * _MS):
-        make = partial(
-            Messages.odometry,
-            stamp_ns=stamp_ns,
-            odom_SE3_ego=truth.odom_SE3_ego(stamp_ns),
-            speed_mps=speed,
-            yaw_rate=speed / RADIUS_M,
-        )
-        yield event(stamp_ns + LATENCY_NS, "/odom", "nav_msgs/msg/Odometry", make)
+def _edge(stamp_ns: int, parent: str, child: str, parent_SE3_child: SE3) -> Make:
+    return lambda messages: messages.transforms(stamp_ns, parent, [(child, parent_SE3_child)])
 
 
-def _transforms(truth: Truth, end_ns: int) -> Iterator[Event]:
-    for stamp_ns in _stamps(truth, end_ns, 20 * _MS):
-        edge = [("base_link", truth.odom_SE3_ego(stamp_ns))]
-        make = partial(Messages.transforms, stamp_ns=stamp_ns, parent="odom", children=edge)
-        yield event(stamp_ns + LATENCY_NS, "/tf", "tf2_msgs/msg/TFMessage", make)
+def _odometry(truth: Truth, stamp_ns: int) -> Make:
+    speed, ego = truth.world.ego.speed_mps, truth.odom_SE3_ego(stamp_ns)
+    return lambda messages: messages.odometry(stamp_ns, ego, speed, speed / RADIUS_M)
 
 
-def _map(truth: Truth, end_ns: int) -> Iterator[Event]:
-    """Yield where the localization sees `odom` in the map, at its own slow rate."""
-    for stamp_ns in _stamps(truth, end_ns, 200 * _MS):
-        edge = [("odom", MAP_SE3_ODOM)]
-        make = partial(Messages.transforms, stamp_ns=stamp_ns, parent="map", children=edge)
-        yield event(stamp_ns + 2 * LATENCY_NS, "/tf", "tf2_msgs/msg/TFMessage", make)
+def _fix(truth: Truth, stamp_ns: int) -> Make:
+    position = np.array([truth.odom_SE3_ego(stamp_ns).translation])
+    place = [float(value[0]) for value in GEODETIC_ORIGIN.to_geodetic(position)]
+    return lambda messages: messages.fix(stamp_ns, "base_link", *place)
 
 
-def _gnss(truth: Truth, end_ns: int) -> Iterator[Event]:
-    for stamp_ns in _stamps(truth, end_ns, 100 * _MS):
-        position = np.array([truth.odom_SE3_ego(stamp_ns).translation])
-        lat, lon, alt = (float(value[0]) for value in GEODETIC_ORIGIN.to_geodetic(position))
-        make = partial(
-            Messages.fix, stamp_ns=stamp_ns, frame="base_link", lat_deg=lat, lon_deg=lon, alt_m=alt
-        )
-        yield event(stamp_ns + LATENCY_NS, "/gnss/fix", "sensor_msgs/msg/NavSatFix", make)
-
-
-def _imu(truth: Truth, end_ns: int) -> Iterator[Event]:
-    """Yield turn rates and accelerations, as central differences of the true motion."""
+def _imu(truth: Truth, stamp_ns: int) -> Make:
+    """Return turn rate and acceleration, as central differences of the true motion."""
     step_s = 1e-3
-    for stamp_ns in _stamps(truth, end_ns, 10 * _MS):
-        positions, rotations = truth.world.ego.pose(
-            truth.seconds(stamp_ns) + np.array([-step_s, 0.0, step_s])
-        )
-        ego_from_odom = rotations[1] * [1.0, -1.0, -1.0, -1.0]
-        turn = quaternion_multiply(rotations[0] * [1.0, -1.0, -1.0, -1.0], rotations[2])
-        force = (positions[2] - 2 * positions[1] + positions[0]) / step_s**2 + [0.0, 0.0, GRAVITY_MPS2]
-        make = partial(
-            Messages.imu,
-            stamp_ns=stamp_ns,
-            frame="base_link",
-            enu_SE3_ego=SE3.create(rotations[1], positions[1]),
-            rate=turn[1:] / step_s,  # twice the vector part is the angle, turned in two steps
-            acceleration=rotate(ego_from_odom, force),
-        )
-        yield event(stamp_ns + LATENCY_NS, "/imu/data", "sensor_msgs/msg/Imu", make)
+    positions, rotations = truth.world.ego.pose(truth.seconds(stamp_ns) + np.array([-step_s, 0.0, step_s]))
+    ego_from_odom = rotations[1] * [1.0, -1.0, -1.0, -1.0]
+    turn = quaternion_multiply(rotations[0] * [1.0, -1.0, -1.0, -1.0], rotations[2])
+    force = (positions[2] - 2 * positions[1] + positions[0]) / step_s**2 + [0.0, 0.0, GRAVITY_MPS2]
+    return partial(
+        Messages.imu,
+        stamp_ns=stamp_ns,
+        frame="base_link",
+        enu_SE3_ego=SE3.create(rotations[1], positions[1]),
+        rate=turn[1:] / step_s,  # twice the vector part is the angle, turned in two steps
+        acceleration=rotate(ego_from_odom, force),
+    )
 
 
-def _lidar(truth: Truth, end_ns: int) -> Iterator[Event]:
-    """Yield revolutions, stamped when they begin and logged when they are over."""
-    for stamp_ns in _stamps(truth, end_ns - LIDAR.period_ns, LIDAR.period_ns):
-        points = lidar_points(truth.world, truth.seconds(stamp_ns))
-        make = partial(Messages.cloud, stamp_ns=stamp_ns, frame="lidar_top", points=points)
-        yield event(stamp_ns + LIDAR_LATENCY_NS, "/lidar_top/points", "sensor_msgs/msg/PointCloud2", make)
+def _revolution(truth: Truth, stamp_ns: int) -> Make:
+    points = lidar_points(truth.world, truth.seconds(stamp_ns))
+    return lambda messages: messages.cloud(stamp_ns, "lidar_top", points)
 
 
-def _radar(truth: Truth, end_ns: int) -> Iterator[Event]:
-    names = ("x", "y", "z", "rcs", "vx", "vy", "vx_comp", "vy_comp")
-    for stamp_ns in _stamps(truth, end_ns, RADAR.period_ns):
-        targets = radar_targets(truth.world, truth.seconds(stamp_ns))
-        points = np.array(
-            [tuple(target[name] for name in names) for target in targets], [(name, "<f4") for name in names]
-        )
-        make = partial(Messages.cloud, stamp_ns=stamp_ns, frame="radar_front", points=points)
-        yield event(stamp_ns + LATENCY_NS, "/radar_front/points", "sensor_msgs/msg/PointCloud2", make)
+def _targets(truth: Truth, stamp_ns: int) -> Make:
+    kind = [(name, "<f4") for name in ("x", "y", "z", "rcs", "vx", "vy", "vx_comp", "vy_comp")]
+    targets = radar_targets(truth.world, truth.seconds(stamp_ns))
+    points = np.array([tuple(target[name] for name, _ in kind) for target in targets], kind)
+    return lambda messages: messages.cloud(stamp_ns, "radar_front", points)
 
 
-def _boxes(truth: Truth, end_ns: int) -> Iterator[Event]:
-    for stamp_ns in _stamps(truth, end_ns, 100 * _MS):
-        make = partial(Messages.detections, stamp_ns=stamp_ns, frame="odom", boxes=truth.boxes(stamp_ns))
-        yield event(stamp_ns + LATENCY_NS, "/annotations", "vision_msgs/msg/Detection3DArray", make)
+def _boxes(truth: Truth, stamp_ns: int) -> Make:
+    boxes = truth.boxes(stamp_ns)
+    return lambda messages: messages.detections(stamp_ns, "odom", boxes)
 
 
 def _camera(truth: Truth, camera: Camera, number: int, end_ns: int) -> Iterator[Event]:
     view = CameraView(truth.world, camera)
-    for stamp_ns in _stamps(truth, end_ns, 100 * _MS, (10 + 5 * number) * _MS):
+    for stamp_ns in range(truth.start_ns + (10 + 5 * number) * _MS, end_ns + 1, 100 * _MS):
         log_time_ns = stamp_ns + CAMERA_LATENCY_NS
         info = partial(Messages.camera_info, stamp_ns=stamp_ns, camera=camera)
         yield event(log_time_ns, f"/{camera.name}/camera_info", "sensor_msgs/msg/CameraInfo", info)

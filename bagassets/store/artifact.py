@@ -4,6 +4,8 @@ import io
 import json
 import os
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,9 +17,20 @@ from bagassets.store.canonical import canonical_json, digest_bytes
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["Artifact", "ArtifactWriter", "FileEntry"]
+__all__ = ["Artifact", "ArtifactWriter", "FileEntry", "writing"]
 
 MANIFEST = "manifest.json"
+
+
+@contextmanager
+def writing(path: Path, what: str = "cannot be written") -> Iterator[None]:
+    """Raise a `StoreError` about a path of the store if what is done inside fails."""
+    try:
+        yield
+    except OSError as err:
+        raise StoreError(
+            f"{path}: {what} ({err.strerror}); free disk space, or make the folder writable."
+        ) from err
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,9 +76,7 @@ class Artifact:
 
     def entries(self) -> list[FileEntry]:
         """Return the files that belong to the artifact."""
-        return [
-            FileEntry(entry["path"], entry["size"], entry["digest"]) for entry in self.manifest()["files"]
-        ]
+        return [FileEntry(**entry) for entry in self.manifest()["files"]]
 
     def summary(self) -> JsonObject:
         """Return what the step reported: counts and other small facts."""
@@ -139,7 +150,7 @@ class ArtifactWriter:
             if relative in self._entries:
                 raise StoreError(f"{relative}: written twice into one artifact; this is a bug of the step.")
             self._entries[relative] = entry
-        try:
+        with writing(path):
             if path.parent not in self._made:
                 path.parent.mkdir(parents=True, exist_ok=True)
                 self._made.add(path.parent)
@@ -148,10 +159,6 @@ class ArtifactWriter:
                 path, "xb", opener=lambda name, flags: os.open(name, flags | os.O_CLOEXEC, 0o444)
             ) as file:
                 file.write(data)
-        except OSError as err:
-            raise StoreError(
-                f"{path}: cannot be written ({err.strerror}); free disk space, or make the folder writable."
-            ) from err
         return entry
 
     def write_json(self, relative: str, value: object, *, indent: int | None = 1) -> FileEntry:
@@ -170,18 +177,10 @@ class ArtifactWriter:
     def finish(self, summary: JsonObject) -> str:
         """Write the manifest and return the digest of the artifact."""
         entries = [self._entries[name] for name in sorted(self._entries)]
-        manifest = canonical_json(
-            {
-                "files": [{"path": e.path, "size": e.size, "digest": e.digest} for e in entries],
-                "summary": summary,
-            }
-        )
-        try:
+        files = [{"path": e.path, "size": e.size, "digest": e.digest} for e in entries]
+        manifest = canonical_json({"files": files, "summary": summary})
+        with writing(self._folder):
             (self._folder / MANIFEST).write_bytes(manifest)
             for name in (self._files, self._folder):
                 name.chmod(0o755)
-        except OSError as err:
-            raise StoreError(
-                f"{self._folder}: cannot be written ({err.strerror}); free disk space, or make the folder writable."
-            ) from err
         return digest_bytes(manifest)

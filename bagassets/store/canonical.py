@@ -66,13 +66,13 @@ class FileHasher:
     def follow(self, position: int, data: bytes = b"") -> None:
         """Hash up to a position; `data` are the bytes before it, if somebody else has read them already."""
         begin = position - len(data)
-        while self.position < begin and self.step(begin - self.position):
+        while self.position < begin and self.read_block(begin - self.position):
             pass
         if self.position == begin:  # else the file ends sooner, or the bytes come late and have been hashed
             self._hasher.update(data)
             self.position = self._file.seek(position)
 
-    def step(self, most: int | None = None) -> int:
+    def read_block(self, most: int | None = None) -> int:
         """Hash the next block, of no more bytes than `most`, and return its size; 0 at the end of the file."""
         read = self._file.readinto(self._buffer[:most]) or 0
         self._hasher.update(self._buffer[:read])
@@ -81,7 +81,7 @@ class FileHasher:
 
     def finish(self, between: Callable[[int], None] | None = None) -> str:
         """Hash the rest, and return the digest of the file; see `digest_file`."""
-        while read := self.step():
+        while read := self.read_block():
             if between is not None:
                 between(read)
         return self._hasher.hexdigest()

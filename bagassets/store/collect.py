@@ -65,7 +65,7 @@ class Collected:
     """The result of a collection.
 
     Attributes:
-        removed: the removed artifacts.
+        removed: the removed artifacts; datasets may still hold some of their files as hard links.
         spared: number of artifacts that a build began to use meanwhile.
         leftovers: number of temporary folders and files of dead processes.
     """
@@ -73,11 +73,6 @@ class Collected:
     removed: list[Garbage] = field(default_factory=list)
     spared: int = 0
     leftovers: int = 0
-
-    @property
-    def size(self) -> int:
-        """Bytes of the removed artifacts; datasets may still hold some of their files as hard links."""
-        return sum(garbage.size for garbage in self.removed)
 
 
 def find_garbage(
@@ -131,9 +126,11 @@ def collect(store: Store, garbage: Collection[Garbage], now_s: float) -> Collect
     for folder in _leftovers(store, now_s):
         shutil.rmtree(folder, ignore_errors=True)
         collected.leftovers += 1
-    for path in _torn_records(store, now_s):
-        path.unlink(missing_ok=True)
-        collected.leftovers += 1
+    for path in (store.root / "actions").glob("*/.*"):  # records that killed processes did not finish
+        with suppress(FileNotFoundError):
+            if now_s - path.stat().st_mtime > _UNRECORDED_S:
+                path.unlink()
+                collected.leftovers += 1
     return collected
 
 
@@ -232,14 +229,6 @@ def _leftovers(store: Store, now_s: float) -> Iterator[Path]:
                 if not _is_alive(int(rest)) and now_s - _newest_s(path) > _DEAD_S:
                     yield path
             elif now_s - _newest_s(path) > _UNRECORDED_S:
-                yield path
-
-
-def _torn_records(store: Store, now_s: float) -> Iterator[Path]:
-    """Yield records that killed processes did not finish."""
-    for path in (store.root / "actions").glob("*/.*"):
-        with suppress(FileNotFoundError):
-            if now_s - path.stat().st_mtime > _UNRECORDED_S:
                 yield path
 
 

@@ -28,7 +28,7 @@ from bagassets.base.atomic import create_atomically, write_atomically
 from bagassets.base.errors import StoreError
 from bagassets.base.json_types import Json, JsonObject
 from bagassets.store.action import Action
-from bagassets.store.artifact import MANIFEST, Artifact, ArtifactWriter
+from bagassets.store.artifact import MANIFEST, Artifact, ArtifactWriter, writing
 from bagassets.store.lease import action_lock
 
 __all__ = ["Outcome", "Pending", "Store"]
@@ -121,12 +121,8 @@ class Store:
     def adopt(self, folder: Path, digest: str) -> Artifact:
         """Move a finished temporary folder to its place; the first one wins."""
         target = self.artifact_folder(digest)
-        try:
+        with writing(target, "the artifact cannot be put in place"):
             self._move_in(folder, target, digest)
-        except OSError as err:
-            raise StoreError(
-                f"{target}: the artifact cannot be put in place ({err.strerror}); free disk space, or make the folder writable."
-            ) from err
         return Artifact(digest, target)
 
     def _move_in(self, folder: Path, target: Path, digest: str) -> None:
@@ -235,15 +231,18 @@ class Store:
         """Record that `action` produced `artifact`; the first writer wins.
 
         Raises:
-            StoreError: the action is recorded with another artifact, so the step is not deterministic.
+            StoreError: the record cannot be written, or the action is recorded with another artifact, so the step is not
+                deterministic.
         """
         path = self._action_file(action.digest)
         content = {"action": action.as_json(), "artifact": artifact.digest, "seconds": round(seconds, 3),
                    "host": socket.gethostname()}  # fmt: skip
-        created = self._create(path, content)
+        with writing(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            created = create_atomically(path, _json(content))
         self._failure_file(action.digest).unlink(missing_ok=True)
         if not created:
-            recorded = _artifact_on_record(path)
+            recorded = _recorded(path, "artifact")
             if recorded == artifact.digest:
                 return
             if recorded is not None and self.has(recorded):
@@ -290,35 +289,12 @@ class Store:
     def _failure_file(self, digest: str) -> Path:
         return Path(f"{self.root}/actions/{digest[:2]}/{digest}.failed.json")
 
-    @staticmethod
-    def _create(path: Path, content: JsonObject) -> bool:
-        """Create `path` atomically; return False if it existed before.
-
-        Raises:
-            StoreError: it cannot be written.
-        """
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            return create_atomically(path, _json(content))
-        except OSError as err:
-            raise StoreError(
-                f"{path}: cannot be written ({err.strerror}); free disk space, or make the folder writable."
-            ) from err
-
 
 def _recorded(path: Path, field: str) -> Json:
     """Return a field of a record; None if there is no such record, or it cannot be read."""
     try:
         return json.loads(path.read_bytes())[field]
     except (OSError, ValueError, KeyError):
-        return None
-
-
-def _artifact_on_record(path: Path) -> str | None:
-    """Return the artifact that a record names; None if there is no record (any more), or half of one."""
-    try:
-        return str(json.loads(path.read_bytes())["artifact"])
-    except (FileNotFoundError, ValueError, KeyError):
         return None
 
 

@@ -52,7 +52,7 @@ _TYPES = {
     "f4": PackedElementField.FLOAT32,
     "f8": PackedElementField.FLOAT64,
 }
-# Red, green, blue; by the first part of a category, then by the whole category.
+# Red, green, blue; dealt to the categories of a scene in their order.
 _COLOURS = (
     (1.0, 0.62, 0.0),
     (0.2, 0.65, 1.0),

@@ -125,7 +125,9 @@ def _digest(path: Path) -> str:
 def _coverage(workers: SimpleQueue[Worker], given: argparse.Namespace) -> Iterator[Covered]:
     folder = given.folder / "coverage"
     folder.mkdir(exist_ok=True)
-    tests = sorted(path for path in (ROOT / "bagassets_tests").glob("test_*.py") if path.name not in LEFT_OUT)
+    tests = sorted(
+        path for path in (ROOT / "bagassets_tests").rglob("test_*.py") if path.name not in LEFT_OUT
+    )
     if given.cover:
         tests = [ROOT / name for name in given.cover]
     if given.measured:

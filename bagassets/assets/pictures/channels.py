@@ -1,21 +1,58 @@
-"""Images and clouds of a recording for pictures: by time, and with the pose of the sensor."""
+"""Images and clouds of a recording for pictures: by time, with the pose of the sensor, and the pixels of points in images."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bagassets.assets.lidar_file import read_lidar_file
 from bagassets.assets.pictures.canvas import Image, read_image, read_reduced
-from bagassets.assets.pictures.lens import View
 from bagassets.geometry.calibration import CameraLens
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.se3 import SE3, Floats
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.store.artifact import Artifact
 
-__all__ = ["CameraImages", "Clouds"]
+__all__ = ["CameraImages", "Clouds", "View"]
+
+NEAREST_M = 0.5
+
+
+@dataclass(frozen=True)
+class View:
+    """A camera at one moment.
+
+    Attributes:
+        camera: model of the image as written.
+        global_SE3_cam: where it was; z points forward, y down.
+    """
+
+    camera: CameraModel
+    global_SE3_cam: SE3
+
+    def project(self, points_global: Floats, scale: float = 1.0) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+        """Project (N, 3) points in the global frame.
+
+        Args:
+            points_global: metres.
+            scale: pixels of the picture per pixel of the image.
+
+        Returns:
+            (N, 2) pixels u, v of the picture; (N,) distance along the optical axis in metres; and a mask (N,)
+            of the points that are in front of the camera and inside the picture.
+        """
+        points_cam = self.global_SE3_cam.inverse().transform_points(points_global)
+        pixels, in_front = self.camera.project(points_cam)
+        depth = points_cam[:, 2]
+        inside = (pixels >= -0.5).all(axis=1)
+        inside &= (pixels[:, 0] < self.camera.width - 0.5) & (pixels[:, 1] < self.camera.height - 0.5)
+        # Far outside its image a lens model may fold back into it, so only points in the cone of visible rays count.
+        limit = 2.0 * max(self.camera.width / self.camera.fx, self.camera.height / self.camera.fy)
+        inside &= np.abs(points_cam[:, :2]).max(axis=1) <= limit * np.maximum(depth, 0.0)
+        # Pixel centres are at integers, before and after scaling.
+        return (pixels + 0.5) * scale - 0.5, depth, in_front & inside & (depth > NEAREST_M)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,22 +142,10 @@ class CameraImages(_Readings):
 
 @dataclass(frozen=True, eq=False)
 class Clouds(_Readings):
-    """The revolutions of one lidar.
-
-    Attributes:
-        read: reads (N, >=3) points of a file, x, y and z in the lidar frame first, metres.
-    """
-
-    read: Callable[[Path], NDArray[np.float32]]
+    """The revolutions of one lidar."""
 
     @classmethod
-    def of(
-        cls,
-        channel: str,
-        artifact: Artifact,
-        ego_SE3_lidar: SE3,
-        read: Callable[[Path], NDArray[np.float32]],
-    ) -> "Clouds":
+    def of(cls, channel: str, artifact: Artifact, ego_SE3_lidar: SE3) -> "Clouds":
         """Return the revolutions in an artifact, of a lidar with these extrinsics."""
         index = artifact.read_table("index.parquet", ["stamp_ns", "file"])
         return cls(
@@ -129,7 +154,6 @@ class Clouds(_Readings):
             index.column("stamp_ns").to_numpy(),
             index.column("file").to_pylist(),
             ego_SE3_lidar.normalised(),
-            read,
         )
 
     def points_global(self, revolution: int, trajectory: Trajectory) -> Floats | None:
@@ -137,5 +161,5 @@ class Clouds(_Readings):
         global_SE3_lidar = self.global_SE3_sensor(revolution, trajectory)
         if global_SE3_lidar is None:
             return None
-        points_lidar = self.read(self.path(revolution))[:, :3]
+        points_lidar = read_lidar_file(self.path(revolution))[:, :3]
         return global_SE3_lidar.transform_points(points_lidar.astype(np.float64))

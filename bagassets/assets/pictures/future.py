@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 
 from bagassets.assets.pictures.canvas import ACCENT, TEXT, Image, scaled_to, text
-from bagassets.assets.pictures.lens import View
+from bagassets.assets.pictures.channels import View
 from bagassets.geometry.se3 import Floats, rotate
 
 __all__ = ["future_trajectory"]

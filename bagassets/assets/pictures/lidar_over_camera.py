@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bagassets.assets.pictures.canvas import TEXT, Image, scaled_to, text, text_width, turbo
-from bagassets.assets.pictures.lens import View
+from bagassets.assets.pictures.channels import View
 from bagassets.geometry.se3 import Floats
 
 __all__ = ["lidar_over_camera"]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import dagster as dg
 
 from bagassets.defs.dagster_private import EngineEventData
-from bagassets.engine.reading import Reading, readings_told
+from bagassets.engine.source import Progress, progress_told
 
 __all__ = ["RunProgress", "note_begun", "note_ended", "readings_noted"]
 
@@ -71,14 +71,14 @@ def note_ended(
 def readings_noted(instance: dg.DagsterInstance, run_id: str, key: str) -> AbstractContextManager[None]:
     """Note in the log of a run now and then how far it has come with reading a large recording, in this block."""
 
-    def note(reading: Reading) -> None:
+    def note(reading: Progress) -> None:
         run = instance.get_run_by_id(run_id)
         if run is not None:
             metadata: dict[str, str | float] = {_RECORDING: key, _STATE: _READING}
             metadata[_SHARE] = round(reading.share, 3)
             _note(instance, run_id, run.job_name, str(reading), metadata)
 
-    return readings_told(note)
+    return progress_told(note)
 
 
 def _note(

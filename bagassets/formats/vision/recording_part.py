@@ -7,7 +7,7 @@ them from the artifacts of `frames`.
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,7 +22,6 @@ from bagassets.base.errors import CalibrationError
 from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.formats.format import FACTS
 from bagassets.formats.json_files import rows_bytes
-from bagassets.formats.vision.metadata import recording_metadata, transforms_json
 from bagassets.formats.vision.sequences import cut_sequences
 from bagassets.formats.vision.settings import Vision
 from bagassets.formats.vision.trajectories import (
@@ -33,16 +32,18 @@ from bagassets.formats.vision.trajectories import (
     trajectory_table,
 )
 from bagassets.geometry.calibration import Mounts
+from bagassets.geometry.sun import sun_elevation_deg
 from bagassets.geometry.tf_tree import TfTree
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.recipe.model import CameraChannel, Recipe, Rig
 from bagassets.recipe.model_base import Clock
 from bagassets.recipe.model_poses import FixedPose, TfSource
+from bagassets.recordings.inventory import Inventory
 from bagassets.recordings.recording import Recording
 from bagassets.store.artifact import Artifact, ArtifactWriter
 from bagassets.store.canonical import digest_json
 
-__all__ = ["FILES", "SEQUENCES", "VISION_SEQUENCES"]
+__all__ = ["FILES", "SEQUENCES", "VISION_SEQUENCES", "recording_metadata", "transforms_json"]
 
 FILES = "files.json"
 # Has the rows of all sequences.
@@ -311,3 +312,53 @@ VISION_SEQUENCES = Asset(
     use=use,
     make=make,
 )
+
+
+def recording_metadata(key: str, rig: str, inventory: Inventory) -> JsonObject:
+    """Return the facts about a recording as a whole.
+
+    It does not change when the recording is re-indexed, re-compressed or converted, so it lacks file size and format.
+
+    Args:
+        key: partition key.
+        rig: name of the rig.
+        inventory: inventory of the recording.
+    """
+    first, last = inventory.gnss or (None, None)
+    # Without daylight the clock of the fix cannot be trusted, and so neither can the sun.
+    elevation = None
+    if first is not None and inventory.daylight is not None:
+        elevation = round(sun_elevation_deg(first.lat, first.lon, first.stamp_ns), 1)
+    return {
+        "name": key,
+        "rig": rig,
+        "start_ns": inventory.start_ns,
+        "end_ns": inventory.end_ns,
+        "duration_s": round(inventory.duration_s, 6),
+        "messages": sum(topic.count for topic in inventory.topics.values()),
+        "topics": {
+            name: {"type": topic.msgtype, "messages": topic.count} for name, topic in inventory.topics.items()
+        },
+        "gnss": None if first is None or last is None else {"first": as_json(first), "last": as_json(last)},
+        "daylight": inventory.daylight,
+        "sun_elevation_deg": elevation,
+    }
+
+
+def transforms_json(mounts: Mounts, cameras: Mapping[str, JsonMapping]) -> JsonObject:
+    """Return the content of `transforms.json`: extrinsics of all sensors, and intrinsics of the images as written.
+
+    Args:
+        mounts: extrinsics of the sensors.
+        cameras: channel -> content of `channel.json` of its images.
+    """
+    return {
+        "ego_frame": mounts.ego_frame,
+        "sensors": {
+            name: {
+                **as_json(mount),
+                **({"intrinsics": cameras[name]["camera_intrinsic"]} if name in cameras else {}),
+            }
+            for name, mount in sorted(mounts.channels.items())
+        },
+    }

@@ -151,9 +151,8 @@ def _lookup_function() -> Ir:
     def mixed(above: Ir, below: Ir, rests: tuple[Ir, Ir], shares: tuple[Ir, Ir]) -> Ir:
         """Return two channels of each pixel, of those of its left and right neighbours."""
         (rest_x, rest_y), (share_x, share_y) = rests, shares
-        columns = b.add(
-            b.mul(above, rest_y), b.mul(below, share_y)
-        )  # both of the left one, both of the right one
+        # Both of the left one, both of the right one.
+        columns = b.add(b.mul(above, rest_y), b.mul(below, share_y))
         beside = lanes_of(columns, [4 * pixel + lane for pixel in range(_LANES) for lane in (0, 2, 1, 3)])
         pairs = in_lanes_of(beside, 32)
         # They are less than 2^13, but the compiler has to be told, to multiply in 16 bits.

@@ -61,7 +61,7 @@ class MachineCode:
 
 
 def compile_all() -> Iterator[None]:
-    """Compile what is imported, one function a step: a process that is then forked has it for its children."""
+    """Compile what is imported, one function at a time: a process that is then forked has it for its children."""
     for code in _ALL:
         code.function()
         yield

@@ -3,7 +3,6 @@
 import re
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bagassets.geometry.kernels.machine_code import Ir, MachineCode, begin_function, counting, everywhere
 
@@ -33,28 +32,18 @@ def markers_from(data: memoryview, at: int) -> list[int]:
 
 def _in_window(window: memoryview) -> tuple[list[int], int]:
     """Return where 0xff stands before anything but zero, and how many bytes were looked at."""
-    function = _FIND.function()
-    values = np.frombuffer(window, np.uint8)
-    if function is None:
-        return _twin(values), len(window) - 1
-    groups = (len(window) - 1) // _LANES
-    found = np.empty(_MOST + 1, np.int64)
-    found[0] = 0
-    function(values.ctypes.data, found.ctypes.data, groups)
-    number = int(found[0])
-    places: list[int] = found[1 : 1 + number].tolist()
-    if number == _MOST:
-        return places, places[-1] + 1
-    rest = groups * _LANES
+    function, rest = _FIND.function(), 0
+    places: list[int] = []
+    if function is not None:
+        groups = (len(window) - 1) // _LANES
+        found = np.zeros(_MOST + 1, np.int64)
+        function(np.frombuffer(window, np.uint8).ctypes.data, found.ctypes.data, groups)
+        places = found[1 : 1 + int(found[0])].tolist()
+        if len(places) == _MOST:
+            return places, places[-1] + 1
+        rest = groups * _LANES
+    # What is left, or all of it where there is no machine code.
     return [*places, *(rest + match.start() for match in _MARKER.finditer(window[rest:]))], len(window) - 1
-
-
-def _twin(values: NDArray[np.uint8]) -> list[int]:
-    """Return the same places, without machine code."""
-    found = np.equal(values[:-1], 0xFF).view(np.uint8)
-    np.minimum(found, values[1:], out=found)
-    places: list[int] = found.nonzero()[0].tolist() if found.any() else []
-    return places
 
 
 def _find_function() -> Ir:

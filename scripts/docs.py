@@ -1,0 +1,77 @@
+"""Write anew what pages and pictures show of the code: `make docs`, after an asset, a format, a check or a field has changed.
+
+These are the references of recipe and assets, the graph and the table of inputs, the table of checks, the picture of the
+architecture, and figures of `benchmarks/results/`. Tests compare each with the code.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from bagassets.cli.docs import asset_reference
+from bagassets.formats.catalogue import formats, known_assets
+from bagassets.formats.checking import render_checks
+from bagassets.recipe.reference import render_reference
+from benchmarks.pages import pages, with_figures
+from scripts.architecture import PICTURES, THEMES, draw, edges
+from scripts.input_table import input_table
+
+__all__ = ["generated", "graph", "write"]
+
+ROOT = Path(__file__).resolve().parents[1]
+DOCS = ROOT / "docs"
+# What an asset does not always read: (source, target) -> when it does.
+SOMETIMES = {("ego_poses", "sweeps"): "if deskewed or compensated"}
+
+
+def graph() -> str:
+    """Return the graph of assets and datasets, for Mermaid."""
+    lines = ["flowchart LR", "  bag([bag]) --> inventory"]
+    for asset in known_assets():
+        sources = [source for source, target in edges() if target == asset.name]
+        always = [source for source in sources if (source, asset.name) not in SOMETIMES]
+        lines += [f"  {' & '.join(always)} --> {asset.name}"] if always else []
+        lines += [
+            f"  {one} -. {SOMETIMES[one, asset.name]} .-> {asset.name}"
+            for one in sources
+            if one not in always
+        ]
+    lines += [
+        f"  {' & '.join(kind.part for kind in formats())} --> dataset_inputs([dataset_inputs])",
+        f"  dataset_inputs --> {' & '.join(f'{kind.name}_dataset' for kind in formats())}",
+        "  ego_poses --> trajectory_map",
+    ]
+    return "\n".join(lines)
+
+
+# What stands between two comments, `<!-- name -->` and `<!-- end of name -->`.
+PARTS: dict[str, Callable[[], str]] = {
+    "checks": lambda: f"\n{render_checks()}\n",
+    "graph": lambda: f"\n```mermaid\n{graph()}\n```\n\n",
+    "inputs": lambda: f"{input_table()}\n",
+}
+
+
+def generated() -> dict[Path, str]:
+    """Return each file that is generated, or has parts that are, with what it should hold."""
+    texts = {page: page.read_text("utf-8") for page in pages()}
+    texts[DOCS / "recipe.md"] = render_reference()
+    texts[DOCS / "assets.md"] = asset_reference()
+    for page, text in texts.items():
+        for name, part in PARTS.items():
+            before, begin, rest = text.partition(f"<!-- {name} -->\n")
+            _, end, after = rest.partition(f"<!-- end of {name} -->")
+            text = before + begin + part() + end + after if end else text  # noqa: PLW2901  (part by part)
+        texts[page] = with_figures(text)
+    return texts | {PICTURES / f"architecture{theme.suffix}.svg": draw(theme) for theme in THEMES}
+
+
+def write() -> None:
+    """Write the files that differ, and say which."""
+    for path, text in generated().items():
+        if not path.exists() or path.read_text("utf-8") != text:
+            path.write_text(text, "utf-8")
+            print(f"{path.relative_to(ROOT)}: written anew")
+
+
+if __name__ == "__main__":
+    write()
