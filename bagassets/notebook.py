@@ -212,7 +212,7 @@ def _temporary(recipe: Recipe) -> Iterator[tuple[Path, Path]]:
 
     The store is on the file system of the dataset, whose files are links into it.
     """
-    output = recipe.nuscenes.output
+    output = recipe.output
     try:
         output.parent.mkdir(parents=True, exist_ok=True)
         store = Path(tempfile.mkdtemp(prefix=f".{output.name[:100]}.", dir=output.parent))

@@ -15,10 +15,11 @@ from bagassets.assets.boxes.table import BoxTable
 from bagassets.assets.lidar_file import lidar_bytes
 from bagassets.assets.radar_file import radar_bytes
 from bagassets.engine.run_action import run_action
+from bagassets.formats.nuscenes.settings import AttributesByMotion
 from bagassets.formats.nuscenes.tables import NUSCENES_TABLES
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
-from bagassets.recipe.model import AttributesByMotion, Recipe, Rig, Scenes
+from bagassets.recipe.model import Recipe, Rig, Scenes
 from bagassets.store.action import Step
 from bagassets.store.canonical import digest_bytes
 from bagassets.store.store import Store

@@ -9,8 +9,8 @@ from handmade import Drive, make_tables, true_boxes
 from bagassets.assets.boxes.motion import MotionRule, motion_attributes
 from bagassets.assets.boxes.table import BoxTable
 from bagassets.assets.boxes.tracks import Track
+from bagassets.formats.nuscenes.settings import AttributesByMotion
 from bagassets.formats.nuscenes.tokens import attribute_token
-from bagassets.recipe.model import AttributesByMotion
 from bagassets.store.store import Store
 
 S = 1_000_000_000

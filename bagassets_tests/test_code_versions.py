@@ -15,6 +15,7 @@ ASSETS = (
 RECIPE = """
 name: test
 bags: {root: bags}
+nuscenes: {}
 vision: {frames: 4}
 rigs:
   - name: car

@@ -19,9 +19,9 @@ from bagassets.formats.format import Part
 from bagassets.formats.nuscenes.dataset_rows import file_sizes
 from bagassets.formats.nuscenes.format import NUSCENES
 from bagassets.formats.nuscenes.schema import TABLES
+from bagassets.formats.nuscenes.settings import NuScenes
 from bagassets.formats.nuscenes.table_file import read_table
 from bagassets.formats.nuscenes.table_integrity import check_files
-from bagassets.recipe.model import NuScenes
 from bagassets.recipe.model_splits import Splits
 from bagassets.store.store import Store
 from bagassets_tests.nuscenes_checks import check_dataset, check_tables

@@ -16,9 +16,9 @@ from bagassets.formats.assembly import assemble
 from bagassets.formats.format import Part
 from bagassets.formats.nuscenes.dataset_checks import CHECKS, check
 from bagassets.formats.nuscenes.format import NUSCENES
+from bagassets.formats.nuscenes.settings import NuScenes
 from bagassets.geometry.se3 import rotate
 from bagassets.recipe import load_recipe
-from bagassets.recipe.model import NuScenes
 from bagassets.recordings.discover import find_one
 from bagassets.recordings.open import open_recording
 from bagassets.sample.cast import cast

@@ -12,7 +12,7 @@ from handmade import IMAGE, SIZES, T0, Drive, S, make_tables, object_pose
 from bagassets.formats.assembly import assemble
 from bagassets.formats.format import Part
 from bagassets.formats.nuscenes.format import NUSCENES
-from bagassets.recipe.model import NuScenes
+from bagassets.formats.nuscenes.settings import NuScenes
 from bagassets.recipe.model_splits import Splits
 from bagassets.store.store import Store
 

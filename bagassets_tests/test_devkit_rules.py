@@ -11,7 +11,7 @@ from bagassets.formats.format import Part
 from bagassets.formats.nuscenes.dataset_rows import DatasetRows, read_dataset
 from bagassets.formats.nuscenes.devkit_rules import devkit_ready
 from bagassets.formats.nuscenes.format import NUSCENES
-from bagassets.recipe.model import NuScenes
+from bagassets.formats.nuscenes.settings import NuScenes
 from bagassets.store.store import Store
 
 VERSION = "v1.0-test"

@@ -12,8 +12,9 @@ from bagassets.engine import disk_space
 from bagassets.engine.build_report import Event
 from bagassets.engine.disk_space import SpaceNeeded, folders_written, require_disk_space, space_needed
 from bagassets.engine.plan import AssetState, BagPlan, Plan
+from bagassets.recipe import parse_recipe
 from bagassets.store.store import Store
-from bagassets_tests.in_process import build, make_project, survey
+from bagassets_tests.in_process import QUICK, build, make_project, survey
 from bagassets_tests.recording_build import ASSETS
 from bagassets_tests.small_drive import write_drive
 
@@ -72,13 +73,17 @@ def test_much_too_little_is_refused_with_what_to_do(tmp_path, monkeypatch):
 
 
 def test_a_dataset_on_another_disk_needs_space_of_its_own(tmp_path, monkeypatch):
-    assert folders_written(tmp_path / "store", tmp_path / "out") == {"store": tmp_path / "store"}
-    devices = {tmp_path / "store": 1, tmp_path / "out": 2}
+    text = QUICK.format(name="test", root="bags") + "vision: {output: sequences}\n"
+    recipe = parse_recipe(text, tmp_path / "recipe.yaml")
+    assert folders_written(tmp_path / "store", recipe) == {"store": tmp_path / "store"}
+    devices = {tmp_path / "store": 1, tmp_path / "dataset" / "nuscenes": 1, tmp_path / "sequences": 2}
     monkeypatch.setattr(disk_space, "_device", devices.__getitem__)
-    assert folders_written(tmp_path / "store", tmp_path / "out") == {
+    assert folders_written(tmp_path / "store", recipe) == {
         "store": tmp_path / "store",
-        "nuscenes.output": tmp_path / "out",
+        "vision.output": tmp_path / "sequences",
     }
+    devices[tmp_path / "dataset" / "nuscenes"] = 2
+    assert list(folders_written(tmp_path / "store", recipe)) == ["store", "nuscenes.output", "vision.output"]
 
 
 def test_a_build_measures_what_is_built_and_says_so(tmp_path, monkeypatch, capsys):
@@ -104,7 +109,7 @@ def test_a_build_measures_what_is_built_and_says_so(tmp_path, monkeypatch, capsy
         assert runs
         assert report.succeeded
         # With nothing to do, nothing is looked at.
-        full.setattr("bagassets.defs.builds.project_build.space_needed", None)
+        full.setattr("bagassets.defs.builds.loop.space_needed", None)
         assert build(recipe, full)[1] == []
 
 

@@ -50,11 +50,12 @@ from bagassets.decode.model import ImageReading
 from bagassets.formats.assembly import assemble
 from bagassets.formats.format import Part
 from bagassets.formats.nuscenes.format import NUSCENES
+from bagassets.formats.nuscenes.settings import NuScenes
 from bagassets.formats.nuscenes.tables import NUSCENES_TABLES
 from bagassets.geometry.calibration import Calibration
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
-from bagassets.recipe.model import NuScenes, Rig
+from bagassets.recipe.model import Rig
 from bagassets.recordings.model import RawMessage
 from bagassets.store.artifact import ArtifactWriter
 from bagassets.store.store import Store

@@ -21,8 +21,9 @@ from bagassets.formats.nuscenes.dataset_rows import read_dataset, repeated_token
 from bagassets.formats.nuscenes.devkit_rules import devkit_ready
 from bagassets.formats.nuscenes.format import NUSCENES
 from bagassets.formats.nuscenes.schema import TABLES
+from bagassets.formats.nuscenes.settings import NuScenes
 from bagassets.formats.nuscenes.table_file import read_table
-from bagassets.recipe.model import NuScenes, Recipe
+from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_checks import Checks
 from bagassets.store.store import Store
 from bagassets_tests.nuscenes_checks import check_tables

@@ -18,9 +18,9 @@ from bagassets.base.errors import DatasetError
 from bagassets.formats.assembly import assemble
 from bagassets.formats.format import Part
 from bagassets.formats.nuscenes.format import NUSCENES
+from bagassets.formats.nuscenes.settings import NuScenes
 from bagassets.formats.vision.format import VISION
 from bagassets.recipe import load_recipe
-from bagassets.recipe.model import NuScenes
 from bagassets.sample.drive import Target, write_recordings
 from bagassets.sample.recipe import sample_recipe
 from bagassets.store.store import Store

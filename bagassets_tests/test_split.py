@@ -14,7 +14,7 @@ from bagassets.formats.dataset_lock import read_lock
 from bagassets.formats.format import Part
 from bagassets.formats.nuscenes.format import NUSCENES
 from bagassets.formats.nuscenes.schema import DEVKIT_SPLITS, devkit_split_name
-from bagassets.recipe.model import NuScenes
+from bagassets.formats.nuscenes.settings import NuScenes
 from bagassets.recipe.model_splits import Splits
 from bagassets.store.store import Store
 

@@ -18,10 +18,10 @@ from bagassets.formats.dataset_lock import read_lock
 from bagassets.formats.format import Part
 from bagassets.formats.vision.format import VISION
 from bagassets.formats.vision.sequences import cut_sequences
+from bagassets.formats.vision.settings import Vision
 from bagassets.formats.vision.trajectories import geodetic_columns, relative_poses, roll_pitch_yaw
 from bagassets.geometry.se3 import SE3
 from bagassets.recipe import load_recipe
-from bagassets.recipe.model_datasets import Vision
 from bagassets.recipe.model_splits import Splits
 from bagassets.recordings.discover import find_one
 from bagassets.recordings.open import open_recording

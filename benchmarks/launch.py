@@ -21,6 +21,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from bagassets.forkserver.client import Client
+from bagassets.formats.dataset_build import datasets_of
 from bagassets.propose.project import write_project
 from bagassets.recipe import load_recipe
 from bagassets.sample.drive import Target, write_recordings
@@ -168,7 +169,7 @@ def _ended(url: str, run: str) -> dict[str, Any] | None:
 def _upload(project: Path, recordings: Path, path: Path) -> float:
     """Move a recording into the folder; return seconds until the dataset on disk has it."""
     recipe = load_recipe(project / "recipe.yaml")
-    lock = recipe.nuscenes.output / recipe.nuscenes.version / "dataset.lock.json"
+    lock = datasets_of(recipe)["nuscenes_dataset"].folder / "dataset.lock.json"
     start = time.time()
     path.rename(recordings / path.name)
     wait_until(lambda: path.name in lock.read_text("utf-8"), f"{path.name} is in the dataset", pause_s=0.02)

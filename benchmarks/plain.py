@@ -85,6 +85,7 @@ def convert_plainly(recipe_file: Path, bags: Path, out: Path) -> None:
     from bagassets.formats.catalogue import recording_assets
     from bagassets.formats.format import Part
     from bagassets.formats.nuscenes.format import NUSCENES
+    from bagassets.formats.nuscenes.settings import NuScenes
     from bagassets.recordings.digest import recording_stat
     from bagassets.recordings.discover import discover
 
@@ -101,7 +102,7 @@ def convert_plainly(recipe_file: Path, bags: Path, out: Path) -> None:
             graph = Graph(assets, store, recording, key, recording_stat(recording), wanted=wanted)
             made = {result.asset: result for result in execute(graph) if not isinstance(result, Skipped)}
             parts.append(Part(key, key, made["nuscenes_tables"].artifact.digest))
-        assemble(NUSCENES, parts, recipe.nuscenes, store, out, splits=recipe.splits)
+        assemble(NUSCENES, parts, recipe.settings(NuScenes) or NuScenes(), store, out, splits=recipe.splits)
 
 
 if __name__ == "__main__":

@@ -35,7 +35,7 @@ from bagassets.engine.plan import AssetState, BagPlan
 from bagassets.engine.planner import Planner
 from bagassets.formats.after_crash import noted_build
 from bagassets.formats.catalogue import recording_assets
-from bagassets.formats.dataset_build import dataset_code_versions, dataset_folders
+from bagassets.formats.dataset_build import dataset_code_versions, dataset_folders, datasets_of
 from bagassets.formats.dataset_lock import LOCK
 from bagassets.propose.project import write_project
 from bagassets.recipe.model import Recipe
@@ -45,6 +45,7 @@ from benchmarks.common import machine, markdown
 RECIPE = """
 name: many
 bags: {root: bags}
+nuscenes: {}
 vision: {}
 preview: {trajectory_map: false}
 checks: {enabled: false}
@@ -179,12 +180,13 @@ def datasets(instance: dg.DagsterInstance, workspace: Workspace) -> None:
     inputs = plan_instance(instance, workspace).inputs
     if len(inputs.parts["nuscenes"]) != len(workspace.discover().recordings):
         sys.exit("the benchmark is out of date: the plan does not take its recordings for fresh")
-    for name in ("samples", "sweeps", "maps", recipe.nuscenes.version):
-        (recipe.nuscenes.output / name).mkdir(parents=True)
+    folder = datasets_of(recipe)["nuscenes_dataset"].folder
+    for name in ("samples", "sweeps", "maps", folder.name):
+        folder.with_name(name).mkdir(parents=True)
     publish(
         recipe,
         "nuscenes_dataset",
-        f"{recipe.nuscenes.version}/{LOCK}",
+        f"{folder.name}/{LOCK}",
         '{"format": 1, "nuscenes": {}, "bags": [], "duplicates": {}, "tables": {}, "shares": {}}',
     )
     publish(

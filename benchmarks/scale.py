@@ -21,6 +21,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from bagassets.forkserver.client import Client
+from bagassets.formats.dataset_build import datasets_of
 from bagassets.propose.project import write_project
 from bagassets.recipe import load_recipe
 from bagassets_tests import small_drive
@@ -92,8 +93,8 @@ def measure(folder: Path, number: int, times: int) -> dict[str, float]:
     built = run_watched(command("build"), cwd=folder)
     if built.code:
         raise SystemExit(f"the build of {number} recordings ended with status {built.code}")
-    nuscenes = load_recipe(recipe_file).nuscenes
-    scenes = json.loads((nuscenes.output / nuscenes.version / "scene.json").read_text())
+    dataset = datasets_of(load_recipe(recipe_file))["nuscenes_dataset"].folder
+    scenes = json.loads((dataset / "scene.json").read_text())
     if len(scenes) != number:
         raise SystemExit(f"{number} recordings became {len(scenes)} scenes; each must have one")
     costs["first build, s"] = built.seconds

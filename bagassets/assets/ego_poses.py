@@ -71,8 +71,17 @@ class MovingRigParams:
     urdf: Path | None
 
 
-def params(recipe: Recipe, rig: Rig) -> FixedPose | MovingRigParams:
+@dataclass(frozen=True)
+class Unposed:
+    """Parameters of `ego_poses` for a rig that the recipe gives no source of poses: its trajectory is empty."""
+
+    source: None = None
+
+
+def params(recipe: Recipe, rig: Rig) -> FixedPose | Unposed | MovingRigParams:
     """Return the parameters of a rig; for a stationary one, that is its pose and nothing else."""
+    if rig.ego_pose is None:
+        return Unposed()
     if isinstance(rig.ego_pose, FixedPose):
         return rig.ego_pose
     return MovingRigParams(
@@ -86,7 +95,9 @@ def params(recipe: Recipe, rig: Rig) -> FixedPose | MovingRigParams:
     )
 
 
-def use(params: FixedPose | MovingRigParams, facts: Facts) -> dict[str, Use[FixedPose | MovingRig]]:
+def use(
+    params: FixedPose | Unposed | MovingRigParams, facts: Facts
+) -> dict[str, Use[FixedPose | Unposed | MovingRig]]:
     """Return what the poses of a recording depend on.
 
     Raises:
@@ -94,7 +105,7 @@ def use(params: FixedPose | MovingRigParams, facts: Facts) -> dict[str, Use[Fixe
         CalibrationError: the URDF cannot be used.
         PluginError: several decoder plug-ins claim the type of the topic.
     """
-    if isinstance(params, FixedPose):
+    if isinstance(params, FixedPose | Unposed):
         return {"": Use(params)}
     source, inventory = params.source, facts.inventory
     joints: tuple[Joint, ...] = ()
@@ -131,13 +142,18 @@ def _require(topic: str, inventory: Inventory) -> None:
     )
 
 
-def make_ego_poses(use: FixedPose | MovingRig, recording: Recording, out: ArtifactWriter) -> Summary:
-    """Write the trajectory and return the summary.
+def make_ego_poses(
+    use: FixedPose | Unposed | MovingRig, recording: Recording, out: ArtifactWriter
+) -> Summary:
+    """Write the trajectory, which is empty without a source of poses, and return the summary.
 
     Raises:
         PoseError: there is no usable pose.
         LossLimitError: more messages were lost than the recipe allows.
     """
+    if isinstance(use, Unposed):
+        nowhere = PoseSamples(global_frame="global")
+        return _write(use, nowhere, np.zeros(0, dtype=np.int64), np.zeros((0, len(_NUMBERS))), out)
     if isinstance(use, FixedPose):
         pose = SE3.create(use.pose.rotation, use.pose.translation)
         samples = PoseSamples([0], [pose], global_frame="global")
@@ -174,14 +190,14 @@ def make_ego_poses(use: FixedPose | MovingRig, recording: Recording, out: Artifa
 
 
 def _write(
-    source: FixedPose | MovingPoseSource,
+    source: FixedPose | Unposed | MovingPoseSource,
     samples: PoseSamples,
     stamps_ns: Stamps,
     rows: Floats,
     out: ArtifactWriter,
 ) -> Summary:
     """Write (N,) stamps and (N, 7) poses, and facts about them; return the summary."""
-    origin = samples.origin or _recentre(rows)
+    origin = samples.origin or (_recentre(rows) if len(rows) else None)
     columns = [pa.array(stamps_ns), *map(pa.array, rows.T)]
     out.write_table("ego_poses.parquet", pa.table(columns, schema=POSE_SCHEMA))
     steps = np.diff(rows[:, :3], axis=0)
@@ -194,7 +210,7 @@ def _write(
         "helpers": {topic: helper.as_json() for topic, helper in sorted(samples.helpers.items())},
     }
     max_gap_s, extrapolate_s = (
-        (0.0, 0.0) if isinstance(source, FixedPose) else (source.max_gap_s, source.extrapolate_s)
+        (0.0, 0.0) if isinstance(source, FixedPose | Unposed) else (source.max_gap_s, source.extrapolate_s)
     )
     out.write_json(
         "ego_poses.json",
@@ -276,7 +292,7 @@ def _recentre(rows: Floats) -> JsonObject | None:
     return {"kind": "local", "x": origin[0], "y": origin[1], "z": origin[2]}
 
 
-def _make(use: Use[FixedPose | MovingRig], inputs: Inputs, out: ArtifactWriter) -> Summary:
+def _make(use: Use[FixedPose | Unposed | MovingRig], inputs: Inputs, out: ArtifactWriter) -> Summary:
     with inputs.messages(use.topics) as recording:
         return make_ego_poses(use.params, recording, out)
 

@@ -8,6 +8,8 @@ import click
 
 __all__ = ["demo"]
 
+_VERSION = "v1.0-demo"
+
 
 @click.command(
     epilog="""\b
@@ -37,6 +39,7 @@ def demo(ctx: click.Context, folder: Path, seconds: float) -> None:
     from bagassets.base.quantities import count_text, readable_time
     from bagassets.cli.build import build
     from bagassets.cli.terminal import echo
+    from bagassets.formats.nuscenes.settings import NuScenes
     from bagassets.propose.project import FILES, write_project
     from bagassets.recipe import load_recipe
     from bagassets.sample.demo import missing_drives, write_drives
@@ -44,7 +47,8 @@ def demo(ctx: click.Context, folder: Path, seconds: float) -> None:
 
     folder = folder.absolute()
     recipe = folder / "recipe.yaml"
-    if recipe.exists() and load_recipe(recipe).nuscenes.version != "v1.0-demo":
+    made_before = load_recipe(recipe).settings(NuScenes) if recipe.exists() else NuScenes(version=_VERSION)
+    if made_before is None or made_before.version != _VERSION:
         raise click.UsageError(f"{folder} holds another project; choose another folder for the demo.")
     recordings = folder / "recordings"
     missing = missing_drives(recordings)
@@ -62,7 +66,7 @@ def demo(ctx: click.Context, folder: Path, seconds: float) -> None:
                         f"wrote    {number}/{len(missing)} {name} ({readable_time(time.monotonic() - began)})"
                     )
     if not recipe.exists():
-        write_project(folder, sample_recipe(name="demo", version="v1.0-demo"))
+        write_project(folder, sample_recipe(name="demo", version=_VERSION))
     elif not all((folder / name).exists() for name in FILES):
         write_project(folder, None, load_recipe(recipe).state)
     ctx.invoke(build, recipe=recipe)

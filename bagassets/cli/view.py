@@ -83,12 +83,19 @@ def view(
 
 
 def _place(recipe: "Recipe", dataset: str | None) -> tuple[Path, str]:
-    """Return dataroot and version of the whole dataset, or of a named one."""
+    """Return dataroot and version of the whole nuScenes dataset, or of a named one."""
+    from bagassets.formats.dataset_build import datasets_of
+    from bagassets.formats.nuscenes.settings import NuScenes
+
+    for one in datasets_of(recipe).values():
+        name = None if one.selection is None else one.selection.name
+        if name == dataset and isinstance(one.settings, NuScenes):
+            return one.settings.output, one.settings.version
     if dataset is None:
-        return recipe.nuscenes.output, recipe.nuscenes.version
-    for named in recipe.datasets:
-        if named.name == dataset and named.output is not None:
-            return named.output, named.version or recipe.nuscenes.version
+        raise click.UsageError(
+            "the recipe has no section `nuscenes`, and only scenes of such a dataset can be shown; add one, or name a dataset with "
+            "--dataroot and --version."
+        )
     known = ", ".join(named.name for named in recipe.datasets) or "none"
     raise click.UsageError(f"the recipe has no dataset {dataset}; its datasets: {known}.")
 

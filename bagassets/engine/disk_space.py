@@ -10,6 +10,8 @@ from bagassets.base.errors import StoreError
 from bagassets.base.quantities import count_text, readable_bytes
 from bagassets.engine.plan import BagPlan, Plan
 from bagassets.engine.recording_assets import RecordingAssets
+from bagassets.recipe.format_settings import section_at
+from bagassets.recipe.model import Recipe
 from bagassets.store.store import Store
 from bagassets.store.writable import nearest_existing
 
@@ -100,12 +102,14 @@ def require_disk_space(needed: SpaceNeeded, folders: Mapping[str, Path], *, igno
     return f"{needed}; {', '.join(texts)}"
 
 
-def folders_written(store: Path, output: Path) -> dict[str, Path]:
-    """Return field of the recipe -> folder: the dataset takes space of its own where it cannot link to the store."""
-    folders = {"store": store}
-    if _device(store) != _device(output):
-        folders["nuscenes.output"] = output
-    return folders
+def folders_written(store: Path, recipe: Recipe) -> dict[str, Path]:
+    """Return field of the recipe -> folder: a dataset takes space of its own where it cannot link to the store."""
+    outputs = {
+        ".".join((*section_at(name), "output")): section.output
+        for name, section in recipe.dataset_settings.items()
+    }
+    apart = {field: folder for field, folder in outputs.items() if _device(folder) != _device(store)}
+    return {"store": store, **apart}
 
 
 def _extracts(bag: BagPlan, large: Collection[str]) -> bool:

@@ -5,8 +5,9 @@ everything else works as usual.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cache
+from importlib import import_module
 
 from bagassets.assets.annotations import ANNOTATIONS
 from bagassets.assets.asset import AnyAsset
@@ -18,31 +19,30 @@ from bagassets.assets.preview import PREVIEW
 from bagassets.assets.sweeps import SWEEPS
 from bagassets.base.errors import DatasetError, PluginError
 from bagassets.base.plugins import ASSETS, FORMATS, Extension, installed_extensions
+from bagassets.engine.build_report import SummaryRow
 from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.formats import trajectory_map
 from bagassets.formats.dataset_lock import DatasetLock
 from bagassets.formats.foreign import Enabled, checked_asset, checked_format
 from bagassets.formats.format import AnyFormat
-from bagassets.formats.nuscenes.format import NUSCENES
-from bagassets.formats.vision.format import VISION
+from bagassets.recipe.format_settings import OUR_FORMATS
 from bagassets.recipe.model import Recipe
 
 __all__ = [
-    "MAIN",
     "Catalogue",
     "catalogue",
     "format_of",
     "formats",
+    "formats_of",
     "installed_format",
     "known_assets",
     "problems_of",
     "recording_assets",
 ]
 
-MAIN = NUSCENES
-"""The format of the dataset that every recipe has; reports count its recordings, and all datasets share its splits."""
-
-OURS: tuple[AnyFormat, ...] = (NUSCENES, VISION)
+OURS: tuple[AnyFormat, ...] = tuple(
+    getattr(import_module(f"bagassets.formats.{name}.format"), name.upper()) for name in OUR_FORMATS
+)
 OUR_ASSETS: tuple[AnyAsset, ...] = (
     INVENTORY,
     CALIBRATION,
@@ -63,7 +63,7 @@ class Catalogue:
     """The formats and assets in this Python environment.
 
     Attributes:
-        formats: all formats, the main one first.
+        formats: all formats, those of bagassets first.
         assets: assets of recordings that packages add, by name, each after those it reads.
         problems: a sentence about each format or asset that cannot be used.
     """
@@ -86,6 +86,10 @@ def catalogue() -> Catalogue:
         checked = checked_asset(asset, extension, taken)
         if checked.name in assets:
             raise extension.problem(f"{assets[checked.name].distribution} has an asset {checked.name}, too")
+        counted = {name for one in (*OUR_ASSETS, *assets.values()) for name in one.face.counts}
+        counted |= {field.name for field in fields(SummaryRow)}
+        if clash := sorted(counted & checked.face.counts.keys()):
+            raise extension.problem(f"its asset {checked.name} counts {clash[0]}, a name that is taken")
         assets[checked.name] = checked
 
     for extension in _single(ASSETS, problems):
@@ -142,8 +146,13 @@ def recording_assets(recipe: Recipe) -> RecordingAssets:
 
 
 def formats() -> tuple[AnyFormat, ...]:
-    """Return all formats, the main one first."""
+    """Return all formats, those of bagassets first."""
     return catalogue().formats
+
+
+def formats_of(recipe: Recipe) -> tuple[AnyFormat, ...]:
+    """Return the formats of the whole datasets of a recipe, in order; reports count the recordings of the first."""
+    return tuple(kind for kind in formats() if kind.name in recipe.dataset_settings)
 
 
 def installed_format(name: str) -> AnyFormat | None:

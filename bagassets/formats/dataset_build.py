@@ -1,6 +1,6 @@
 """The datasets of a recipe: which recordings enter them, and building them."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from collections.abc import Set as AbstractSet
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -15,9 +15,10 @@ from bagassets.engine.plan import BagPlan, Plan
 from bagassets.engine.splits import Ties, deal
 from bagassets.formats import trajectory_map
 from bagassets.formats.assembly import DatasetSummary, assemble, without_copies
-from bagassets.formats.catalogue import MAIN, formats
+from bagassets.formats.catalogue import formats, formats_of
 from bagassets.formats.dataset_lock import DatasetLock, read_lock
 from bagassets.formats.format import FACTS, AnyFormat, Part, Selection
+from bagassets.recipe.format_settings import DEFAULT_FORMAT
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_base import DatasetSettings
 from bagassets.recipe.model_datasets import NamedDataset
@@ -36,9 +37,10 @@ __all__ = [
     "dataset_folders",
     "datasets_of",
     "deal_contents",
+    "first_lock",
     "is_on_disk",
+    "left_behind",
     "made_from",
-    "main_lock",
     "recordings_without_scenes",
     "select_inputs",
     "split_on_disk",
@@ -69,13 +71,18 @@ class Dataset:
         return f"The scenes that the recipe selects for dataset {self.selection.name}: links and tables only, nothing is decoded again."
 
     @property
+    def folder(self) -> Path:
+        """The folder that is swapped as a whole."""
+        return self.settings.output / self.kind.folder(self.settings)
+
+    @property
     def lock(self) -> DatasetLock | None:
         """The lock of the dataset on disk; None before the first build.
 
         Raises:
             DatasetError: it cannot be read.
         """
-        return read_lock(self.settings.output / self.kind.folder(self.settings))
+        return read_lock(self.folder)
 
     def code_version(self, splits: Splits) -> str:
         """Return `<version>-<digest of the recipe fields>`."""
@@ -90,13 +97,12 @@ class Dataset:
 
 def datasets_of(recipe: Recipe) -> dict[str, Dataset]:
     """Return asset -> dataset: first one per format, then the named ones."""
-    found = {}
-    for kind in formats():
-        if kind.name in recipe.dataset_settings:
-            found[kind.asset] = Dataset(kind.asset, kind, recipe.dataset_settings[kind.name])
+    sections = recipe.dataset_settings
+    found = {kind.asset: Dataset(kind.asset, kind, sections[kind.name]) for kind in formats_of(recipe)}
     for named in recipe.datasets:
-        update = {"output": named.output, "version": named.version or recipe.nuscenes.version}
-        found[named.asset] = Dataset(named.asset, MAIN, recipe.nuscenes.model_copy(update=update), named)
+        kind = next(kind for kind in formats_of(recipe) if kind.name == DEFAULT_FORMAT)
+        update = {"output": named.output} | ({"version": named.version} if named.version else {})
+        found[named.asset] = Dataset(named.asset, kind, sections[kind.name].model_copy(update=update), named)
     return found
 
 
@@ -130,7 +136,7 @@ class DatasetInputs:
         for name in self.parts.keys() | self.failed.keys():
             rows = [[part.key, part.content, part.artifact] for part in self.parts.get(name, ())]
             failed = dict(self.failed.get(name, {}))
-            if name == MAIN.name:
+            if name == DEFAULT_FORMAT:  # as when it was the only one
                 value |= {"parts": rows, "failed": failed}
             elif rows or failed:
                 value |= {name: rows, f"{name}_failed": failed}
@@ -148,8 +154,16 @@ class DatasetInputs:
 
     def as_json(self) -> JsonObject:
         """Return counts for display."""
-        parts, failed = self.parts.get(MAIN.name, ()), self.failed.get(MAIN.name, {})
-        return {"recordings": len(parts), "skipped": len(self.skipped), "failed": len(failed)}
+        return {
+            "recordings": len(self.parts.get(self.first, ())),
+            "skipped": len(self.skipped),
+            "failed": len(self.failed.get(self.first, {})),
+        }
+
+    @property
+    def first(self) -> str:
+        """The first format, whose recordings are counted for people; "" if there is none."""
+        return next(iter(self.parts), "")
 
 
 def recordings_without_scenes(store: Store, parts: Mapping[str, Mapping[str, str]]) -> frozenset[str]:
@@ -195,19 +209,19 @@ def deal_contents(
     return {key: dealt[first[content]] for key, content in contents.items()}
 
 
-def main_lock(recipe: Recipe) -> DatasetLock | None:
-    """Return the lock of the dataset that every recipe has; None before the first build.
+def first_lock(recipe: Recipe) -> DatasetLock | None:
+    """Return the lock of the first dataset, which has the splits of all; None before the first build.
 
     Raises:
         DatasetError: it cannot be read.
     """
-    return datasets_of(recipe)[MAIN.asset].lock
+    return next((dataset.lock for dataset in datasets_of(recipe).values()), None)
 
 
 def split_on_disk(recipe: Recipe) -> Mapping[str, str]:
     """Return recording -> split in the dataset on disk; empty without a readable lock."""
     try:
-        lock = main_lock(recipe)
+        lock = first_lock(recipe)
     except DatasetError:
         return {}
     return {} if lock is None else lock.splits
@@ -219,14 +233,16 @@ def select_inputs(plan: Plan, live: frozenset[str]) -> DatasetInputs:
     A recording whose newest content failed is left out rather than included with old content. So is one of which newer
     content is on record than its part was made from: some assets were made alone, or a run was interrupted.
     """
-    parts: dict[str, list[Part]] = {kind.name: [] for kind in formats()}
-    failed: dict[str, dict[str, str]] = {kind.name: {} for kind in formats()}
+    made = {name for bag in plan.bags.values() for name in bag.assets}
+    kinds = [kind for kind in formats() if kind.part in made]
+    parts: dict[str, list[Part]] = {kind.name: [] for kind in kinds}
+    failed: dict[str, dict[str, str]] = {kind.name: {} for kind in kinds}
     skipped = dict(plan.excluded)
     for key, bag in sorted(plan.bags.items()):
         if bag.skipped is not None:
             skipped[key] = bag.skipped
             continue
-        for kind in formats():
+        for kind in kinds:
             if kind.part not in bag.assets:
                 continue
             reason = _failure(bag, kind.part)
@@ -265,9 +281,9 @@ def dataset_contents(recipe: Recipe, inputs: DatasetInputs, asset: str) -> Datas
         DatasetError: its lock cannot be read.
     """
     part, dataset = made_from(recipe)[asset], datasets_of(recipe).get(asset)
-    kind = MAIN if dataset is None else dataset.kind
-    parts, copies = without_copies(inputs.parts.get(kind.name, ()))
-    left_out = {**inputs.skipped, **inputs.failed.get(kind.name, {})}
+    name = inputs.first if dataset is None else dataset.kind.name
+    parts, copies = without_copies(inputs.parts.get(name, ()))
+    left_out = {**inputs.skipped, **inputs.failed.get(name, {})}
     left_out |= {
         key: f"the same content as {first}, which is in it for both" for key, first in copies.items()
     }
@@ -372,6 +388,17 @@ def dataset_code_versions(recipe: Recipe) -> dict[str, str]:
 def dataset_folders(recipe: Recipe) -> dict[str, Path]:
     """Return dataset asset -> output folder, for all datasets of a recipe."""
     return {asset: dataset.settings.output for asset, dataset in datasets_of(recipe).items()}
+
+
+def left_behind(recipe: Recipe) -> Iterator[str]:
+    """Yield a sentence about a dataset on disk that a former version made without being asked in the recipe."""
+    if DEFAULT_FORMAT not in recipe.dataset_settings:
+        root = Publication(recipe.state, f"{DEFAULT_FORMAT}_dataset").root
+        if root is not None and Path(root).is_dir():
+            yield (
+                f"{root}: this dataset is no longer brought up to date, because the recipe names other formats but not "
+                f"{DEFAULT_FORMAT}; add `{DEFAULT_FORMAT}: {{}}` to it, or remove the folder."
+            )
 
 
 def is_on_disk(recipe: Recipe, asset: str) -> bool:

@@ -23,8 +23,8 @@ def default_output(lock: DatasetLock, recipe: Recipe) -> Path:
     folder = lock.path.parent
     if lock.path.name == LOCK and (folder / next(iter(lock.files), LOCK)).exists():
         return folder.parent
-    settings = recipe.dataset_settings.get(lock.kind, recipe.nuscenes)
-    output = settings.output
+    section = recipe.dataset_settings.get(lock.kind)
+    output = recipe.output if section is None else section.output
     return output.with_name(f"{output.name}-{digest_bytes(lock.text)[:8]}")
 
 

@@ -3,12 +3,10 @@
 from collections.abc import Collection
 from pathlib import Path
 
-from bagassets.assets.quality.scene_rules import enough_s, too_short_s
 from bagassets.base.quantities import count_text
-from bagassets.formats.catalogue import MAIN
 from bagassets.formats.dataset_build import datasets_of
-from bagassets.formats.dataset_lock import LockedBag
 from bagassets.formats.format import FACTS
+from bagassets.recipe.format_settings import section_at
 from bagassets.recipe.load import where_in
 from bagassets.recipe.model import Recipe
 from bagassets.store.store import Store
@@ -37,27 +35,10 @@ def why_empty(recipe: Recipe, recipe_file: Path, store: Store, chosen: Collectio
         lock = dataset.lock
         bags = () if lock is None else tuple(lock.bags.values())
         if bags and all(bag.counts and not any(bag.counts.values()) for bag in bags):
-            if dataset.kind is MAIN:
-                why = _why_no_scenes(recipe, recipe_file, store, bags)
-            else:
-                why = f"its settings leave nothing of them ({where_in(recipe_file, tuple(dataset.kind.section.split('.')))})"
+            facts = [store.artifact(bag.artifact).read_json(FACTS) for bag in bags]
+            why = dataset.kind.why_empty(facts, recipe, recipe_file) or (
+                f"its settings leave nothing of them ({where_in(recipe_file, section_at(dataset.kind.name))})"
+            )
             what = f"0 {next(iter(bags[0].counts))} from {count_text(len(bags), 'recording')}"
             sentences.append(f"{dataset.kind.name}: {what}: {why}.")
     return " ".join(sentences)
-
-
-def _why_no_scenes(recipe: Recipe, recipe_file: Path, store: Store, bags: Collection[LockedBag]) -> str:
-    lengths_s = [too_short_s(store.artifact(bag.artifact).read_json(FACTS)) for bag in bags]
-    short_s = sorted(length_s for length_s in lengths_s if length_s is not None)
-    if not short_s:
-        return "`bagassets check` says why"
-    number = "all" if len(short_s) == len(bags) else f"{len(short_s)}"
-    others = "" if number == "all" else "; `bagassets check` says why the others have none"
-    range_s = " to ".join(dict.fromkeys(f"{length_s:g}" for length_s in (short_s[0], short_s[-1])))
-    least_s = f"{enough_s(short_s[0]):g}"
-    if "scenes" in recipe.model_fields_set:
-        way_out = f"set it to {least_s} ({where_in(recipe_file, ('scenes', 'min_length_s'))})"
-    else:
-        way_out = f"add `scenes: {{min_length_s: {least_s}}}` to {recipe_file}"
-    limit = f"scenes.min_length_s ({recipe.scenes.min_length_s:g})"
-    return f"{number}, of {range_s} s, are shorter than {limit}; to have a scene of each, {way_out}{others}"

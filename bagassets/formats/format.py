@@ -207,6 +207,8 @@ class Format(Generic[S]):
         folder: settings -> name of the swapped folder below the output.
         fills_split: facts of a recording -> whether it adds anything to the dataset; recordings that do not are dealt to
             splits after the others. None: all do.
+        why_empty: facts of all recordings, recipe and its file -> why the dataset has nothing of them, and the way out, as the end of a
+            sentence; "" if only that its settings leave nothing.
         named_by: fields of the settings that decide where the dataset is.
         places: where links are; None: in the swapped folder.
         folders: folders below the output that exist even if empty.
@@ -231,6 +233,7 @@ class Format(Generic[S]):
     folder: Callable[[S], str]
     row: Callable[[Facts], Facts] = lambda _facts: {}
     fills_split: Callable[[Facts], bool] | None = None
+    why_empty: Callable[[Sequence[Facts], Recipe, Path], str] = lambda _facts, _recipe, _file: ""
     named_by: Sequence[str] = ("output",)
     places: UnitFolders | LooseFiles | None = None
     folders: Sequence[str] = ()

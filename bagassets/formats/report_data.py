@@ -18,10 +18,11 @@ from bagassets.engine.run_action import run_action
 from bagassets.engine.splits import shares_of
 from bagassets.engine.track import Track, track_of
 from bagassets.formats import trajectory_map
-from bagassets.formats.catalogue import MAIN, formats, recording_assets
+from bagassets.formats.catalogue import formats, recording_assets
 from bagassets.formats.checking import Verdict, check_bag, check_datasets
-from bagassets.formats.dataset_build import deal_contents, recordings_without_scenes
+from bagassets.formats.dataset_build import datasets_of, deal_contents, recordings_without_scenes
 from bagassets.formats.format import FACTS as PART_FACTS
+from bagassets.formats.format import AnyFormat
 from bagassets.recipe.model import Recipe
 from bagassets.recordings.discover import Discovery
 from bagassets.report.grid_map import colour_of_split
@@ -71,7 +72,7 @@ def report_data(
     problems, passed = ((), 0) if discovery is None else _outcome(check_datasets(recipe))
     scenes_s = [(r.key, r.scenes_s) for r in recordings if r.state in {"ready", "stale"}]
     shares = shares_of(scenes_s, recipe.splits, dealt)
-    dataset = recipe.nuscenes.output / recipe.nuscenes.version
+    dataset = next((one.folder for one in datasets_of(recipe).values()), recipe.output)
     former = {key for keys in plan.ties.former.values() for key in keys}
     idle_pins = sorted(recipe.splits.pinned.keys() - plan.bags.keys() - former)
     return ReportData(
@@ -161,11 +162,11 @@ def _map_routes(recipe: Recipe, store: Store, plan: Plan) -> list[MapRoute]:
     routes = []
     for key, bag in sorted(plan.bags.items()):
         track = track_on_record(recipe, store, bag) if bag.skipped is None and key not in copies else None
-        if track is None:
+        stamps_ns = [] if track is None else [point[0] for point in track.local or track.points]
+        if track is None or not stamps_ns:  # a rig without poses, and without fixes
             continue
         split = dealt.get(key, _NO_SPLIT)
-        stamps_ns = [point[0] for point in track.local]
-        seconds = (stamps_ns[-1] - stamps_ns[0]) / 1e9 if stamps_ns else 0.0
+        seconds = (stamps_ns[-1] - stamps_ns[0]) / 1e9
         note = f"{split}, {seconds:.0f} s"
         routes.append(
             MapRoute(key, split, colour_of_split(split, splits), note, track.on_earth, track.on_plane)
@@ -175,9 +176,9 @@ def _map_routes(recipe: Recipe, store: Store, plan: Plan) -> list[MapRoute]:
 
 def _facts(recipe: Recipe, assets: RecordingAssets, store: Store, bag: BagPlan, split: str) -> RecordingFacts:
     state, reason = _state(bag)
-    inventory, poses, part = (
-        bag.current_artifact(store, name) for name in (INVENTORY.name, EGO_POSES.name, MAIN.part)
-    )
+    inventory, poses = (bag.current_artifact(store, one.name) for one in (INVENTORY, EGO_POSES))
+    kind = _first_format(bag)
+    part = None if kind is None else bag.current_artifact(store, kind.part)
     if inventory is None:
         return RecordingFacts(bag.key, state, reason, bag.format)
     seen: JsonObject = inventory.read_json("inventory.json")
@@ -191,7 +192,7 @@ def _facts(recipe: Recipe, assets: RecordingAssets, store: Store, bag: BagPlan, 
         size=seen["size"],
         start_ns=seen["start_ns"],
         duration_s=seen["duration_s"],
-        scenes_s=0.0 if part is None else MAIN.duration_s(part.read_json(PART_FACTS)),
+        scenes_s=0.0 if kind is None or part is None else kind.duration_s(part.read_json(PART_FACTS)),
         rig=bag.rig,
         split=split if is_in else "",
         daylight=seen["daylight"],
@@ -256,10 +257,15 @@ def _state(bag: BagPlan) -> tuple[str, str]:
         return "skipped", bag.skipped
     if bag.unusable is not None:
         return "failed", bag.unusable
-    part = bag.assets[MAIN.part]
-    if part.state in {"fresh", "record-only"}:
+    kind = _first_format(bag)
+    if kind is None or bag.assets[kind.part].state in {"fresh", "record-only"}:
         return "ready", ""
-    return "stale", f"{MAIN.part}: {part.reason}"
+    return "stale", f"{kind.part}: {bag.assets[kind.part].reason}"
+
+
+def _first_format(bag: BagPlan) -> AnyFormat | None:
+    """Return the first format that the recipe asks for: its datasets are what a report is about."""
+    return next((kind for kind in formats() if kind.part in bag.assets), None)
 
 
 def _gaps(topics: list[JsonObject]) -> list[Gaps]:

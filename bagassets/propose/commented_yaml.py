@@ -34,10 +34,12 @@ class Sheet:
     Attributes:
         guesses: number of values that are marked as guessed.
         questions: what was asked.
+        rig: name of the rig that is being written; "" outside of rigs.
     """
 
     def __init__(self) -> None:
         self._lines: list[str] = []
+        self.rig = ""
         self.guesses = 0
         self.questions: list[Question] = []
 
@@ -63,9 +65,7 @@ class Sheet:
         self.guesses += 1
         self.note(depth, f"guess: {text}")
 
-    def ask(
-        self, depth: int, subject: str, text: str, more: str = "", *, rig: str = "", below: bool = False
-    ) -> None:
+    def ask(self, depth: int, subject: str, text: str, more: str = "", *, below: bool = False) -> None:
         """Add a question.
 
         Args:
@@ -73,10 +73,9 @@ class Sheet:
             subject: field or channel that it is about, for those who do not see where it stands.
             text: what is missing, and what to do.
             more: what only makes sense above the lines that follow.
-            rig: name of the rig that it is about.
             below: it is about the field just written, which has no value, so that is its line, as in the recipe's errors.
         """
-        self.questions.append(Question(len(self._lines) + (not below), rig, subject, text))
+        self.questions.append(Question(len(self._lines) + (not below), self.rig, subject, text))
         self.note(depth, f"to be decided: {text}{more}")
 
     def note(self, depth: int, text: str) -> None:

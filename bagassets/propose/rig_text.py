@@ -30,7 +30,7 @@ def write_rig(
         calibrations: calibration files that lie near the recordings.
         clock: write its clock, which is not that of the recipe.
     """
-    number = len(rig.recordings)
+    sheet.rig, number = rig.name, len(rig.recordings)
     sheet.field(1, f"- name: {yaml_scalar(rig.name)}", f"{number} recording{'s' if number != 1 else ''}")
     _write_match(sheet, rig)
     reason = rig.ego.reason or "the usual name; the recordings suggest no other"
@@ -68,6 +68,7 @@ def write_rig(
     for robot in list(rig.summary.robots)[1:]:
         sheet.note(2, f"left out: all below {robot} (another robot)")
     sheet.blank()
+    sheet.rig = ""
 
 
 def urdf_name(rig: RigProposal) -> str:
@@ -109,7 +110,6 @@ def _write_pose(sheet: Sheet, rig: RigProposal) -> None:
             "ego_pose",
             f"the recordings hold no odometry, pose, TF chain or GNSS fixes{f' but one of {lonely[0]}' if lonely else ''}; name "
             "where poses come from, or if this rig stands still, uncomment `source: fixed`",
-            rig=rig.name,
             below=True,
         )
         sheet.off(3, "source: fixed")
@@ -125,7 +125,6 @@ def _write_pose(sheet: Sheet, rig: RigProposal) -> None:
             f"rig. This one has the topics of {robots[0]}; uncomment its poses to keep it. For another robot put its topics in "
             "their place, in a project of its own",
             ":",
-            rig=rig.name,
             below=True,
         )
     for field, value in rig.pose.fields.items():
@@ -144,7 +143,6 @@ def _write_pose(sheet: Sheet, rig: RigProposal) -> None:
             3,
             "ego_pose",
             f"{rig.pose.gap}; correct ego_frame, name a `urdf` of the rig, or the frame whose pose it is in `frame`",
-            rig=rig.name,
         )
 
 
@@ -165,7 +163,6 @@ def _write_channel(
             4,
             name,
             f"it is not sure what the times of its points are: {topic.clock.doubt}; say it in `point_times`, or `ignore`",
-            rig=rig.name,
         )
         since = "header" if topic.clock.origin == "header" else "clock"
         sheet.off(4, f"point_times: {{unit: {topic.clock.unit}, since: {since}}}")
@@ -194,7 +191,7 @@ def _write_channel(
         sheet.field(4, "velocities:")
         text = "the recordings do not show whether velocities are relative to the radar, so that they must be compensated for its "
         text += "motion, or over_ground; write which, or remove the field to keep them as recorded"
-        sheet.ask(5, name, text, rig=rig.name, below=True)
+        sheet.ask(5, name, text, below=True)
     _write_place(sheet, rig, name, sensor, file)
 
 
@@ -212,7 +209,6 @@ def _write_place(
             4,
             name,
             f"its messages are in several frames ({', '.join(frames[:4])}); choose one in `frame`",
-            rig=rig.name,
         )
         sheet.off(4, f"frame: {yaml_scalar(frame)}")
     if rig.ego.is_sensor and frame and (optical or frame != rig.ego.name):
@@ -234,7 +230,6 @@ def _write_place(
             name,
             f"{lack}, or {give}",
             f" (ego <- sensor, metres; quaternion w, x, y, z; this one {looks}):",
-            rig=rig.name,
             below=True,
         )
         sheet.off(5, "translation: [0, 0, 0]")

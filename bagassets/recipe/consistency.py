@@ -6,10 +6,12 @@ from pathlib import Path, PurePosixPath
 from pydantic import BaseModel
 
 from bagassets.base.json_types import JsonObject
-from bagassets.recipe.model import CameraChannel, LidarChannel, Recipe, Rig
+from bagassets.recipe.format_settings import DEFAULT_FORMAT, section_at
+from bagassets.recipe.model import CameraChannel, LidarChannel, RadarChannel, Recipe, Rig
 from bagassets.recipe.model_calibration import Intrinsics
 from bagassets.recipe.model_poses import FixedPose, NavSatSource, TfSource
-from bagassets.recipe.problems import Problem, closest, suggestion, value_at
+from bagassets.recipe.problems import Problem, value_at
+from bagassets.recipe.schema import closest, suggestion
 
 __all__ = ["paths_in", "problems_in"]
 
@@ -27,10 +29,10 @@ def problems_in(recipe: Recipe, data: JsonObject) -> Iterator[Problem]:
     yield from _paths(recipe, data)
     yield from _globs(recipe)
     yield from _scenes(recipe)
-    for field in ("categories", "attributes"):
-        entries = enumerate(getattr(recipe.nuscenes, field))
-        yield from _repeated((("nuscenes", field, n, "name"), entry.name) for n, entry in entries)
     yield from _shown_channels(recipe)
+    for name, section in recipe.dataset_settings.items():
+        for at, sentence in section.problems_in(recipe):
+            yield (*section_at(name), *at), sentence
     for number, rig in enumerate(recipe.rigs):
         for at, sentence in _rig(rig):
             yield ("rigs", number, *at), sentence
@@ -48,14 +50,11 @@ def paths_in(value: object, at: tuple[str | int, ...] = ()) -> Iterator[tuple[tu
             yield from paths_in(inner, (*at, name))
 
 
-def _own_paths(recipe: Recipe) -> Iterator[tuple[tuple[str | int, ...], Path]]:
-    """Yield the paths in a recipe but those that only the package of a format knows about."""
-    return ((at, path) for at, path in paths_in(recipe) if at[0] != "formats" or at[2:] == ("output",))
-
-
 def _paths(recipe: Recipe, data: JsonObject) -> Iterator[Problem]:
-    for at, path in _own_paths(recipe):
+    for at, path in paths_in(recipe):
         match at:
+            case ("formats", _, name, *_) if name != "output":  # only the package knows what it means
+                pass
             case _ if str(value_at(data, at)).startswith("~"):
                 yield (
                     at,
@@ -82,43 +81,35 @@ def _paths(recipe: Recipe, data: JsonObject) -> Iterator[Problem]:
 
 
 def _outputs(recipe: Recipe) -> Iterator[Problem]:
-    """Check that each dataset has its own folder; nuScenes versions may share a dataroot, as in nuScenes itself."""
-    versions: dict[tuple[str | int, ...], str] = {("nuscenes", "output"): recipe.nuscenes.version}
-    for number, dataset in enumerate(recipe.datasets):
-        versions["datasets", number, "output"] = dataset.version or recipe.nuscenes.version
+    """Check that each dataset has its own folder, or its own one in an output that others share."""
+    sections = recipe.dataset_settings
+    outputs: list[tuple[str, tuple[str | int, ...], Path, str | None]] = [
+        (name, (*section_at(name), "output"), one.output, one.own_folder) for name, one in sections.items()
+    ]
+    for number, one in enumerate(recipe.datasets):
+        if one.output is not None:
+            own = one.version or sections[DEFAULT_FORMAT].own_folder
+            outputs.append((one.name, ("datasets", number, "output"), one.output, own))
     taken: list[tuple[str, Path, str | None]] = [("state folder", recipe.state, None)]
     if recipe.store is not None:
         taken.append(("store", recipe.store, None))
-    for at, output in _own_paths(recipe):
-        if at[-1] != "output":
-            continue
-        version = versions.get(at)
+    for name, at, output, own in outputs:
         for owner, folder, other in taken:
-            both = output == folder and version is not None and other is not None and version != other
+            both = output == folder and own is not None and other is not None and own != other
             if not both and (output == folder or folder in output.parents or output in folder.parents):
                 yield (
                     at,
                     f"{output} and the {owner} {folder} must be different, and neither may contain the other",
                 )
-        name = at[-2] if isinstance(at[-2], str) else recipe.datasets[at[-2]].name
-        taken.append((f"output of {name}", output, version))
+        taken.append((f"output of {name}", output, own))
 
 
 def _shown_channels(recipe: Recipe) -> Iterator[Problem]:
-    """Check that some rig has the channels of pictures and sequences."""
-    kinds: dict[str, list[str]] = {"camera": [], "lidar": [], "radar": []}
-    for rig in recipe.rigs:
-        for name, channel in rig.channels.items():
-            kinds[channel.modality].append(name)
-    asked: list[tuple[tuple[str | int, ...], str | None, str]] = [
-        (("preview", "camera"), recipe.preview.camera, "camera"),
-        (("preview", "lidar"), recipe.preview.lidar, "lidar"),
-    ]
-    for number, name in enumerate((recipe.vision.cameras or ()) if recipe.vision else ()):
-        asked.append((("vision", "cameras", number), name, "camera"))
-    for at, wanted, kind in asked:
-        if wanted is not None and wanted not in kinds[kind]:
-            yield at, f"no rig has a {kind} {wanted}{suggestion(wanted, kinds[kind])}"
+    """Check that some rig has the channels of pictures."""
+    for kind, wanted in (("camera", recipe.preview.camera), ("lidar", recipe.preview.lidar)):
+        known = recipe.channels(kind)
+        if wanted is not None and wanted not in known:
+            yield ("preview", kind), f"no rig has a {kind} {wanted}{suggestion(wanted, known)}"
 
 
 def _globs(recipe: Recipe) -> Iterator[Problem]:
@@ -186,14 +177,18 @@ def _rig(rig: Rig) -> Iterator[Problem]:
                 problems = _camera(channel)
             case LidarChannel():
                 problems = _lidar(channel, rig)
-            case _:
-                continue
+            case RadarChannel():
+                problems = _radar(channel, rig)
         for field, sentence in problems:
             yield ("channels", name, *field), sentence
     topics = ((("annotations", n, "topic"), source.topic) for n, source in enumerate(rig.annotations))
     files = ((("annotation_files", n, "path"), source.path) for n, source in enumerate(rig.annotation_files))
     yield from _repeated([*topics, *files])
     pose = rig.ego_pose
+    if pose is None:
+        boxes = {"annotations": rig.annotations, "annotation_files": rig.annotation_files}
+        for name in (name for name, sources in boxes.items() if sources):
+            yield (name,), "needs the poses of the rig, to place boxes in the world; give it an ego_pose"
     if isinstance(pose, TfSource):
         if pose.global_frame == rig.ego_frame:
             yield (
@@ -222,10 +217,19 @@ def _camera(channel: CameraChannel) -> Iterator[Problem]:
 
 
 def _lidar(channel: LidarChannel, rig: Rig) -> Iterator[Problem]:
-    if channel.deskew and isinstance(rig.ego_pose, FixedPose):
-        yield ("deskew",), "needs poses of a moving rig, but ego_pose is fixed; set deskew: false"
+    if channel.deskew and (rig.ego_pose is None or isinstance(rig.ego_pose, FixedPose)):
+        what = "there is no ego_pose" if rig.ego_pose is None else "ego_pose is fixed"
+        yield ("deskew",), f"needs poses of a moving rig, but {what}; set deskew: false"
     if channel.max_range_m is not None and channel.max_range_m <= channel.min_range_m:
         yield (
             ("max_range_m",),
             f"{channel.max_range_m:g} m must be greater than min_range_m ({channel.min_range_m:g} m)",
+        )
+
+
+def _radar(channel: RadarChannel, rig: Rig) -> Iterator[Problem]:
+    if rig.ego_pose is None and channel.velocities != "over_ground":
+        yield (
+            ("velocities",),
+            "need the poses of the rig, unless they are over ground: give it an ego_pose, or set velocities: over_ground",
         )

@@ -1,18 +1,83 @@
-"""Models of the settings of formats that installed packages add."""
+"""The sections of a recipe that ask for datasets, one for each format, and the models of their settings.
+
+Our formats have sections at the top level, those of installed packages have theirs below `formats`.
+"""
+
+from collections.abc import Mapping
+from functools import cache
+from importlib import import_module
+from typing import Any, TypeVar
+
+from pydantic import Field, create_model
 
 from bagassets.base.errors import PluginError
+from bagassets.base.json_types import JsonMapping
 from bagassets.base.plugins import FORMATS, Extension, installed_extensions
-from bagassets.recipe.model_base import DatasetSettings
+from bagassets.recipe.model_base import DatasetSettings, Model
 
-__all__ = ["section_model", "settings_model"]
+__all__ = [
+    "DEFAULT_FORMAT",
+    "OUR_FORMATS",
+    "asked_formats",
+    "section_at",
+    "section_model",
+    "settings_model",
+    "with_our_sections",
+]
+
+OUR_FORMATS = {"nuscenes": "NuScenes", "vision": "Vision"}
+"""Folder in `formats/` -> model of the section, which is in its `settings.py`; in the order in which formats are listed."""
+
+DEFAULT_FORMAT = next(iter(OUR_FORMATS))
+"""The format of a recipe that names none, and of datasets of selected scenes."""
+
+M = TypeVar("M", bound=Model)
+
+
+@cache
+def _our_model(name: str) -> type[DatasetSettings]:
+    # By name, as those of packages are: a format knows the recipe, not the reverse.
+    model: type[DatasetSettings] = getattr(
+        import_module(f"bagassets.formats.{name}.settings"), OUR_FORMATS[name]
+    )
+    return model
+
+
+def with_our_sections(base: type[M]) -> type[M]:
+    """Return a model of the recipe with a section for each of our formats; None where a recipe has none."""
+    sections: dict[str, Any] = {}
+    for name in OUR_FORMATS:
+        own = _our_model(name)
+        what = (own.__doc__ or "").partition(":")[0].removesuffix(".")
+        sections[name] = own if name == DEFAULT_FORMAT else own | None, Field(None, description=f"{what}.")
+    model = create_model(
+        base.__name__, __base__=base, __doc__=base.__doc__, __module__=base.__module__, **sections
+    )
+    model.model_rebuild()  # here, and not in every process that is forked from this one
+    return model
+
+
+def asked_formats(recipe: JsonMapping) -> dict[str, object]:
+    """Return format -> its section as plain data, for the datasets that a recipe, as plain data, asks for."""
+    sections = {name: recipe[name] for name in OUR_FORMATS if recipe.get(name) is not None}
+    installed = recipe.get("formats")
+    sections |= installed if isinstance(installed, Mapping) else {}
+    return sections if sections and not recipe.get("datasets") else {DEFAULT_FORMAT: {}} | sections
+
+
+def section_at(name: str) -> tuple[str, ...]:
+    """Return where in a recipe the section of a format is."""
+    return (name,) if name in OUR_FORMATS else ("formats", name)
 
 
 def section_model(name: str) -> type[DatasetSettings] | None:
-    """Return the model of the section `formats.<name>`; None if no installed package adds such a format.
+    """Return the model of the section of a format; None if neither we nor an installed package have it.
 
     Raises:
         PluginError: the package cannot be used, or several packages add the format.
     """
+    if name in OUR_FORMATS:
+        return _our_model(name)
     found = [extension for extension in installed_extensions(FORMATS) if extension.name == name]
     if not found:
         return None

@@ -14,10 +14,11 @@ from bagassets.base.errors import PluginError, RecipeError
 from bagassets.base.json_types import Json, JsonMapping, JsonObject
 from bagassets.base.plugins import FORMATS, installed_extensions
 from bagassets.recipe.consistency import paths_in, problems_in
-from bagassets.recipe.format_settings import section_model
+from bagassets.recipe.format_settings import OUR_FORMATS, asked_formats, section_model
 from bagassets.recipe.model import Recipe, Rig
 from bagassets.recipe.model_datasets import NamedDataset
-from bagassets.recipe.problems import Problem, closest, explain, open_questions, undecided, with_stand_ins
+from bagassets.recipe.problems import Problem, explain, open_questions, undecided, with_stand_ins
+from bagassets.recipe.schema import closest
 from bagassets.recipe.yaml_text import Place, read_yaml
 
 __all__ = ["load_recipe", "parse_recipe", "paths_written", "where_in"]
@@ -111,7 +112,8 @@ def _validated(data: JsonObject) -> tuple[Recipe | None, list[Problem]]:
     try:
         # Through JSON, because only there does strict mean what a file can say: lists for tuples, text
         # for paths, but no text for numbers and no numbers for true and false.
-        recipe = Recipe.model_validate_json(json.dumps(data), strict=True)
+        ours = {name: section for name, section in asked_formats(data).items() if name in OUR_FORMATS}
+        recipe = Recipe.model_validate_json(json.dumps(ours | data), strict=True)
     except ValidationError as err:
         return None, [explain(problem, data) for problem in _causes(err)]
     sections, problems = _read_sections(data)
@@ -192,15 +194,16 @@ def _absolute(recipe: Recipe, folder: Path) -> Recipe:
     bags = recipe.bags.model_copy(
         update={"root": absolute(recipe.bags.root), "message_definitions": definitions}
     )
-    sections, installed = (
-        {name: one.model_copy(update={"output": absolute(one.output)}) for name, one in given.items()}
-        for given in (recipe.own_sections, recipe.installed_sections)
-    )
+    sections = {
+        name: one.model_copy(update={"output": absolute(one.output)})
+        for name, one in recipe.dataset_settings.items()
+    }
+    ours = {name: sections.pop(name) for name in OUR_FORMATS if name in sections}
     update = {
         "bags": bags.with_state(state),
         "rigs": tuple(_absolute_rig(rig, folder) for rig in recipe.rigs),
-        **sections,
-        "formats": {**recipe.formats, **installed},
+        **ours,
+        "formats": recipe.formats | sections,
         "datasets": tuple(
             one.model_copy(update={"output": absolute(_output_of(one))}) for one in recipe.datasets
         ),
@@ -224,7 +227,7 @@ def _read_sections(data: JsonMapping) -> tuple[JsonObject, list[Problem]]:
     for name, value in data.get("formats", {}).items():
         sections[name] = value
         try:
-            model = section_model(name)
+            model = None if name in OUR_FORMATS else section_model(name)
         except PluginError:
             continue
         if model is None:
@@ -240,6 +243,8 @@ def _read_sections(data: JsonMapping) -> tuple[JsonObject, list[Problem]]:
 
 
 def _unknown_format(name: str) -> str:
+    if name in OUR_FORMATS:
+        return f"{name} is a section at the top level of the recipe; move it there"
     known = sorted({extension.name for extension in installed_extensions(FORMATS)})
     if not known:
         return f"no installed package adds a format {name}; install the one that does"

@@ -8,11 +8,12 @@ Paths in a loaded recipe are absolute; relative ones are relative to the recipe'
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, TypeVar
 
-from pydantic import Field, PrivateAttr, model_validator
+from pydantic import ConfigDict, Field, PrivateAttr, model_validator
 
 from bagassets.base.json_types import JsonMapping
+from bagassets.recipe.format_settings import OUR_FORMATS, with_our_sections
 from bagassets.recipe.model_annotations import AnnotationFiles, AnnotationTopic
 from bagassets.recipe.model_base import (
     ChannelName,
@@ -32,9 +33,11 @@ from bagassets.recipe.model_calibration import (
     PinholeIntrinsics,
 )
 from bagassets.recipe.model_checks import Checks
-from bagassets.recipe.model_datasets import NamedDataset, Vision
+from bagassets.recipe.model_datasets import NamedDataset
 from bagassets.recipe.model_poses import PoseSource
 from bagassets.recipe.model_splits import Splits
+
+S = TypeVar("S", bound=DatasetSettings)
 
 
 class GreyRange(Model):
@@ -191,7 +194,10 @@ Channel = Annotated[CameraChannel | LidarChannel | RadarChannel, Field(discrimin
 
 
 class Rig(Model):
-    """One sensor set-up: the recordings that it made, and the meaning of their topics."""
+    """One sensor set-up: the recordings that it made, and the meaning of their topics.
+
+    It needs ego poses if a format asks for them: nuScenes does, vision does for trajectories in the `global` frame.
+    """
 
     name: Slug = Field(description="Name, used in tokens and logs.")
     match: tuple[str, ...] = Field(
@@ -207,8 +213,8 @@ class Rig(Model):
     required: tuple[ChannelName, ...] = Field(
         (), description="A recording that lacks one of these channels is skipped."
     )
-    ego_pose: PoseSource = Field(
-        description="Source of ego poses; for a rig that stands still, `source: fixed`."
+    ego_pose: PoseSource | None = Field(
+        None, description="Source of ego poses; for a rig that stands still, `source: fixed`."
     )
     tf_static: tuple[TopicName, ...] = Field(("/tf_static",), description="Topics with static transforms.")
     tf: tuple[TopicName, ...] = Field(
@@ -316,47 +322,6 @@ class Scenes(Model):
         "nearest reading of the reference at which all channels in the recording have one, and drops it if there is "
         "none; `allow` keeps the sample without the channel, which breaks code that expects every channel. Builds "
         "report the numbers of dropped keyframes and of samples that lack a channel.",
-    )
-
-
-class NamedText(Model):
-    """A category or attribute with its description."""
-
-    name: str = Field(description="Name, as in vehicle.car.")
-    description: str = Field("", description="One sentence for people.")
-
-
-class AttributesByMotion(Model):
-    """Attributes for boxes whose source gives none: moving, stopped, parked, standing (`bagassets docs page annotations`)."""
-
-    enabled: bool = Field(True, description="Give attributes by motion.")
-    moving_mps: float = Field(0.5, gt=0, description="An object at least this fast is moving.")
-    window_s: float = Field(
-        1.0,
-        gt=0,
-        description="Speeds are measured over this time around the keyframe, or over at least half of it.",
-    )
-    parked_m: float = Field(
-        1.0,
-        gt=0,
-        description="A vehicle is parked if it never moves in the recording and stays within this distance of "
-        "where it is first seen; any other vehicle at rest is stopped.",
-    )
-
-
-class NuScenes(DatasetSettings):
-    """The nuScenes dataset."""
-
-    output: Path = Field(Path("dataset/nuscenes"), description="Dataroot.")
-    version: Slug = Field("v1.0-custom", description="Version folder.")
-    categories: tuple[NamedText, ...] = Field(
-        (), description="Categories; others in the recordings are added."
-    )
-    attributes: tuple[NamedText, ...] = Field(
-        (), description="Attributes; others in the recordings are added."
-    )
-    attributes_by_motion: AttributesByMotion = Field(
-        AttributesByMotion(), description="Attributes for boxes whose source gives none."
     )
 
 
@@ -484,8 +449,15 @@ READING_LIMITS = (
 )
 
 
+@with_our_sections
 class Recipe(Model):
-    """Everything that shapes a dataset."""
+    """Everything that shapes a dataset.
+
+    It asks for datasets by their sections: `nuscenes`, `vision`, those in `formats`. One without any of them, or with
+    `datasets`, has a nuScenes dataset, if need be with all defaults.
+    """
+
+    model_config = ConfigDict(defer_build=True)  # it is built once, with the sections
 
     name: Slug = Field(description="Name of the project and of its partitions in Dagster.")
     bags: Bags = Field(description="Where recordings are, and which of them to use.")
@@ -501,8 +473,6 @@ class Recipe(Model):
     rigs: tuple[Rig, ...] = Field(min_length=1, description="Sensor set-ups.")
     scenes: Scenes = Field(Scenes(), description="Scenes and keyframes.")
     splits: Splits = Field(Splits(), description="Which recordings belong to train, val and other splits.")
-    nuscenes: NuScenes = Field(NuScenes(), description="The nuScenes dataset.")
-    vision: Vision | None = Field(None, description="The vision dataset; default: none.")
     formats: dict[Slug, Any] = Field(
         {},
         description="Datasets in formats that installed packages add (`bagassets docs page formats`): name of the format -> its "
@@ -545,28 +515,35 @@ class Recipe(Model):
         """Return a rig by its name; None if there is none."""
         return next((rig for rig in self.rigs if rig.name == name), None)
 
+    def channels(self, modality: str) -> list[str]:
+        """Return the names of the channels of all rigs that have this modality."""
+        return [
+            name
+            for rig in self.rigs
+            for name, channel in rig.channels.items()
+            if channel.modality == modality
+        ]
+
     def clock_of(self, rig: Rig | None, channel: Channel | None = None) -> Clock:
         """Return which time of the messages of a rig, or of one of its channels, counts."""
         own = None if channel is None else channel.clock
         return own or (None if rig is None else rig.clock) or self.clock
 
     @property
-    def own_sections(self) -> Mapping[str, DatasetSettings]:
-        """Format -> section, for the datasets in formats of bagassets, in order."""
-        return {name: section for name, section in self if isinstance(section, DatasetSettings)}
-
-    @property
-    def installed_sections(self) -> Mapping[str, DatasetSettings]:
-        """Format -> section, for the datasets in formats of installed packages that can be used."""
-        # A section whose package cannot be used is left as plain data.
-        return {
-            name: section for name, section in self.formats.items() if isinstance(section, DatasetSettings)
-        }
-
-    @property
     def dataset_settings(self) -> Mapping[str, DatasetSettings]:
-        """Format -> section, for the datasets of this recipe, in order."""
-        return {**self.own_sections, **self.installed_sections}
+        """Format -> section, for the datasets of this recipe, in order; without those whose packages cannot be used."""
+        # Of these, the section is left as plain data.
+        sections = {name: getattr(self, name) for name in OUR_FORMATS} | self.formats
+        return {name: one for name, one in sections.items() if isinstance(one, DatasetSettings)}
+
+    def settings(self, model: type[S]) -> S | None:
+        """Return the section of a format by the model of its settings; None if the recipe asks for no such dataset."""
+        return next((one for one in self.dataset_settings.values() if isinstance(one, model)), None)
+
+    @property
+    def output(self) -> Path:
+        """Folder of the first dataset; the state folder if the package of its only format cannot be used."""
+        return next((one.output for one in self.dataset_settings.values()), self.state)
 
     @property
     def store_path(self) -> Path:

@@ -1,10 +1,15 @@
 """Shared parts of the recipe model: strict base models, names, transforms."""
 
 import re
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+
+if TYPE_CHECKING:
+    from bagassets.base.json_types import Json
+    from bagassets.recipe.model import Recipe
 
 __all__ = [
     "CameraName",
@@ -78,9 +83,31 @@ class Model(BaseModel):
 
 
 class DatasetSettings(Model):
-    """Base of sections for the dataset of one format."""
+    """Base of sections for the dataset of one format.
+
+    Attributes:
+        without_poses: what to set in the section so that rigs need no ego poses; "" if nothing helps.
+    """
+
+    without_poses: ClassVar[str] = ""
 
     output: Path = Field(description="Folder of the dataset.")
+
+    @classmethod
+    def asks_for_poses(cls, section: "Json") -> bool:
+        """Return whether a section, as plain data that need not be valid, asks for the ego poses of all rigs; default: yes."""
+        del section
+        return True
+
+    @property
+    def own_folder(self) -> str | None:
+        """Name of the one folder in `output` that is this dataset's alone, if other datasets may share the output."""
+        return None
+
+    def problems_in(self, recipe: "Recipe") -> Iterator[tuple[tuple[str | int, ...], str]]:
+        """Yield what a recipe, otherwise valid, cannot ask of this format: where in the section, and a sentence without full stop."""
+        del recipe
+        yield from ()
 
 
 class Transform(Model):

@@ -1,4 +1,4 @@
-"""Recipe sections about the vision dataset, and about nuScenes datasets of selected scenes."""
+"""The recipe section about nuScenes datasets of selected scenes."""
 
 from datetime import UTC, date, datetime
 from pathlib import Path
@@ -6,9 +6,9 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from bagassets.recipe.model_base import ChannelName, DatasetSettings, FieldValueError, Model, Slug
+from bagassets.recipe.model_base import FieldValueError, Model, Slug
 
-__all__ = ["FramePair", "NamedDataset", "Vision", "moment_ns"]
+__all__ = ["NamedDataset", "moment_ns"]
 
 LatLon = tuple[float, float]
 
@@ -85,36 +85,3 @@ class NamedDataset(Model):
     def asset(self) -> str:
         """Name of its asset in Dagster, which takes letters, digits and '_' only."""
         return "dataset_" + "".join(c if c.isalnum() else "_" for c in self.name)
-
-
-def _pair(text: str) -> str:
-    sensor, colon, reference = (part.strip().lstrip("/") for part in text.partition(":"))
-    if not (sensor and colon and reference) or ":" in reference:
-        raise ValueError("name two frames, as in CAM_FRONT:global")
-    return f"{sensor}:{reference}"
-
-
-FramePair = Annotated[str, AfterValidator(_pair)]
-
-
-class Vision(DatasetSettings):
-    """The vision dataset: image sequences in plain folders, each with its trajectory."""
-
-    output: Path = Field(Path("dataset/vision"), description="Folder of the dataset.")
-    cameras: tuple[ChannelName, ...] | None = Field(
-        None, description="Cameras with sequences; default: all cameras of the rig."
-    )
-    frames: int = Field(25, ge=1, description="Images per sequence.")
-    stride: int = Field(1, ge=1, description="Use only every n-th image.")
-    max_gap_s: float = Field(
-        1.0, gt=0, description="Longest time between two consecutive images of a sequence."
-    )
-    trajectories: tuple[FramePair, ...] = Field(
-        ("ego:global",),
-        description="Pairs `sensor:reference` whose trajectories are written as CSV and Parquet. A frame is `ego`, "
-        "`global`, a channel, or a frame in the calibration or in TF.",
-    )
-    files: Literal["per_split", "one"] = Field(
-        "per_split",
-        description="Merged files: one per split (train.json, val.json), or a single all.json.",
-    )

@@ -1,23 +1,22 @@
 """Explaining pydantic's errors, which are about models, unions and tags, to somebody who writes YAML."""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from difflib import get_close_matches
+from contextlib import suppress
 from typing import Any, get_args
 
 from pydantic import BaseModel
 
+from bagassets.base.errors import PluginError
 from bagassets.base.json_types import Json, JsonMapping, JsonObject
-from bagassets.recipe.format_settings import section_model
+from bagassets.recipe.format_settings import asked_formats, section_model
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_base import FieldValueError, Transform
-from bagassets.recipe.schema import describe, enter, plain, tag_field, variants
+from bagassets.recipe.schema import closest, describe, enter, plain, suggestion, tag_field, variants
 
 __all__ = [
     "Problem",
-    "closest",
     "explain",
     "open_questions",
-    "suggestion",
     "undecided",
     "value_at",
     "with_stand_ins",
@@ -86,7 +85,14 @@ def undecided(data: JsonMapping) -> Iterator[Problem]:
     """
     rigs = data.get("rigs")
     for number, rig in enumerate(rigs if isinstance(rigs, list) else ()):
-        channels = rig.get("channels") if isinstance(rig, dict) else None
+        if not isinstance(rig, dict):
+            continue
+        if rig.get("ego_pose") is None:
+            at = ("rigs", number, "ego_pose")
+            why = "needs a value" if "ego_pose" in rig else _who_asks_for_poses(data)
+            if why:
+                yield at, f"{why}: {_purpose(at)}"
+        channels = rig.get("channels")
         for name, channel in channels.items() if isinstance(channels, dict) else ():
             if not isinstance(channel, dict):
                 continue
@@ -102,6 +108,18 @@ def undecided(data: JsonMapping) -> Iterator[Problem]:
                 )
 
 
+def _who_asks_for_poses(data: JsonMapping) -> str:
+    """Return the beginning of a sentence that says for which formats each rig needs poses; "" if for none."""
+    asking = []
+    for name, section in asked_formats(data).items():
+        with suppress(PluginError):
+            model = section_model(name)
+            if model is not None and model.asks_for_poses(section):
+                unless = model.without_poses and f" (unless it has {model.without_poses})"
+                asking.append(f"{name}{unless}")
+    return f"this field is required by {' and '.join(asking)}" if asking else ""
+
+
 def open_questions(problems: Iterable[Problem], data: JsonMapping) -> dict[int, list[Problem]]:
     """Return number of a rig -> its problems, if all problems only await an answer and some rig has none.
 
@@ -115,13 +133,9 @@ def open_questions(problems: Iterable[Problem], data: JsonMapping) -> dict[int, 
     questions: dict[int, list[Problem]] = {}
     unanswered = {at for at, _ in undecided(data)}
     for at, sentence in problems:
-        match at:
-            case ("rigs", int(number), *rest) if at in unanswered or (
-                rest == ["ego_pose"] and data["rigs"][number].get("ego_pose") is None
-            ):
-                questions.setdefault(number, []).append((at, sentence))
-            case _:
-                return {}
+        if at not in unanswered:
+            return {}
+        questions.setdefault(int(at[1]), []).append((at, sentence))
     return questions if len(questions) < len(data["rigs"]) else {}
 
 
@@ -135,13 +149,6 @@ def with_stand_ins(data: JsonMapping, rigs: Collection[int]) -> JsonObject:
             for number, rig in enumerate(data["rigs"])
         ],
     }
-
-
-def closest(word: object, known: Iterable[str]) -> str:
-    """Return the entry of `known` that `word` is probably a misspelling of; "" if none is close."""
-    by_lower = {entry.lower(): entry for entry in known}
-    near = get_close_matches(str(word).lower(), by_lower, n=1, cutoff=0.6)
-    return by_lower[near[0]] if near else ""
 
 
 def _locate(location: tuple[str | int, ...]) -> tuple[tuple[str | int, ...], object]:
@@ -187,12 +194,6 @@ def _tag(at: tuple[str | int, ...], annotation: object, value: Json) -> Problem:
         return (*at, tag), f"this field is required; it is {_either(allowed)}"
     given = value[tag]
     return (*at, tag), f"must be {_either(allowed)}; found {_show(given)}{suggestion(given, allowed)}"
-
-
-def suggestion(value: Json, allowed: list[str]) -> str:
-    """Return the end of a sentence about a wrong value; "" if it is no misspelling of an allowed one."""
-    near = closest(value, allowed) if isinstance(value, str) else ""
-    return f"; did you mean {near}?" if near else ""
 
 
 def _quoting(annotation: object, value: Json) -> str:

@@ -1,16 +1,29 @@
 """The structure of the recipe model, and descriptions of its types for error messages and the recipe reference."""
 
 import types
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Literal, TypeGuard, Union, get_args, get_origin
 
 from pydantic import BaseModel, Tag
 from pydantic.fields import FieldInfo
 
+from bagassets.base.json_types import Json
 from bagassets.recipe.model_base import ChannelName, Quaternion, Slug, Transform, Vector3
 
-__all__ = ["describe", "enter", "is_tag", "limits", "models_in", "plain", "tag_field", "variants"]
+__all__ = [
+    "closest",
+    "describe",
+    "enter",
+    "is_tag",
+    "limits",
+    "models_in",
+    "plain",
+    "suggestion",
+    "tag_field",
+    "variants",
+]
 
 
 def plain(annotation: object) -> object:
@@ -115,6 +128,19 @@ def models_in(annotation: object) -> Iterator[type[BaseModel]]:
         return
     for argument in get_args(annotation):
         yield from models_in(argument)
+
+
+def closest(word: object, known: Iterable[str]) -> str:
+    """Return the entry of `known` that `word` is probably a misspelling of; "" if none is close."""
+    by_lower = {entry.lower(): entry for entry in known}
+    near = get_close_matches(str(word).lower(), by_lower, n=1, cutoff=0.6)
+    return by_lower[near[0]] if near else ""
+
+
+def suggestion(value: Json, allowed: list[str]) -> str:
+    """Return the end of a sentence about a wrong value; "" if it is no misspelling of an allowed one."""
+    near = closest(value, allowed) if isinstance(value, str) else ""
+    return f"; did you mean {near}?" if near else ""
 
 
 _NAMED: tuple[tuple[object, str], ...] = (

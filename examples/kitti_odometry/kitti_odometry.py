@@ -71,7 +71,9 @@ class SequenceParams:
     @classmethod
     def of(cls, recipe: Recipe, rig: Rig) -> "SequenceParams":
         """Return the parameters for a rig; a sensor that it lacks is ""."""
-        settings: Kitti = recipe.formats["kitti"]
+        settings = recipe.settings(Kitti)
+        if settings is None:
+            raise DatasetError("the recipe has no section `formats.kitti`; add one.")
         cameras = [name for name, one in rig.channels.items() if isinstance(one, CameraChannel)]
         lidars = sorted(
             (name for name, one in rig.channels.items() if isinstance(one, LidarChannel)),
@@ -201,7 +203,7 @@ SEQUENCE = Asset(
     params=SequenceParams.of,
     use=use,
     make=make,
-    enabled=lambda recipe: isinstance(recipe.formats.get("kitti"), Kitti),
+    enabled=lambda recipe: recipe.settings(Kitti) is not None,
     optional=True,
 )
 

@@ -21,7 +21,6 @@ from bagassets.defs.records.events import REASON, STAT
 from bagassets.engine.execute import AssetResult, BuildFailure
 from bagassets.engine.splits import SplitShare
 from bagassets.formats.assembly import DatasetSummary
-from bagassets.formats.catalogue import MAIN
 from bagassets.formats.dataset_build import DatasetInputs
 from bagassets.recordings.digest import RecordingDigest, RecordingStat
 from bagassets.recordings.model import RecordingFiles
@@ -129,7 +128,7 @@ def _shown(value: Json | Table) -> Any:
 
 def inputs_metadata(inputs: DatasetInputs) -> Metadata:
     """Return the number of recordings that enter the dataset, and why others are left out."""
-    reasons = {"why_failed": inputs.failed.get(MAIN.name, {}), "why_skipped": inputs.skipped}
+    reasons = {"why_failed": inputs.failed.get(inputs.first, {}), "why_skipped": inputs.skipped}
     return {name: _said_of(why) for name, why in reasons.items() if why} | inputs.as_json()
 
 

@@ -59,6 +59,14 @@ class Publication:
         self._cache = Cache(state)
         self._asset = asset
 
+    @property
+    def root(self) -> str | None:
+        """Its folder; None if nothing is on record."""
+        try:
+            return self._head()["root"]
+        except PlanNeeded:
+            return None
+
     def check(self) -> None:
         """Check that the dataset is as it was published.
 

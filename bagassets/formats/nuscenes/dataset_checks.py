@@ -9,6 +9,7 @@ from bagassets.base.garbage import uncollected
 from bagassets.formats.format import DatasetCheck
 from bagassets.formats.nuscenes.dataset_rows import DatasetRows, read_dataset, repeated_tokens
 from bagassets.formats.nuscenes.devkit_rules import devkit_ready
+from bagassets.formats.nuscenes.settings import NuScenes
 from bagassets.formats.nuscenes.table_integrity import (
     NOT_ON_DISK,
     broken_references,
@@ -17,7 +18,6 @@ from bagassets.formats.nuscenes.table_integrity import (
     repeated_tokens_sentence,
     sentence,
 )
-from bagassets.recipe.model import NuScenes
 
 __all__ = ["CHECKS", "check", "dataset_files_match", "dataset_references_intact", "dataset_tokens_unique"]
 

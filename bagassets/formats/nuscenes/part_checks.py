@@ -15,9 +15,8 @@ from bagassets.assets.quality.evidence import Evidence
 from bagassets.assets.quality.file_rules import files_match
 from bagassets.assets.quality.finding import Finding
 from bagassets.assets.quality.pose_rules import poses_complete, poses_cover_sensors
-from bagassets.assets.quality.radar_rules import RadarReadings, radar_velocities
 from bagassets.assets.quality.scene_rules import keyframes_complete, scenes_made
-from bagassets.assets.quality.sweep_rules import Sweeps, sweeps_timed
+from bagassets.assets.quality.sweep_rules import RadarReadings, Sweeps, radar_velocities, sweeps_timed
 from bagassets.assets.radar_file import read_radar_file
 from bagassets.assets.sweeps import SWEEPS
 from bagassets.base.errors import DatasetError
@@ -48,6 +47,8 @@ def _facts(evidence: Evidence) -> JsonObject:
 def _lost_poses(evidence: Evidence) -> Iterator[str]:
     counts = evidence.artifact(EGO_POSES.name).read_json("ego_poses.json")["counts"]
     pose = evidence.rig.ego_pose
+    if pose is None:  # the format asks for poses, so there is one
+        return iter(())
     what = f"{counted_in_poses(pose.source)}s of {getattr(pose, 'topic', 'TF')}"
     return poses_complete(counts, what, evidence.recipe.limits.reported_losses)
 

@@ -33,12 +33,13 @@ from bagassets.formats.nuscenes.readings import ChannelReadings, load_readings
 from bagassets.formats.nuscenes.scene_plan import RecordingPlan, SceneParams, plan_scenes
 from bagassets.formats.nuscenes.schema import RECORDING_TABLES
 from bagassets.formats.nuscenes.sensor_rows import SensorRows, sensor_rows
+from bagassets.formats.nuscenes.settings import AttributesByMotion, NuScenes
 from bagassets.formats.nuscenes.table_file import table_bytes
 from bagassets.formats.nuscenes.tokens import RecordingTokens
 from bagassets.geometry.calibration import Calibration
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
-from bagassets.recipe.model import AttributesByMotion, CameraChannel, Recipe, Rig, Scenes
+from bagassets.recipe.model import CameraChannel, Recipe, Rig, Scenes
 from bagassets.store.artifact import Artifact, ArtifactWriter
 
 __all__ = ["FILES", "NUSCENES_TABLES"]
@@ -93,7 +94,7 @@ class TablesParams:
         A rig without the recipe's reference channel uses the default, so that rigs with different sensors can share a
         recipe.
         """
-        scenes = recipe.scenes
+        scenes, settings = recipe.scenes, recipe.settings(NuScenes) or NuScenes()
         candidates: tuple[str, ...] = ()
         if scenes.reference not in rig.channels:
             scenes, candidates = scenes.model_copy(update={"reference": None}), _by_preference(rig)
@@ -103,7 +104,7 @@ class TablesParams:
             location=rig.location,
             scenes=scenes,
             candidates=candidates,
-            attributes_by_motion=MotionLimits.of(recipe.nuscenes.attributes_by_motion),
+            attributes_by_motion=MotionLimits.of(settings.attributes_by_motion),
         )
 
 
@@ -291,6 +292,7 @@ def _shown(artifact: Artifact) -> JsonObject:
 
 NUSCENES_TABLES = Asset(
     name="nuscenes_tables",
+    enabled=lambda recipe: recipe.settings(NuScenes) is not None,
     version=7,
     changes={7: "cuts scenes at long pauses and where a clock was set"},
     title="This recording's rows of the nuScenes tables: scenes, keyframes, readings, poses, boxes.",

@@ -1,9 +1,10 @@
 """Vision datasets: every sequence of a camera is a scene, every image of it a sample with one channel."""
 
 from collections.abc import Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from math import cos, sin
 
+from bagassets.base.errors import DatasetError
 from bagassets.base.json_types import JsonObject
 from bagassets.formats.reader.boxes import Box
 from bagassets.formats.reader.source import Reading, SceneRow
@@ -66,7 +67,6 @@ class VisionSource:
         """Return the one image of a sample, by its channel."""
         row, frame = self._frames[index]
         mounted = row["ego_SE3_sensor"]
-        pose = _pose(frame["pose"])
         reading = Reading(
             channel=row["channel"],
             modality="camera",
@@ -75,7 +75,7 @@ class VisionSource:
             size_px=(row["width"], row["height"]),
             ego_SE3_sensor=SE3.create(mounted["rotation"], mounted["translation"]),
             intrinsics=row["intrinsics"],
-            find_pose=lambda: pose,
+            find_pose=partial(self._pose, row, frame),
         )
         return {reading.channel: reading}
 
@@ -89,6 +89,21 @@ class VisionSource:
         del index
         return ()
 
+    def _pose(self, row: JsonObject, frame: JsonObject) -> SE3:
+        """Return the transform of x, y, z and roll, pitch, yaw about fixed axes.
+
+        Raises:
+            DatasetError: the rig has no ego poses.
+        """
+        if frame["pose"] is None:
+            raise DatasetError(
+                f"{self.root / row['folder']}: these images have no poses, because the recipe gives the rig no ego_pose; "
+                "add one and build again, or do without poses and transforms."
+            )
+        x, y, z, *angles = frame["pose"]
+        sines, cosines = ([of(angle / 2) for angle in angles] for of in (sin, cos))
+        return SE3.create(of_half_angles(sines, cosines), (x, y, z))
+
     @cached_property
     def _sequences(self) -> Sequence[JsonObject]:
         names = sorted(name for name in self.folder.names if name != LOCK and not name.endswith(_MANIFEST))
@@ -101,10 +116,3 @@ class VisionSource:
 
 def _name(row: JsonObject) -> str:
     return f"{row['recording']}/{row['channel']}/{row['sequence']}"
-
-
-def _pose(values: Sequence[float]) -> SE3:
-    """Return the transform of x, y, z and roll, pitch, yaw about fixed axes."""
-    x, y, z, *angles = values
-    sines, cosines = ([of(angle / 2) for angle in angles] for of in (sin, cos))
-    return SE3.create(of_half_angles(sines, cosines), (x, y, z))

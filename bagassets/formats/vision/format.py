@@ -6,7 +6,7 @@ Layout::
     recordings/<key>-<id>/CAM_FRONT/0000/000000.jpg …, CAM_FRONT/0000.json
     annotations/train.json, train.manifest.json, val.json, …, dataset.lock.json
 
-The folder of a recording never changes under its name; the folder `annotations` is swapped in one step.
+The folder of a recording never changes under its name; the folder `annotations` is swapped at once.
 """
 
 from collections.abc import Iterator, Sequence
@@ -17,7 +17,7 @@ from bagassets.engine.splits import SplitShare
 from bagassets.formats.format import FACTS, Entry, Format, Joined, Link, Member, UnitFolders
 from bagassets.formats.json_files import json_bytes, rows_text, write_hashed, write_joined
 from bagassets.formats.vision.recording_part import FILES, SEQUENCES, VISION_SEQUENCES
-from bagassets.recipe.model_datasets import Vision
+from bagassets.formats.vision.settings import Vision
 
 __all__ = ["RECORDINGS", "VISION", "join"]
 
@@ -28,7 +28,7 @@ _TOLD = ("sequences", "images", "duration_s", "daylight", "start")
 
 
 def join(members: Sequence[Member], settings: Vision, shares: Sequence[SplitShare], out: Path) -> Joined:
-    """Write the merged files and a manifest for each split.
+    """Write the merged files, the sequences of all recordings, and a manifest for each split.
 
     Args:
         members: recordings in the order of their keys.

@@ -7,8 +7,10 @@ them from the artifacts of `frames`.
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+
+import numpy as np
 
 from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use, as_json, inlined
 from bagassets.assets.calibration import CALIBRATION
@@ -16,11 +18,12 @@ from bagassets.assets.ego_poses import EGO_POSES
 from bagassets.assets.frames import FRAMES
 from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.transform_logs import read_transforms
-from bagassets.base.errors import CalibrationError, DatasetError
+from bagassets.base.errors import CalibrationError
 from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.formats.format import FACTS
 from bagassets.formats.json_files import rows_bytes
 from bagassets.formats.vision.sequences import cut_sequences
+from bagassets.formats.vision.settings import Vision
 from bagassets.formats.vision.trajectories import (
     Bodies,
     csv_bytes,
@@ -34,7 +37,7 @@ from bagassets.geometry.tf_tree import TfTree
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.recipe.model import CameraChannel, Recipe, Rig
 from bagassets.recipe.model_base import Clock
-from bagassets.recipe.model_poses import FixedPose
+from bagassets.recipe.model_poses import FixedPose, TfSource
 from bagassets.recordings.inventory import Inventory
 from bagassets.recordings.recording import Recording
 from bagassets.store.artifact import Artifact, ArtifactWriter
@@ -84,14 +87,8 @@ class VisionParams:
 
     @classmethod
     def of(cls, recipe: Recipe, rig: Rig) -> "VisionParams":
-        """Return the parameters for a rig.
-
-        Raises:
-            DatasetError: the recipe makes no vision dataset.
-        """
-        vision = recipe.vision
-        if vision is None:
-            raise DatasetError("the recipe has no `vision` section; add one to make `vision_sequences`.")
+        """Return the parameters for a rig."""
+        vision = recipe.settings(Vision) or Vision()
         cameras = [name for name, channel in rig.channels.items() if isinstance(channel, CameraChannel)]
         frames = {frame for pair in vision.trajectories for frame in pair.split(":")}
         through_tf = not frames <= {"ego", "global"}
@@ -105,7 +102,9 @@ class VisionParams:
             tf=rig.tf if through_tf else (),
             tf_static=rig.tf_static if through_tf else (),
             tf_clock=recipe.clock_of(rig) if through_tf else None,
-            tf_max_gap_s=0.0 if isinstance(rig.ego_pose, FixedPose) else rig.ego_pose.max_gap_s,
+            tf_max_gap_s=0.0
+            if isinstance(rig.ego_pose, FixedPose)
+            else (rig.ego_pose or TfSource()).max_gap_s,
         )
 
 
@@ -200,15 +199,19 @@ def _cut_camera(
     rows: list[JsonObject],
     files: list[dict[str, str]],
 ) -> dict[str, int]:
-    """Add the sequences of one camera and their files; return the counts of its images."""
+    """Add the sequences of one camera and their files; return the counts of its images.
+
+    Where the rig has no poses at all, neither have its images.
+    """
     index = artifact.read_table("index.parquet")
     stamps_ns = index.column("stamp_ns").to_numpy()
     names = index.column("file").to_pylist()
     widths, heights = index.column("width").to_pylist(), index.column("height").to_pylist()
     positions, rotations, has_pose = trajectory.at(stamps_ns)
+    has_poses = bool(len(trajectory.stamps_ns))
     cuts = cut_sequences(
         stamps_ns,
-        has_pose,
+        has_pose if has_poses else np.ones(len(stamps_ns), dtype=np.bool_),
         length=params.cuts.frames,
         stride=params.cuts.stride,
         max_gap_ns=round(params.cuts.max_gap_s * 1e9),
@@ -217,7 +220,9 @@ def _cut_camera(
     for number, images in enumerate(cuts.sequences):
         sequence = f"{number:0{digits}d}"
         folder = f"{name}/{sequence}"
-        poses = relative_poses(positions[images], rotations[images])
+        poses: Sequence[Sequence[float] | None] = [None] * len(images)
+        if has_poses:
+            poses = relative_poses(positions[images], rotations[images])
         shown = []
         for place, (image, pose) in enumerate(zip(images.tolist(), poses, strict=True)):
             suffix = names[image].rpartition(".")[2]
@@ -301,7 +306,7 @@ VISION_SEQUENCES = Asset(
     title="This recording's part of the vision dataset: image sequences with relative trajectories.",
     kinds=frozenset({"image", "json"}),
     reads=(INVENTORY, CALIBRATION, EGO_POSES, FRAMES),
-    enabled=lambda recipe: recipe.vision is not None,
+    enabled=lambda recipe: recipe.settings(Vision) is not None,
     optional=True,
     params=VisionParams.of,
     use=use,
@@ -310,7 +315,7 @@ VISION_SEQUENCES = Asset(
 
 
 def recording_metadata(key: str, rig: str, inventory: Inventory) -> JsonObject:
-    """Return the facts about a recording as a whole.
+    """Return the content of `metadata.json`, the facts about a recording as a whole.
 
     It does not change when the recording is re-indexed, re-compressed or converted, so it lacks file size and format.
 

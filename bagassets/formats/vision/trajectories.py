@@ -144,7 +144,8 @@ class Bodies:
         t, q = trajectory.positions_m, trajectory.rotations
         stamps_ns = trajectory.stamps_ns
         if (sensor in self.global_names) == (reference in self.global_names):
-            stamps_ns, t, q = stamps_ns[:1], np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0, 0.0]])
+            t, q = np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0, 0.0]])
+            stamps_ns = stamps_ns[:1] if len(stamps_ns) else np.zeros(1, dtype=np.int64)
             if sensor in self.ego_SE3:
                 fixed = self.ego_SE3[reference].inverse() @ self.ego_SE3[sensor]
                 t, q = np.array([fixed.translation]), np.array([fixed.rotation])
