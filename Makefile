@@ -68,7 +68,7 @@ lint: $(VENV)/.made
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-# All that pages and pictures show of the code: after a new asset, format, check or field of the recipe.
+# All that pages and pictures show of the code, and the width of their prose: after a new asset, format, check or field of the recipe.
 docs: $(VENV)/.made
 	$(BIN)/python -m scripts.docs
 

@@ -97,11 +97,22 @@ more
 <!-- {words} -->
 1. {words}
 > {words}
+<!-- graph -->
+{words} {words}
+<!-- end of graph -->
 """
     new = wrapped(page)
     assert wrapped(new) == new
     assert new.split() == page.split()
     whole = [line for line in new.splitlines() if len(line) > WIDTH]
-    assert whole == [f"# {words}", f"`{words}`", f"| {words} |", words, f"<!-- {words} -->", f"> {words}"]
+    assert whole == [
+        f"# {words}",
+        f"`{words}`",
+        f"| {words} |",
+        words,
+        f"<!-- {words} -->",
+        f"> {words}",
+        f"{words} {words}",
+    ]
     of_items = [line for line in new.splitlines() if line.startswith(("- ", "1. ", " "))]
     assert [line[:3].count(" ") for line in of_items] == [1, 2, 2, 1, 3]

@@ -1,7 +1,8 @@
 """Write anew what pages and pictures show of the code: `make docs`, after an asset, a format, a check or a field has changed.
 
-These are the references of recipe and assets, the graph and the table of inputs, the tables of checks and decoders, the picture of the
-architecture, and figures of `benchmarks/results/`. Tests compare each with the code.
+These are the references of recipe and assets, the graph and the table of inputs, the tables of checks and decoders, the
+picture of the architecture, and figures of `benchmarks/results/`. The prose of all pages is wrapped at one width.
+Tests compare each with the code.
 """
 
 from collections.abc import Callable
@@ -15,6 +16,7 @@ from bagassets.formats.checking import render_checks
 from bagassets.recipe.reference import render_reference
 from benchmarks.pages import pages, with_figures
 from scripts.architecture import PICTURES, THEMES, draw, edges
+from scripts.wrap import wrapped
 
 __all__ = ["generated", "graph", "input_table", "write"]
 
@@ -69,9 +71,15 @@ def decoder_table() -> str:
     return "\n".join(["| family | types |", "|---|---|", *rows])
 
 
+def others() -> list[Path]:
+    """Return the pages that are written by hand throughout; their prose has the same width."""
+    names = ("CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md", "deploy/*.md", "examples/*/README.md")
+    return [page for name in names for page in sorted(ROOT.glob(name))]
+
+
 def generated() -> dict[Path, str]:
     """Return each file that is generated, or has parts that are, with what it should hold."""
-    texts = {page: page.read_text("utf-8") for page in pages()}
+    texts = {page: wrapped(page.read_text("utf-8")) for page in [*pages(), *others()]}
     texts[DOCS / "recipe.md"] = render_reference()
     texts[DOCS / "assets.md"] = asset_reference()
     for page, text in texts.items():

@@ -2,7 +2,7 @@
 
     python -m scripts.wrap README.md docs/*.md
 
-Code, tables, headings, comments and HTML stay as they are.
+Code, tables, headings, quotes, comments, HTML and what is generated stay as they are.
 """
 
 import re
@@ -15,7 +15,8 @@ __all__ = ["WIDTH", "wrapped"]
 WIDTH = 120
 _NO_BREAK = "\0"  # in place of a space
 _ITEM = re.compile(r"( *)([-*] |\d+\. )")
-_AS_IT_IS = re.compile(r" *(\||#|<|!\[|>|    |\[[^\]]+\]: )|.*(  |\\)$")
+_AS_IT_IS = re.compile(r" *(```|~~~)|<!-- (\w+)(?:: [\w ]+)? -->$")  # code, and what is generated
+_NO_PROSE = re.compile(r" *(\||#|<|!\[|>|    |\[[^\]]+\]: )|.*(  |\\)$")
 
 
 def wrapped(text: str) -> str:
@@ -23,7 +24,7 @@ def wrapped(text: str) -> str:
     output: list[str] = []
     paragraph: list[str] = []  # its lines, without indentation
     first = rest = ""  # what stands before its first line, and before all others
-    fence = ""
+    until = ""  # what ends the lines that stay as they are
 
     def end() -> None:
         if paragraph:
@@ -31,17 +32,20 @@ def wrapped(text: str) -> str:
             paragraph.clear()
 
     for line in text.split("\n"):
-        mark = line.lstrip()[:3]
-        if fence or mark in ("```", "~~~"):
+        begin = _AS_IT_IS.match(line)
+        if until or begin:
             end()
             output.append(line)
-            fence = "" if fence and mark == fence else fence or mark
+            if begin and not until:
+                until = begin[1] or f"<!-- end of {begin[2]} -->"
+            elif line.lstrip().startswith(until):
+                until = ""
             continue
         item = _ITEM.match(line)
         indent = len(line) - len(line.lstrip())
         if (
             not line.strip()
-            or (not item and not paragraph and _AS_IT_IS.match(line))
+            or (not item and not paragraph and _NO_PROSE.match(line))
             or re.match(r" *(\||#|<|>)", line)
         ):
             end()
@@ -61,7 +65,7 @@ def wrapped(text: str) -> str:
 def _lines(text: str, first: str, rest: str) -> list[str]:
     """Wrap a paragraph, without breaking code and figures."""
     text = re.sub(
-        r"`[^`]*`|<!-- figures.*?end of figures -->", lambda code: code[0].replace(" ", _NO_BREAK), text
+        r"`[^`]*`|\S+ <!-- figures.*?end of figures -->", lambda code: code[0].replace(" ", _NO_BREAK), text
     )
     lines = wrap(
         text,
