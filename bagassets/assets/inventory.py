@@ -1,6 +1,6 @@
 """The asset `inventory`: the content of a recording, topic by topic, from one pass over it.
 
-Files: `inventory.json`, and `messages.parquet` with the small messages that later steps read.
+Files: `inventory.json`, and `messages.parquet` with the small messages that other assets read.
 """
 
 from collections import Counter, defaultdict
@@ -323,7 +323,7 @@ INVENTORY = Asset(
     # rosbags has the standard types, which recordings without definitions are decoded with.
     libraries=("pyarrow", "rosbags"),
     title="What is in the recording: topics, types, counts, rates, gaps, offsets between clocks, the place, day or night.",
-    description="""Has a digest of each topic, so that later steps depend on just the topics that they read, and packs the small messages
+    description="""Has a digest of each topic, so that other assets depend on just the topics that they read, and packs the small messages
 for them: `inventory.json`, `messages.parquet`.""",
     kinds=frozenset({"json", "parquet"}),
     face=Face(columns=PACK_SCHEMA, shown=_shown, heading="invent."),

@@ -1,4 +1,4 @@
-"""Small messages that the inventory packs while it reads, so that later steps need not read the recording."""
+"""Small messages that the inventory packs while it reads, so that other assets need not read the recording."""
 
 from collections.abc import Iterable
 from operator import itemgetter

@@ -34,7 +34,7 @@ Rules for all fields:
 - Transforms are `parent <- child`: they map coordinates in the child (sensor) frame to the parent (ego) frame. Lengths are
   in metres, quaternions are w, x, y, z.
 - Unknown fields, fields given twice and values of the wrong type are errors, reported with their line.
-- Changing a field makes only those steps stale that read it: a change of `scenes` extracts no image again.
+- Changing a field makes only those assets stale that read it: a change of `scenes` extracts no image again.
 """
 
 EXAMPLE = """\

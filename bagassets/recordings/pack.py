@@ -1,4 +1,4 @@
-"""The pack: small messages of a recording, kept in its inventory so that later steps need not open it again."""
+"""The pack: small messages of a recording, kept in its inventory so that other assets need not open it again."""
 
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
