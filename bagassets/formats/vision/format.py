@@ -28,7 +28,7 @@ _TOLD = ("sequences", "images", "duration_s", "daylight", "start")
 
 
 def join(members: Sequence[Member], settings: Vision, shares: Sequence[SplitShare], out: Path) -> Joined:
-    """Write the merged files and a manifest for each split.
+    """Write the merged files, the sequences of all recordings, and a manifest for each split.
 
     Args:
         members: recordings in the order of their keys.
