@@ -278,12 +278,12 @@ def test_a_recording_that_is_skipped_is_not_failed_where_another_one_is(project,
 def test_an_unexpected_error_is_one_recordings_own(project, monkeypatch):
     real = making.read_bag
 
-    def read_bag(instance, workspace, recording, *arguments, **options):
+    def read_bag(recorder, recording):
         if recording.key == BROKEN:
             raise ZeroDivisionError("by chance")
-        return real(instance, workspace, recording, *arguments, **options)
+        return real(recorder, recording)
 
-    monkeypatch.setattr("bagassets.defs.graph.batch_job.read_bag", read_bag)
+    monkeypatch.setattr("bagassets.defs.graph.making.read_bag", read_bag)
     report, _ = build(project, monkeypatch, jobs=1)
     assert outcomes(report) == {key: "failed" if key == BROKEN else "built" for key in KEYS}
     assert report.outcomes[BROKEN].reason == "ZeroDivisionError: by chance"
@@ -294,13 +294,13 @@ def test_what_a_worker_left_when_it_died_gets_another_run(project, monkeypatch):
     real = making.read_bag
     died = []
 
-    def read_bag(instance, workspace, recording, *arguments, **options):
+    def read_bag(recorder, recording):
         if recording.key == BROKEN and not died:
             died.append(recording.key)
             raise SystemExit("killed")
-        return real(instance, workspace, recording, *arguments, **options)
+        return real(recorder, recording)
 
-    monkeypatch.setattr("bagassets.defs.graph.batch_job.read_bag", read_bag)
+    monkeypatch.setattr("bagassets.defs.graph.making.read_bag", read_bag)
     report, _ = build(project, monkeypatch, jobs=1)
     assert outcomes(report) == {key: "failed" if key == BROKEN else "built" for key in KEYS}
     assert report.dataset == "updated"  # of the others, by a run of its own

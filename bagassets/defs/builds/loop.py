@@ -23,6 +23,7 @@ from bagassets.defs.graph.dataset import record_inputs
 from bagassets.defs.records.instance_plan import begin_planning
 from bagassets.defs.records.partitions import DATASET, active_runs, add_partitions, remove_partition
 from bagassets.defs.records.touched import record_touched
+from bagassets.defs.runs.launching import launching_of
 from bagassets.defs.runs.run_pool import EndedRun, Listener, RunPool
 from bagassets.engine.build_report import BuildOptions, Event
 from bagassets.engine.disk_space import folders_written, require_disk_space, space_needed
@@ -162,14 +163,11 @@ class BuildLoop:
 
     def _going_on(self) -> dict[str, tuple[str, ...]]:
         """Return run -> keys for the runs of earlier builds that go on: those of launchers whose runs survive the build."""
-        spooled_runs = getattr(self._instance.run_launcher, "spooled_runs", None)
-        if spooled_runs is None or (not self.now.todo and self.now.dataset_is_current):
+        if not self.now.todo and self.now.dataset_is_current:
             return {}
-        spooled, active = (
-            spooled_runs(),
-            active_runs(self._instance, self._workspace.names, self.now.datasets),
-        )
-        return {run_id: keys for run_id, keys in active.items() if run_id in spooled}
+        waiting = launching_of(self._instance).waiting_runs()
+        active = active_runs(self._instance, self._workspace.names, self.now.datasets) if waiting else {}
+        return {run_id: keys for run_id, keys in active.items() if run_id in waiting}
 
     def _look_again(self, worked_on: Collection[str]) -> None:
         """Look at what runs may have changed, and record what datasets are made from, unless a run has done so."""

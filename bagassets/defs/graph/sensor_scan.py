@@ -23,6 +23,7 @@ from bagassets.defs.records.partitions import (
     remove_partition,
 )
 from bagassets.defs.records.workspace import Workspace
+from bagassets.defs.runs.launching import launching_of
 from bagassets.defs.runs.orphaned_runs import end_orphaned_runs
 from bagassets.engine.batches import Batch
 from bagassets.engine.freshness.plan_cache import recording_fingerprint
@@ -143,8 +144,8 @@ class Scan:
     # --- looking -------------------------------------------------------------------------
 
     def _rules(self) -> Rules:
-        most = getattr(self._instance.run_launcher, "recordings_per_run", RULES.most_per_run)
-        return replace(RULES, most_per_run=most)
+        most = launching_of(self._instance).recordings_per_run
+        return replace(RULES, most_per_run=most or RULES.most_per_run)
 
     def _active_runs(self) -> dict[str, tuple[str, ...]]:
         datasets = dataset_code_versions(self._workspace.recipe)

@@ -19,11 +19,12 @@ from bagassets.base.errors import BagAssetsError
 from bagassets.base.interrupts import deferred_interrupts
 from bagassets.base.trace import span
 from bagassets.defs.records.batches import batch_config
-from bagassets.defs.records.connections import Commits, kept_open
+from bagassets.defs.records.connections import Commits
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.records.partitions import DATASET
 from bagassets.defs.runs.code_server import LaunchWorkspace
 from bagassets.defs.runs.execution import CodeLocation, create_job_run, create_run, fail_if_lost, failure_of
+from bagassets.defs.runs.launching import launching_of
 from bagassets.defs.runs.run_progress import RunProgress
 from bagassets.defs.runs.worker_tag import WHERE_TAG
 from bagassets.engine.batches import Batch
@@ -121,12 +122,12 @@ class RunPool:
     _launched: frozenset[str] = frozenset()  # when last read
 
     def __post_init__(self) -> None:
-        launcher = self.instance.run_launcher
-        self.jobs = getattr(launcher, "most_at_once", self.jobs)
+        launching = launching_of(self.instance)
+        self.jobs = launching.most_at_once or self.jobs
         self._key_of = self.key_of or self.names.key
         # Below a prefix, steps of assets are run by whatever executor the location names, perhaps a process each.
         self._is_by_job = self.key_of is None and bool(self.names.prefix)
-        self.most_per_run: int | None = getattr(launcher, "recordings_per_run", None)
+        self.most_per_run = launching.recordings_per_run
         # One for all runs: a code server takes seconds to start.
         self._workspace = LaunchWorkspace(self.instance, self.location, self.log)
         self._commits = Commits(self.instance)
@@ -192,8 +193,7 @@ class RunPool:
         key, is_alone = next(iter(batch)), len(batch) == 1
         has_steps = is_alone and key not in self._without_steps and not self._is_by_job
         try:
-            # A run begins with twenty events, which Dagster writes one by one.
-            with span("create run", bags=list(batch)), kept_open(self.instance, run_id):
+            with span("create run", bags=list(batch)):
                 if has_steps:
                     create_run(
                         self.instance,
