@@ -166,7 +166,8 @@ class BuildLoop:
         if not self.now.todo and self.now.dataset_is_current:
             return {}
         waiting = launching_of(self._instance).waiting_runs()
-        active = active_runs(self._instance, self._workspace.names, self.now.datasets) if waiting else {}
+        names = self._workspace.names
+        active = active_runs(self._instance, names, self.now.datasets) if waiting else {}
         return {run_id: keys for run_id, keys in active.items() if run_id in waiting}
 
     def _look_again(self, worked_on: Collection[str]) -> None:

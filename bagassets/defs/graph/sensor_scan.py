@@ -144,8 +144,8 @@ class Scan:
     # --- looking -------------------------------------------------------------------------
 
     def _rules(self) -> Rules:
-        most = launching_of(self._instance).recordings_per_run
-        return replace(RULES, most_per_run=most or RULES.most_per_run)
+        most = launching_of(self._instance).recordings_per_run or RULES.most_per_run
+        return replace(RULES, most_per_run=most)
 
     def _active_runs(self) -> dict[str, tuple[str, ...]]:
         datasets = dataset_code_versions(self._workspace.recipe)
