@@ -101,8 +101,7 @@ def test_where_nothing_was_recorded_of_it_that_is_done_once_and_nothing_is_made(
     def not_skipped(*arguments):
         return (made for made in make_assets(*arguments) if not is_skip(made.data_version))
 
-    for module in ("assets", "batch_job"):
-        monkeypatch.setattr(f"bagassets.defs.graph.{module}.make_assets", not_skipped)
+    monkeypatch.setattr(making, "make_assets", not_skipped)
     project.build_project()
     assert records(project) == dict.fromkeys(BELOW)
     monkeypatch.undo()

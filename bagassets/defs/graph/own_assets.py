@@ -33,7 +33,7 @@ class OwnAsset(Target):
     Attributes:
         location: where it is defined.
         is_automatic: it would run by itself: it has an automation condition, or `follow_recordings` runs it.
-        together: assets that are always made in one step, this one included.
+        together: assets that are always made together, this one included.
     """
 
     location: CodeLocation
