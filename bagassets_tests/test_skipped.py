@@ -141,5 +141,5 @@ def test_steps_of_ones_own_pass_it_on_and_leave_it_out(project):
     }
     # A step about all recordings does not become stale because one of them is skipped.
     made = records(project, LONG)["frames"].data_version
-    of_all = Versions(project.instance, Naming("test")).of(Read(dg.AssetKey("frames"), "all"), "")
+    of_all = Versions(project.instance, Naming("test")).of(Read("frames", "all"), "")
     assert of_all == digest_json({LONG: made})
