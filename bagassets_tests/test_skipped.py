@@ -8,13 +8,14 @@ import pytest
 from bagassets.base.errors import StoreError
 from bagassets.defs.builds.pending_work import find_pending_work
 from bagassets.defs.graph import making
-from bagassets.defs.graph.own_assets import Read, Versions
+from bagassets.defs.graph.own_assets import Versions
 from bagassets.defs.graph.sensor_cursor import Cursor
 from bagassets.defs.graph.steps import all_recordings, skipped
 from bagassets.defs.records.events import recorded_partition
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.records.workspace import Workspace
 from bagassets.engine.plan import is_skip
+from bagassets.engine.targets import Read
 from bagassets.formats.dataset_build import first_lock
 from bagassets.store.canonical import digest_json
 from bagassets_tests.in_process import QUICK

@@ -15,6 +15,7 @@ from bagassets.base.errors import DatasetError
 from bagassets.cli.remote import end_servers
 from bagassets.formats.format import AnyFormat
 from bagassets.formats.guard import GUARD
+from bagassets.recipe.format_settings import OUR_FORMATS
 from bagassets.recipe.model import Bags, Recipe
 
 __all__ = ["ThrowAwayProject", "signals_handled", "throw_away_project"]
@@ -97,17 +98,13 @@ def _own_recipe(
 ) -> dict[str, object]:
     """Return the recipe of the project as JSON, which is YAML."""
     own = recipe.model_dump(mode="json", exclude_unset=True)
-    unwanted = {*recipe.own_sections, "formats", "datasets"}
-    own = {name: value for name, value in own.items() if name not in unwanted}
+    del own["datasets"]
+    sections = own.pop("formats") | {name: own.pop(name) for name in OUR_FORMATS if name in own}
+    section = sections[kind.name] | {"output": str(project.dataset)}
+    own |= {"formats": {kind.name: section}} if kind.distribution else {kind.name: section}
     own["bags"] |= bags.model_dump(mode="json", include={"root", "include", "series"})
     own["bags"] |= {"exclude": [], "digest_attributes": False}
     own |= {"state": str(state), "store": str(project.store)}
-    section = recipe.dataset_settings[kind.name].model_dump(mode="json", exclude_unset=True)
-    section["output"] = str(project.dataset)
-    if kind.distribution:
-        own["formats"] = {kind.name: section}
-    else:
-        own[kind.name] = section
     return own
 
 

@@ -162,11 +162,11 @@ def _map_routes(recipe: Recipe, store: Store, plan: Plan) -> list[MapRoute]:
     routes = []
     for key, bag in sorted(plan.bags.items()):
         track = track_on_record(recipe, store, bag) if bag.skipped is None and key not in copies else None
-        if track is None:
+        stamps_ns = [] if track is None else [point[0] for point in track.local or track.points]
+        if track is None or not stamps_ns:  # a rig without poses, and without fixes
             continue
         split = dealt.get(key, _NO_SPLIT)
-        stamps_ns = [point[0] for point in track.local]
-        seconds = (stamps_ns[-1] - stamps_ns[0]) / 1e9 if stamps_ns else 0.0
+        seconds = (stamps_ns[-1] - stamps_ns[0]) / 1e9
         note = f"{split}, {seconds:.0f} s"
         routes.append(
             MapRoute(key, split, colour_of_split(split, splits), note, track.on_earth, track.on_plane)

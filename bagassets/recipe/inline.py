@@ -41,9 +41,6 @@ def write_inline(recipe: Recipe, state: Path, store: Path | None) -> Path:
         StoreError: the file cannot be written.
     """
     own: JsonObject = recipe.model_dump(mode="json", exclude_unset=True)  # with absolute paths; JSON is YAML
-    if recipe.installed_sections:
-        sections = recipe.installed_sections.items()
-        own["formats"] = {name: one.model_dump(mode="json", exclude_unset=True) for name, one in sections}
     own |= {"state": str(state)} | ({} if store is None else {"store": str(store)})
     file, content = state / "recipe.yaml", json.dumps(own, ensure_ascii=False, indent=1).encode()
     # Written anew, it would have to be examined again.

@@ -194,15 +194,16 @@ def _absolute(recipe: Recipe, folder: Path) -> Recipe:
     bags = recipe.bags.model_copy(
         update={"root": absolute(recipe.bags.root), "message_definitions": definitions}
     )
-    sections, installed = (
-        {name: one.model_copy(update={"output": absolute(one.output)}) for name, one in given.items()}
-        for given in (recipe.own_sections, recipe.installed_sections)
-    )
+    sections = {
+        name: one.model_copy(update={"output": absolute(one.output)})
+        for name, one in recipe.dataset_settings.items()
+    }
+    ours = {name: sections.pop(name) for name in OUR_FORMATS if name in sections}
     update = {
         "bags": bags.with_state(state),
         "rigs": tuple(_absolute_rig(rig, folder) for rig in recipe.rigs),
-        **sections,
-        "formats": {**recipe.formats, **installed},
+        **ours,
+        "formats": recipe.formats | sections,
         "datasets": tuple(
             one.model_copy(update={"output": absolute(_output_of(one))}) for one in recipe.datasets
         ),

@@ -530,23 +530,11 @@ class Recipe(Model):
         return own or (None if rig is None else rig.clock) or self.clock
 
     @property
-    def own_sections(self) -> Mapping[str, DatasetSettings]:
-        """Format -> section, for the datasets in formats of bagassets, in order."""
-        sections = {name: getattr(self, name) for name in OUR_FORMATS}
-        return {name: section for name, section in sections.items() if section is not None}
-
-    @property
-    def installed_sections(self) -> Mapping[str, DatasetSettings]:
-        """Format -> section, for the datasets in formats of installed packages that can be used."""
-        # A section whose package cannot be used is left as plain data.
-        return {
-            name: section for name, section in self.formats.items() if isinstance(section, DatasetSettings)
-        }
-
-    @property
     def dataset_settings(self) -> Mapping[str, DatasetSettings]:
-        """Format -> section, for the datasets of this recipe, in order."""
-        return {**self.own_sections, **self.installed_sections}
+        """Format -> section, for the datasets of this recipe, in order; without those whose packages cannot be used."""
+        # Of these, the section is left as plain data.
+        sections = {name: getattr(self, name) for name in OUR_FORMATS} | self.formats
+        return {name: one for name, one in sections.items() if isinstance(one, DatasetSettings)}
 
     def settings(self, model: type[S]) -> S | None:
         """Return the section of a format by the model of its settings; None if the recipe asks for no such dataset."""

@@ -13,7 +13,6 @@ from bagassets.base.quantities import count_text
 from bagassets.defs.graph.checks import check_recording, run_dataset_checks
 from bagassets.defs.graph.dataset import dataset_is_current, make_dataset, record_inputs
 from bagassets.defs.graph.making import make_recording
-from bagassets.defs.records.batches import Batch
 from bagassets.defs.records.instance_plan import InstancePlan, plan_instance
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.records.partitions import DATASET
@@ -22,6 +21,7 @@ from bagassets.defs.records.reporting import errors_explained
 from bagassets.defs.records.workspace import Workspace
 from bagassets.defs.runs.exclusive import RecordingLock
 from bagassets.defs.runs.run_progress import note_begun, note_ended
+from bagassets.engine.batches import Batch
 from bagassets.engine.unsettled import Unsettled
 from bagassets.formats.dataset_build import dataset_code_versions
 from bagassets.recordings.model import RecordingFiles

@@ -18,7 +18,6 @@ import dagster as dg
 from bagassets.base.errors import BagAssetsError
 from bagassets.base.quantities import count_text, readable_bytes
 from bagassets.base.trace import span
-from bagassets.defs.records.connections import kept_open
 from bagassets.defs.records.instance_plan import Touched
 from bagassets.defs.records.recorder import Made, Recorder
 from bagassets.defs.records.reporting import BAG_CODE_VERSION, bag_metadata
@@ -35,7 +34,6 @@ from bagassets.recordings.model import RecordingFiles
 
 __all__ = ["record_touched"]
 
-_NO_RUN = ""  # the run of Dagster's events that belong to none
 _SHOW_EVERY_S = 0.5
 _SHARE_A_PROCESSOR = 4
 
@@ -71,7 +69,6 @@ def record_touched(
     same = {}
     with (
         span("read touched", recordings=len(touched)),
-        kept_open(instance, _NO_RUN),
         closing(_read(touched, workspace, jobs, on_event)) as found,
     ):
         for key, stat, digest, seconds in found:
