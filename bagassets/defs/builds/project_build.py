@@ -51,9 +51,9 @@ from bagassets.forkserver.worker import note
 from bagassets.formats.after_crash import noted_build
 from bagassets.formats.catalogue import problems_of, recording_assets
 from bagassets.formats.checking import remarks_on_record
-from bagassets.formats.dataset_build import dataset_folders, first_lock, left_behind, split_on_disk
+from bagassets.formats.dataset_build import dataset_folders, first_lock, split_on_disk
 from bagassets.formats.dataset_integrity import remove_changed_sources
-from bagassets.formats.emptiness import why_empty
+from bagassets.formats.emptiness import left_behind, why_empty
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Recipe
 from bagassets.store.store import Store
