@@ -6,6 +6,7 @@ from pathlib import Path
 from bagassets.assets.boxes.files.find import LabelSet
 from bagassets.assets.boxes.files.label import LabelFile
 from bagassets.geometry.camera import CameraModel
+from bagassets.recipe.format_settings import OUR_FORMATS
 from bagassets.recipe.model import Recipe
 from bagassets.recordings.inventory import Inventory
 from bagassets.store.canonical import digest_json
@@ -50,7 +51,13 @@ def _rig(name, channels, pose=ODOMETRY, **fields):
 
 
 def _recipe(*rigs, **sections):
-    return {"name": "test", "bags": {"root": "/bags"}, "rigs": rigs, "nuscenes": {}, "vision": {}, **sections}
+    return {
+        "name": "test",
+        "bags": {"root": "/bags"},
+        "rigs": rigs,
+        **{kind: {} for kind in OUR_FORMATS},
+        **sections,
+    }
 
 
 def recipes(folder):

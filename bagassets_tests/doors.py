@@ -6,9 +6,8 @@ from dagster._core.storage.partition_status_cache import get_and_update_asset_st
 
 from bagassets.defs.builds.pending_work import find_pending_work, open_project
 from bagassets.defs.graph.location import build_definitions
-from bagassets.defs.records.events import live_partitions
+from bagassets.defs.records.events import last_failure, live_partitions
 from bagassets.defs.records.naming import Naming
-from bagassets.defs.records.not_made import last_failure
 from bagassets.engine.build_report import BuildOptions
 from bagassets.propose.project import write_project
 from bagassets_tests.in_process import QUICK

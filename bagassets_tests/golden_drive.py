@@ -22,6 +22,7 @@ from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.undistortion import Undistortion
 from bagassets.recipe import load_recipe
+from bagassets.recipe.format_settings import OUR_FORMATS
 from bagassets.recordings.digest import recording_digest, recording_stat
 from bagassets.recordings.discover import discover
 from bagassets.store.canonical import digest_bytes
@@ -69,6 +70,7 @@ rigs:
       LIDAR_TOP: {modality: lidar, topic: /points, deskew: true}
       RADAR_FRONT: {modality: radar, topic: /radar}
 """
+RECIPE += "".join(f"{name}: {{}}\n" for name in OUR_FORMATS if f"\n{name}:" not in RECIPE)
 
 
 def unit(*numbers):

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from bagassets.cli.docs import asset_reference
 from bagassets.formats.catalogue import known_assets
-from scripts.input_table import input_table, page
+from scripts.docs import input_table
 
 DOCS = Path(__file__).parent.parent / "docs"
 PAGE = DOCS / "assets.md"
@@ -26,7 +26,6 @@ def test_every_asset_says_what_it_is():
 
 def test_the_table_of_inputs_is_that_of_the_assets():
     assert input_table() in HOW_IT_DECIDES
-    assert page() == HOW_IT_DECIDES, "docs/how-it-decides.md is out of date: make docs"
 
 
 def test_every_asset_has_parameters():

@@ -8,14 +8,16 @@ from dagster._core.loader import LoadingContextForTest
 from dagster._core.storage.partition_status_cache import get_and_update_asset_status_cache_value
 
 from bagassets.base.errors import DatasetError
-from bagassets.defs.builds import pending_work, project_build
+from bagassets.defs.builds import pending_work
 from bagassets.defs.graph import batch_job, making
 from bagassets.defs.graph.location import build_definitions
-from bagassets.defs.records import batches as defs_batches
-from bagassets.defs.records.batches import batch_of, batches, without_steps
+from bagassets.defs.records.batches import batch_of
 from bagassets.defs.records.events import MADE_ALONG
 from bagassets.defs.records.partitions import DATASET
 from bagassets.defs.runs.execution import failure_of
+from bagassets.engine import batches as engine_batches
+from bagassets.engine import next_steps
+from bagassets.engine.batches import batches, without_steps
 from bagassets.recipe import load_recipe
 from bagassets.recordings.digest import DigestIndex, recording_digest
 from bagassets.recordings.discover import discover
@@ -105,7 +107,7 @@ def test_where_there_are_many_all_but_the_largest_do_without_steps():
 
 
 def test_a_run_without_steps_says_what_one_with_steps_does(project, monkeypatch):
-    monkeypatch.setattr(defs_batches, "SMALL_BYTES", 0)
+    monkeypatch.setattr(engine_batches, "SMALL_BYTES", 0)
     (project.parent / "bags" / BROKEN).write_bytes(b"no bag at all")
     events = []
     report, _ = build(project, monkeypatch, jobs=1, on_event=events.append)
@@ -113,7 +115,7 @@ def test_a_run_without_steps_says_what_one_with_steps_does(project, monkeypatch)
         assert sorted(batch_of(run) for run in batch_runs(instance)) == [(key,) for key in KEYS]
     assert outcomes(report) == {key: "failed" if key == BROKEN else "built" for key in KEYS}
     assert sorted(event.key for event in events if event.kind == "started") == ["", *KEYS]
-    monkeypatch.setattr(defs_batches, "_FEWEST_PER_JOB", 100)
+    monkeypatch.setattr(engine_batches, "_FEWEST_PER_JOB", 100)
     with_steps, _ = build(project, monkeypatch, jobs=1, retry_failed=True)
     assert with_steps.outcomes[BROKEN].reason == report.outcomes[BROKEN].reason
 
@@ -140,7 +142,7 @@ def test_recordings_of_a_batch_are_recorded_as_runs_of_their_own_would(project, 
         assert stale(instance, project, names) == set()
         for name in names:
             instance.wipe_assets([dg.AssetKey(name)])
-    monkeypatch.setattr(defs_batches, "_FEWEST_PER_JOB", 100)
+    monkeypatch.setattr(engine_batches, "_FEWEST_PER_JOB", 100)
     report, runs = build(project, monkeypatch, jobs=1)
     assert {key for key, _ in runs} == set(KEYS)  # the dataset is as it was
     assert outcomes(report) == dict.fromkeys(KEYS, "hit")
@@ -276,12 +278,12 @@ def test_a_recording_that_is_skipped_is_not_failed_where_another_one_is(project,
 def test_an_unexpected_error_is_one_recordings_own(project, monkeypatch):
     real = making.read_bag
 
-    def read_bag(instance, workspace, recording, *arguments, **options):
+    def read_bag(recorder, recording):
         if recording.key == BROKEN:
             raise ZeroDivisionError("by chance")
-        return real(instance, workspace, recording, *arguments, **options)
+        return real(recorder, recording)
 
-    monkeypatch.setattr("bagassets.defs.graph.batch_job.read_bag", read_bag)
+    monkeypatch.setattr("bagassets.defs.graph.making.read_bag", read_bag)
     report, _ = build(project, monkeypatch, jobs=1)
     assert outcomes(report) == {key: "failed" if key == BROKEN else "built" for key in KEYS}
     assert report.outcomes[BROKEN].reason == "ZeroDivisionError: by chance"
@@ -292,13 +294,13 @@ def test_what_a_worker_left_when_it_died_gets_another_run(project, monkeypatch):
     real = making.read_bag
     died = []
 
-    def read_bag(instance, workspace, recording, *arguments, **options):
+    def read_bag(recorder, recording):
         if recording.key == BROKEN and not died:
             died.append(recording.key)
             raise SystemExit("killed")
-        return real(instance, workspace, recording, *arguments, **options)
+        return real(recorder, recording)
 
-    monkeypatch.setattr("bagassets.defs.graph.batch_job.read_bag", read_bag)
+    monkeypatch.setattr("bagassets.defs.graph.making.read_bag", read_bag)
     report, _ = build(project, monkeypatch, jobs=1)
     assert outcomes(report) == {key: "failed" if key == BROKEN else "built" for key in KEYS}
     assert report.dataset == "updated"  # of the others, by a run of its own
@@ -346,7 +348,7 @@ def test_a_single_recording_has_steps_and_the_dataset_a_run_only_if_it_is_large(
 ):
     recipe_file = make_project(tmp_path, ("a.bag",))
     if is_large:
-        monkeypatch.setattr(project_build, "WORTH_STEPS_BYTES", 1000)
+        monkeypatch.setattr(next_steps, "WORTH_STEPS_BYTES", 1000)
     report, _ = build(recipe_file, monkeypatch, jobs=1)
     assert (outcomes(report), report.dataset) == ({"a.bag": "built"}, "updated")
     with pending_work.open_project(recipe_file) as (instance, _):

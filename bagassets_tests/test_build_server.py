@@ -4,11 +4,9 @@ import json
 import os
 import re
 import signal
-import sqlite3
 import subprocess
 import sys
 import time
-from contextlib import closing
 from functools import partial
 from pathlib import Path
 from unittest.mock import Mock
@@ -21,8 +19,6 @@ from bagassets.base.errors import BagAssetsError
 from bagassets.cli import early
 from bagassets.cli.early import JOBS_PER_PROCESSOR
 from bagassets.cli.remote import build_on_server
-from bagassets.defs.records.connections import kept_open
-from bagassets.defs.records.events import event_database
 from bagassets.defs.records.instances import open_instance
 from bagassets.defs.runs.exclusive import exclusive
 from bagassets.defs.runs.worker_tag import RunWorker
@@ -389,51 +385,3 @@ def test_reports_events_and_options_survive_the_way():
     assert again.outcomes == report.outcomes
     assert again.moved == report.moved
     assert not again.succeeded
-
-
-def test_databases_that_are_kept_open_are_written_back_at_the_end_only(tmp_path):
-    (tmp_path / "dagster.yaml").write_text("telemetry: {enabled: false}\n")
-    with open_instance(str(tmp_path)) as instance:
-        path = event_database(instance)
-        log = path.with_name("index.db-wal")
-        instance.report_runless_asset_event(dg.AssetMaterialization("first"))
-        assert not log.exists(), "closing the last connection writes the log back"
-        with kept_open(instance):
-            instance.report_runless_asset_event(dg.AssetMaterialization("second"))
-            assert log.stat().st_size > 0
-            with closing(sqlite3.connect(path)) as other:
-                assert other.execute("SELECT count(*) FROM event_logs").fetchone()[0] >= 2
-        assert not log.exists()
-        assert instance.get_latest_materialization_event(dg.AssetKey("second")) is not None
-
-
-def test_an_instance_without_files_needs_nothing_kept_open():
-    with dg.DagsterInstance.ephemeral() as instance, kept_open(instance):
-        assert event_database(instance) is None
-
-
-def test_an_engine_is_made_once_for_a_file_and_migrations_are_read_once(tmp_path, monkeypatch):
-    from alembic.script import base
-    from sqlalchemy.pool import NullPool
-
-    from bagassets.defs.records import connections
-
-    made = []
-    engine = connections.create_engine
-    monkeypatch.setattr(
-        connections, "create_engine", lambda *a, **o: made.append((*a, o["poolclass"])) or engine(*a, **o)
-    )
-    (tmp_path / "dagster.yaml").write_text("telemetry: {enabled: false}\n")
-    with open_instance(str(tmp_path)) as instance, kept_open(instance):
-        for number in range(3):
-            instance.report_runless_asset_event(dg.AssetMaterialization(f"a{number}"))
-        assert made
-        assert len(made) == len(set(made)), "one per file"
-    other = connections._create_engine("sqlite://", poolclass=NullPool, echo=False)
-    assert other is not connections._create_engine("sqlite://", poolclass=NullPool, echo=False)
-    connections.share_migrations()
-    monkeypatch.setattr(base.Script, "_from_path", lambda *_: pytest.fail("read again"))
-    (tmp_path / "second").mkdir()
-    (tmp_path / "second" / "dagster.yaml").write_text("telemetry: {enabled: false}\n")
-    with open_instance(str(tmp_path / "second")) as instance:
-        assert list(instance.get_dynamic_partitions("none")) == []

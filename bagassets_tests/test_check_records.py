@@ -9,8 +9,8 @@ from dagster._core.definitions.asset_checks.asset_check_evaluation import (
     AssetCheckEvaluationTargetMaterializationData,
 )
 
-from bagassets.defs.graph.check_records import record_passed
 from bagassets.defs.records.instances import open_instance
+from bagassets.defs.records.recorder import record_passed
 from bagassets_tests.in_process import make_project
 from bagassets_tests.postgres_server import PROGRAMS, running_postgres, use_postgres
 

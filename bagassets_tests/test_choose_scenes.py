@@ -6,8 +6,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from bagassets.base.errors import RecipeError
-from bagassets.formats.nuscenes.scene_conditions import inside, require_own_scenes, unmet_condition
-from bagassets.formats.nuscenes.selection import scene_facts
+from bagassets.formats.nuscenes.selection import inside, require_own_scenes, scene_facts, unmet_condition
 from bagassets.formats.nuscenes.subset import subset_facts, subset_tables
 from bagassets.formats.nuscenes.tokens import attribute_token, category_token
 from bagassets.geometry.trajectory import Trajectory

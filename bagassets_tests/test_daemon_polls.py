@@ -1,6 +1,8 @@
 """The daemon of `bagassets ui` looks at backfills more often than Dagster's own does."""
 
 import logging
+import subprocess
+import sys
 from types import SimpleNamespace
 
 import dagster as dg
@@ -28,23 +30,22 @@ def test_backfills_are_looked_at_as_often_as_sensors(monkeypatch):
     assert 20 < plain <= 30
     started = []
     monkeypatch.setattr(cli, "main", lambda: started.append("daemon"))
+    monkeypatch.setattr(daemon, "end_with_parent", lambda: started.append("with its parent"))
     daemon.main()
-    assert started == ["daemon"]
+    assert started == ["with its parent", "daemon"]
     [ours] = pauses()
     assert 0 < ours <= daemon.BACKFILL_POLL_S < plain
 
 
-def test_the_web_ui_starts_it(monkeypatch):
-    started, ended = [], SimpleNamespace(poll=lambda: 0, wait=lambda _seconds: 0)
-
-    def start(module, _arguments):
-        started.append(module)
-        return ended, -1
-
-    monkeypatch.setattr(dev, "_start", start)
-    monkeypatch.setattr(dev, "_POLL_S", 0)
+def test_the_web_ui_starts_it_and_ends_it(monkeypatch):
     monkeypatch.setenv("DAGSTER_DISABLE_TELEMETRY", "1")
-    options = SimpleNamespace(host="127.0.0.1", port=1, allow_host=[], log_level="error")
+    waits = [sys.executable, "-c", "import sys; sys.stdin.read()"]
+    started, start = [], subprocess.Popen
+    monkeypatch.setattr(
+        subprocess, "Popen", lambda command, **kw: started.append(command) or start(waits, **kw)
+    )
     with dg.instance_for_test() as instance:
-        dev._serve(instance, options, "workspace.yaml")
-    assert started == ["bagassets.defs.ui.webserver", daemon.__name__]
+        with dev._daemon(instance, "workspace.yaml", "error") as process:
+            assert process.poll() is None
+        assert process.returncode == 0
+    assert daemon.__name__ in started[0]

@@ -22,7 +22,7 @@ from sqlalchemy import create_engine, text
 
 from bagassets.base.errors import StoreError
 from bagassets.defs.records import databases
-from bagassets.defs.records.databases import database_errors_explained, ready_to_open
+from bagassets.defs.records.databases import database_errors_explained, make_whole
 from bagassets.defs.records.events import event_database
 from bagassets.defs.records.instances import open_instance
 from bagassets.forkserver.client import Client
@@ -258,8 +258,8 @@ def _read_everything(home):
 
 def test_a_folder_that_cannot_be_made_is_reported(home):
     (home / "state").write_text("a file")
-    with pytest.raises(StoreError, match="cannot be created"), ready_to_open(home):
-        pass
+    with pytest.raises(StoreError, match="cannot be created"):
+        make_whole(storage_of(home))
 
 
 # --- kills, by the command ---------------------------------------------------------------

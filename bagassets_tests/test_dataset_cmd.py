@@ -23,9 +23,9 @@ from bagassets.formats.dataset_diff import diff_datasets
 from bagassets.formats.dataset_lock import load_lock, locked_artifacts, read_lock
 from bagassets.formats.dataset_restore import missing_recordings, restore_dataset
 from bagassets.formats.format import Part
-from bagassets.formats.nuscenes.filenames import recording_of
 from bagassets.formats.nuscenes.format import NUSCENES
 from bagassets.formats.nuscenes.settings import NuScenes
+from bagassets.formats.nuscenes.tokens import recording_of
 from bagassets.formats.vision.format import VISION
 from bagassets.recipe.model_splits import Splits
 from bagassets.store.store import Store

@@ -109,7 +109,7 @@ def test_a_build_measures_what_is_built_and_says_so(tmp_path, monkeypatch, capsy
         assert runs
         assert report.succeeded
         # With nothing to do, nothing is looked at.
-        full.setattr("bagassets.defs.builds.project_build.space_needed", None)
+        full.setattr("bagassets.defs.builds.loop.space_needed", None)
         assert build(recipe, full)[1] == []
 
 

@@ -337,7 +337,9 @@ def test_what_can_wait_is_prepared_while_the_server_serves(tmp_path):
             return end_of(client, job)["result"] == [0, 1, 2]
 
         eventually(done)
-        eventually(lambda: "a later step failed; workers do without" in client.files.log.read_text())
+        eventually(
+            lambda: "its deferred preparation failed; workers do without" in client.files.log.read_text()
+        )
         assert done()
         client.shutdown(grace_s=0.0)
 

@@ -25,6 +25,7 @@ from bagassets.formats.dataset_build import datasets_of
 from bagassets.formats.dataset_lock import read_lock
 from bagassets.formats.format import Part
 from bagassets.recipe import load_recipe
+from bagassets.recipe.format_settings import OUR_FORMATS
 from bagassets.store.action import Step
 from bagassets.store.store import Store
 from bagassets_tests import in_process
@@ -69,6 +70,12 @@ def with_check(section):
     )
 
 
+def with_count(name):
+    """The package, whose asset counts something."""
+    face = f"face=Face(counts={{'{name}': len}})"
+    return "from bagassets.assets.face import Face\n" + GOOD.replace("make=make,", f"make=make, {face},")
+
+
 RECIPE = """
 name: test
 bags: {{root: bags}}
@@ -98,7 +105,7 @@ def problem(site, code, name="acme", value="ACME", version="1.2"):
     site.install("acme_package", version, code, group=FORMATS, **{name: value})
     (sentence,) = catalogue().problems
     assert formats() == catalogue().formats
-    assert [kind.name for kind in formats()] == ["nuscenes", "vision"]
+    assert [kind.name for kind in formats()] == [*OUR_FORMATS]
     assert catalogue().assets == {}
     assert sentence.count("\n") == 0
     return sentence
@@ -231,6 +238,12 @@ class TestBad:
             (with_check("'enabled'"), "its check acme_sound has the section 'enabled'"),
             (GOOD.replace("make=make,", "make=make, checks=(print,),"), "is not a RecordingCheck"),
             (
+                GOOD.replace("make=make,", "make=make, face=print,"),
+                "has a face that is not a bagassets.assets.face.Face",
+            ),
+            (with_count("boxes"), "its asset acme_part counts boxes, a name that is taken"),
+            (with_count("result"), "its asset acme_part counts result, a name that is taken"),
+            (
                 HEAD.replace("acme_part", "frames") + "ACME = Format(**FIELDS)\n",
                 "'frames' is not a valid name for an asset",
             ),
@@ -269,7 +282,7 @@ class TestBad:
         site.install("two", "2", GOOD.replace('name="acme"', 'name="other"'), group=FORMATS, other="ACME")
         (sentence,) = catalogue().problems
         assert "other of two 2 cannot be used: one 1 has an asset acme_part, too" in sentence
-        assert [kind.name for kind in formats()] == ["nuscenes", "vision", "acme"]
+        assert [kind.name for kind in formats()] == [*OUR_FORMATS, "acme"]
 
     @pytest.mark.parametrize(
         ("was", "now", "words"),

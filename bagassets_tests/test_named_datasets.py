@@ -15,7 +15,7 @@ from bagassets.formats.dataset_build import Dataset, DatasetInputs, build_datase
 from bagassets.formats.dataset_lock import read_lock
 from bagassets.formats.format import Part
 from bagassets.formats.nuscenes.format import NUSCENES
-from bagassets.formats.nuscenes.scene_conditions import inside, unmet_condition
+from bagassets.formats.nuscenes.selection import inside, unmet_condition
 from bagassets.formats.nuscenes.table_file import read_table
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model_datasets import NamedDataset, moment_ns

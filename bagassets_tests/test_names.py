@@ -1,4 +1,4 @@
-"""The name of an asset or a format, as a string, stands in its own module or folder and nowhere else."""
+"""The name of an asset or a format, as a string, stands in its own module or folder and in the catalogue, and nowhere else."""
 
 import ast
 from collections.abc import Iterator
@@ -23,7 +23,7 @@ WORDS = {
     ("formats/dataset_lock.py", "vision_sequences"): "likewise",
     ("formats/nuscenes/annotation_rows.py", "annotations"): "what is counted",
     ("formats/nuscenes/dataset_rows.py", "sweeps"): "a folder of nuScenes",
-    ("formats/nuscenes/filenames.py", "sweeps"): "a folder of nuScenes",
+    ("formats/nuscenes/tokens.py", "sweeps"): "a folder of nuScenes",
     ("formats/nuscenes/format.py", "calibration"): "a part of a sample that `dataset diff` compares",
     ("formats/nuscenes/format.py", "sweeps"): "a folder of nuScenes",
     ("formats/nuscenes/tables.py", "annotations"): "what is counted",
@@ -35,19 +35,16 @@ WORDS = {
     ("propose/scan.py", "frames"): "coordinate frames",
     ("propose/sensors.py", "track"): "a word in the names of topics",
     ("recipe/consistency.py", "annotations"): "a field of the recipe",
-    ("recipe/consistency.py", "nuscenes"): "a field of the recipe",
     ("recipe/consistency.py", "preview"): "a field of the recipe",
-    ("recipe/consistency.py", "vision"): "a field of the recipe",
     ("recipe/model_annotations.py", "nuscenes"): "a format of label files",
     ("recordings/describe.py", "frames"): "coordinate frames",
-    ("sample/oddities/robots.py", "annotations"): "a topic",
+    ("sample/oddities.py", "annotations"): "a topic",
     ("sample/recipe.py", "nuscenes"): "a folder",
     ("view/messages.py", "calibration"): "a topic",
 }
 # Where a name of ours is meant, and stays for a reason.
 NAMED = {
     ("cli/convert.py", "nuscenes"): "the default of an option, whose help must not import all formats",
-    ("cli/throw_away.py", "nuscenes"): "a section of the recipe that a throw-away project needs",
 }
 
 
@@ -58,6 +55,7 @@ def homes() -> dict[str, set[str]]:
         module = f"formats/{kind.name}/"
         for name in (kind.name, kind.asset, *(asset.name for asset in kind.assets)):
             found.setdefault(name, set()).add(module)
+        found[kind.name].add("recipe/format_settings.py")  # which lists the formats
     for asset in OUR_ASSETS:
         for one in (asset, *asset.along):
             found.setdefault(one.name, {f"assets/{one.name}.py"})

@@ -5,8 +5,9 @@ import pytest
 
 from bagassets.base.errors import RecordingError
 from bagassets.defs.builds import pending_work
-from bagassets.defs.graph.making import make_assets, recorded_bag
-from bagassets.defs.records.not_made import observations_of
+from bagassets.defs.graph import making
+from bagassets.defs.graph.making import make_recording
+from bagassets.defs.records.recorder import Recorder
 from bagassets.engine.execute import BuildFailure
 from bagassets_tests.in_process import build, make_project, states, survey
 from bagassets_tests.small_drive import write_drive
@@ -131,9 +132,9 @@ def test_the_cause_is_named_however_many_recordings_there_are(tmp_path, monkeypa
             assert cause in why[asset]
             assert why["nuscenes_tables"] == f"{asset} failed: {why[asset]}"
             # So does one that is materialized alone, as in the web UI.
-            source = recorded_bag(instance, workspace.names, workspace.recording(key), "")
+            recorder = Recorder(instance, workspace, key)
             with pytest.raises(BuildFailure) as failure:
-                list(make_assets(instance, workspace, source, {"nuscenes_tables"}, ""))
+                list(make_recording(recorder, workspace.recording(key), {"nuscenes_tables"}))
             said = str(failure.value)
             assert (
                 f"{key}: {asset} is not materialized for this recording; materialize {asset} first." in said
@@ -146,6 +147,20 @@ def test_the_cause_is_named_however_many_recordings_there_are(tmp_path, monkeypa
             assert state["frames"] == state["sweeps"] == "fresh"
 
 
+def test_an_error_that_nobody_expected_stands_there_too(project, monkeypatch):
+    def fail(*_):
+        raise ZeroDivisionError("by chance")
+
+    monkeypatch.setattr(making, "make_assets", fail)
+    build(project, monkeypatch, jobs=1)
+    with pending_work.open_project(project) as (instance, _):
+        assert not batch_runs(instance)
+        why = observed(instance, GOOD)
+    assert set(why.values()) == {"ZeroDivisionError: by chance"}
+    assert {"frames", "nuscenes_tables"} <= why.keys()
+    assert "bag" not in why
+
+
 def test_recordings_that_are_made_have_no_observation(project, monkeypatch):
     build(project, monkeypatch, jobs=1)
     with pending_work.open_project(project) as (instance, _):
@@ -155,16 +170,12 @@ def test_recordings_that_are_made_have_no_observation(project, monkeypatch):
 
 
 def test_an_asset_says_which_one_above_it_failed_and_one_beside_it_the_whole(project):
-    with pending_work.open_project(project) as (_, workspace):
+    with pending_work.open_project(project) as (instance, workspace):
         failure = BuildFailure({"frames": RecordingError("a.bag: /cam: no image.")}, project)
-        found = observations_of(
-            workspace.assets,
-            workspace.names,
-            "a.bag",
-            {"frames", "nuscenes_tables", "annotations"},
-            failure,
-        )
-    said = {one.asset_key.to_user_string(): one.description for one in found}
+        recorder = Recorder(instance, workspace, "a.bag")
+        with pytest.raises(BuildFailure), recorder.giving_up({"frames", "nuscenes_tables", "annotations"}):
+            raise failure
+        said = observed(instance, "a.bag")
     assert said["frames"] == "a.bag: /cam: no image."
     assert said["nuscenes_tables"] == "frames failed: a.bag: /cam: no image."
     assert said["annotations"].endswith("a.bag: /cam: no image.")

@@ -458,6 +458,12 @@ def test_status_dry_run_and_explain_tell_of_them(project, capsys):
     assert "to do: build 2 recordings, update nuscenes_dataset, make blur, upload, sharp, table." in out
     project.build()
     assert printed("build", "--check") == (0, "nothing to do: 2 recordings up to date.\n")
+    recipe = project.recipe.read_text()
+    project.recipe.write_text(recipe.replace("preview: {enabled: false}", ""))
+    out = printed("build", "--dry-run")[1]
+    assert "nuscenes_dataset\n  up to date\ntrajectory_map\n  run      never made\n" in out
+    assert "upload\n  up to date\n" in out, "it reads the dataset, which needs no pictures, and not the map"
+    project.recipe.write_text(recipe)
     project.edit('code_version="1"', 'code_version="2"')
     assert printed("build", "--check") == (3, "to do: make blur, sharp, table.\n")
     status, out = printed("status")

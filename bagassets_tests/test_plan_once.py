@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from bagassets.cli.main import root
-from bagassets.defs.builds import pending_work
+from bagassets.defs.builds import loop, pending_work
 from bagassets.defs.records import instance_plan
 from bagassets.engine import planner
 from bagassets.engine.planner import Planner
@@ -23,19 +23,20 @@ KEY = "a.bag"
 def planned(recipe_file, monkeypatch):
     """Build; return how often each recording was looked into, and how often everything was."""
     keys, whole = Counter(), Counter()
-    plan, begin = Planner.plan, instance_plan.InstancePlanning.__init__
+    plan, begin = Planner.plan, instance_plan.begin_planning
 
     def note(self, found, recorded):
         keys[found.key] += 1
         return plan(self, found, recorded)
 
-    def note_whole(self, instance, workspace, live=None, discovery=None, *args):
+    def note_whole(instance, workspace, live=None, discovery=None, *args):
         whole["all"] += discovery is None  # else what runs have changed is planned again
-        begin(self, instance, workspace, live, discovery, *args)
+        return begin(instance, workspace, live, discovery, *args)
 
     with monkeypatch.context() as patch:
         patch.setattr(Planner, "plan", note)
-        patch.setattr(instance_plan.InstancePlanning, "__init__", note_whole)
+        patch.setattr(instance_plan, "begin_planning", note_whole)
+        patch.setattr(loop, "begin_planning", note_whole)
         report, _ = build(recipe_file, monkeypatch)
     return report, keys, whole["all"]
 
@@ -72,8 +73,8 @@ def test_many_recordings_are_planned_some_at_a_time_and_the_build_says_how_many_
         told = []
         for fingerprint in ("other code", None):
             monkeypatch.setattr(instance_plan, "workspace_fingerprint", lambda _, it=fingerprint: it)
-            now = instance_plan.InstancePlanning(instance, workspace).plan(
-                lambda done, total: told.append((done, total))
+            now = instance_plan.plan_instance(
+                instance, workspace, on_planned=lambda done, total: told.append((done, total))
             )
             assert now.plan == whole.plan
             assert now.recorded.keys() == whole.plan.bags.keys()

@@ -235,9 +235,9 @@ print(sorted(name for name in sys.modules if name.startswith(("bagassets.", "num
 """
     reported = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert set(ast.literal_eval(reported)) == {
+        "bagassets.base",
         "bagassets.decode",
         "bagassets.decode.registry",
-        "bagassets.base",
         "bagassets.base.errors",
         "bagassets.base.escaping",
         "bagassets.base.plugins",

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bagassets.assets.quality.radar_rules import radar_velocities
+from bagassets.assets.quality.sweep_rules import radar_velocities
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
 

@@ -243,11 +243,13 @@ def test_a_rehearsal_leaves_no_thread_and_no_database_open_and_statements_compil
     code = (
         "import sys, threading\n"
         "from pathlib import Path\n"
-        "from bagassets.defs.builds import pending_work; from bagassets.defs.records import connections\n"
+        "from bagassets.defs.builds import pending_work; from bagassets.defs.records import sqlite_storage\n"
+        "made, create = [], sqlite_storage.create_engine\n"
+        "sqlite_storage.create_engine = lambda *args, **more: made.append(create(*args, **more)) or made[-1]\n"
         "pending_work.rehearse(Path(sys.argv[1]))\n"
         "links = [link.readlink() for link in Path('/proc/self/fd').iterdir() if link.is_symlink()]\n"
         "print(len(threading.enumerate()), sum(link.suffix == '.db' for link in links))\n"
-        "print([len(engine._compiled_cache) > 0 for engine in connections._POOLED.values()])\n"
+        "print([len(engine._compiled_cache) > 0 for engine in made])\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", code, str(recipe)], capture_output=True, text=True, check=False

@@ -5,7 +5,7 @@ import os
 import shutil
 import sqlite3
 from contextlib import closing
-from itertools import pairwise
+from dataclasses import replace
 
 import dagster as dg
 import pytest
@@ -17,8 +17,8 @@ from dagster._core.storage.tags import PARTITION_NAME_TAG
 from bagassets.base.errors import RecordingError
 from bagassets.defs.graph import sensor, sensor_scan
 from bagassets.defs.graph.location import build_definitions
-from bagassets.defs.graph.sensor_cursor import MOST_TRIES, RETRY_S, Cursor
-from bagassets.defs.graph.sensor_scan import Scan
+from bagassets.defs.graph.sensor_cursor import Cursor
+from bagassets.defs.graph.sensor_scan import RULES, Scan
 from bagassets.defs.records.events import event_database, live_partitions
 from bagassets.defs.records.instances import open_instance
 from bagassets.defs.records.naming import Naming
@@ -79,16 +79,16 @@ def test_what_is_recorded_as_it_is_needs_no_watching_nor_room_in_the_cursor():
     assert cursor.watched == {}
 
 
-def test_the_same_is_asked_for_again_with_pauses_and_not_for_ever():
-    cursor, now_s, asked = Cursor(), T0_S, []
-    for _ in range(1000):
-        if cursor.ask("a", "what", now_s):
-            asked.append(now_s - T0_S)
-        now_s += 5
-    assert len(asked) == MOST_TRIES
-    assert all(later - sooner >= RETRY_S for sooner, later in pairwise(asked))
-    assert not cursor.may_ask_again
-    assert cursor.ask("a", "something else", now_s)
+def test_a_cursor_counts_how_often_the_same_was_asked_for():
+    cursor = Cursor()
+    assert cursor.tried("a", "what") == (0, 0.0)
+    cursor.ask("a", "what", T0_S)
+    cursor.ask("a", "what", T0_S + 60)
+    assert cursor.tried("a", "what") == (2, T0_S + 60)
+    assert cursor.tried("a", "something else") == (0, 0.0)
+    cursor.ask("a", "something else", T0_S + 61)
+    assert cursor.tried("a", "something else") == (1, T0_S + 61)
+    assert cursor.runs == 3
 
 
 def test_a_cursor_survives_being_written_down():
@@ -342,14 +342,14 @@ def make_run(project, key, status):
 def test_a_run_that_was_lost_is_asked_for_again_after_a_while(project):
     assert set(project.scan()) == {"a.bag"}
     make_run(project, "a.bag", dg.DagsterRunStatus.FAILURE)
-    assert project.scan(after_s=RETRY_S - 2) == {}
+    assert project.scan(after_s=RULES.retry_s - 2) == {}
     assert set(project.scan(after_s=3)) == {"a.bag"}
 
 
 def test_a_run_that_somebody_cancelled_is_not_asked_for_again(project):
     assert set(project.scan()) == {"a.bag"}
     make_run(project, "a.bag", dg.DagsterRunStatus.CANCELED)
-    assert project.scan(after_s=10 * RETRY_S) == {}
+    assert project.scan(after_s=10 * RULES.retry_s) == {}
     (project.bags / "a.bag").touch()
     assert set(project.scan()) == {"a.bag"}
 
@@ -395,14 +395,13 @@ def test_those_of_a_shared_run_that_somebody_cancelled_are_not_asked_for_again(p
         shutil.copy(project.bags / "a.bag", project.bags / name)
     (request,) = scan_all(project)
     launch_job(project, request, dg.DagsterRunStatus.CANCELED)
-    assert scan_all(project, 10 * RETRY_S) == []
+    assert scan_all(project, 10 * RULES.retry_s) == []
     (project.bags / "a.bag").touch()
     assert set(project.scan()) == {"a.bag"}
 
 
 def test_more_recordings_than_one_run_takes_get_several(project, monkeypatch):
-    monkeypatch.setattr(sensor_scan, "_RECORDINGS_PER_RUN", 4)
-    monkeypatch.setattr(sensor_scan, "MOST_RUNS", 2)
+    monkeypatch.setattr(sensor_scan, "RULES", replace(RULES, most_per_run=4, most_runs=2))
     for number in range(11):
         shutil.copy(project.bags / "a.bag", project.bags / f"{number:02}.bag")
     first = [
@@ -430,7 +429,7 @@ def test_a_recording_with_a_run_is_left_alone(project):
 
 
 def test_no_more_runs_are_asked_for_than_are_worked_off(project, monkeypatch):
-    monkeypatch.setattr(sensor_scan, "MOST_RUNS", 2)
+    monkeypatch.setattr(sensor_scan, "RULES", replace(RULES, most_runs=2))
     for name in ("b.bag", "c.bag", "d.bag"):
         shutil.copy(project.bags / "a.bag", project.bags / name)
     make_run(project, "a.bag", dg.DagsterRunStatus.STARTED)

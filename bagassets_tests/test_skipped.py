@@ -8,13 +8,14 @@ import pytest
 from bagassets.base.errors import StoreError
 from bagassets.defs.builds.pending_work import find_pending_work
 from bagassets.defs.graph import making
-from bagassets.defs.graph.own_assets import Read, Versions
+from bagassets.defs.graph.own_assets import Versions
 from bagassets.defs.graph.sensor_cursor import Cursor
 from bagassets.defs.graph.steps import all_recordings, skipped
 from bagassets.defs.records.events import recorded_partition
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.records.workspace import Workspace
 from bagassets.engine.plan import is_skip
+from bagassets.engine.targets import Read
 from bagassets.formats.dataset_build import first_lock
 from bagassets.store.canonical import digest_json
 from bagassets_tests.in_process import QUICK
@@ -100,8 +101,7 @@ def test_where_nothing_was_recorded_of_it_that_is_done_once_and_nothing_is_made(
     def not_skipped(*arguments):
         return (made for made in make_assets(*arguments) if not is_skip(made.data_version))
 
-    for module in ("assets", "batch_job"):
-        monkeypatch.setattr(f"bagassets.defs.{module}.make_assets", not_skipped)
+    monkeypatch.setattr(making, "make_assets", not_skipped)
     project.build_project()
     assert records(project) == dict.fromkeys(BELOW)
     monkeypatch.undo()
@@ -142,5 +142,5 @@ def test_steps_of_ones_own_pass_it_on_and_leave_it_out(project):
     }
     # A step about all recordings does not become stale because one of them is skipped.
     made = records(project, LONG)["frames"].data_version
-    of_all = Versions(project.instance, Naming("test")).of(Read(dg.AssetKey("frames"), "all"), "")
+    of_all = Versions(project.instance, Naming("test")).of(Read("frames", "all"), "")
     assert of_all == digest_json({LONG: made})

@@ -1,16 +1,22 @@
 """One SQLite file for the events of all runs: nothing is lost, and projects of before go on."""
 
 import re
+import shutil
+import sqlite3
 import subprocess
 import sys
 import threading
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import closing
 from multiprocessing import get_context
 
 import dagster as dg
 import pytest
+from alembic.script import ScriptDirectory
+from sqlalchemy import create_engine
 
-from bagassets.defs.records.connections import Commits, kept_open
+from bagassets.defs.records import sqlite_storage
+from bagassets.defs.records.connections import Commits
 from bagassets.defs.records.events import event_database
 from bagassets.defs.records.instances import open_instance
 from bagassets.defs.records.naming import Naming
@@ -217,6 +223,75 @@ def _fail(*_arguments):
     raise OSError("the disk is full")
 
 
+def test_databases_stay_open_and_are_written_back_at_the_end_only(project):
+    with open_instance(str(project.parent)) as instance:
+        path = event_database(instance)
+        log = path.with_name("index.db-wal")
+        for number in range(2):
+            instance.report_runless_asset_event(dg.AssetMaterialization("own", partition=str(number)))
+            assert log.stat().st_size > 0, "closing the last connection writes the log back"
+        with closing(sqlite3.connect(path)) as other:
+            assert other.execute("SELECT count(*) FROM event_logs").fetchone()[0] == 2
+    assert not log.exists()
+
+
+def test_an_instance_is_opened_and_written_without_alembic_and_with_one_engine_for_a_file(
+    project, monkeypatch
+):
+    home = str(project.parent)
+    open_instance(home).dispose()
+    made = []
+    monkeypatch.setattr(
+        sqlite_storage, "create_engine", lambda url, **kw: made.append(url) or create(url, **kw)
+    )
+    monkeypatch.setattr(ScriptDirectory, "from_config", lambda *_: pytest.fail("migrations are read"))
+    create = create_engine
+    sqlite_storage._engine.cache_clear()
+    for _ in range(2):
+        with open_instance(home) as instance:
+            instance.report_engine_event("an event", instance.create_run_for_job(_job))
+            instance.schedule_storage.all_instigator_state()
+    assert len(made) == len(set(made)) == 3
+
+
+def test_a_database_that_is_replaced_is_opened_anew(project):
+    """As by a build after the state folder was removed, while the web UI is up."""
+    home = str(project.parent)
+    with open_instance(home) as instance:
+        instance.report_runless_asset_event(dg.AssetMaterialization("first"))
+        shutil.rmtree(project.parent / ".bagassets")
+        with open_instance(home) as other:
+            other.report_runless_asset_event(dg.AssetMaterialization("second"))
+        keys = {key.to_user_string() for key in instance.all_asset_keys()}
+        assert keys == {"second"}
+
+
+def test_threads_that_read_and_write_at_once_do_not_wait_for_each_other(project):
+    with open_instance(str(project.parent)) as instance, ThreadPoolExecutor(20) as pool:
+        run = instance.create_run_for_job(_job)
+        storage = instance.event_log_storage
+        with storage.index_connection() as held:
+            held.exec_driver_sql("SELECT 1")
+            list(pool.map(lambda number: instance.report_engine_event(str(number), run), range(40)))
+        assert len(instance.all_logs(run.run_id)) == 40
+
+
+def test_a_project_of_before_is_opened_with_files_that_stay_open_too(old_project):
+    with open_instance(str(old_project.parent)) as instance:
+        run = instance.create_run_for_job(_job)
+        instance.report_engine_event("an event", run)
+        assert files(instance) == [run.run_id, "index"]
+        log = event_database(instance).with_name(f"{run.run_id}.db-wal")
+        assert log.exists(), "closing the last connection writes it back"
+        with dg.DagsterInstance.from_ref(instance.get_ref()) as again:  # as workers do
+            assert type(again.event_log_storage) is type(instance.event_log_storage)
+            assert len(again.all_logs(run.run_id)) == 1
+    assert not log.exists()
+    with dg.DagsterInstance.from_config(str(old_project.parent)) as plain:  # as Dagster's processes do
+        assert type(plain.event_log_storage).__module__.startswith("dagster.")
+        assert len(plain.all_logs(run.run_id)) == 1
+
+
 @pytest.mark.long
 def test_eight_processes_write_at_the_same_time_and_nothing_is_lost(project):
     home = str(project.parent)
@@ -242,9 +317,8 @@ def write_side_by_side(home):
 def write_events(home):
     with open_instance(home) as instance:
         run = instance.create_run_for_job(_job)
-        with kept_open(instance, run.run_id):  # as workers do
-            for number in range(EVENTS):
-                instance.report_engine_event(str(number), run)
+        for number in range(EVENTS):
+            instance.report_engine_event(str(number), run)
         return run.run_id
 
 

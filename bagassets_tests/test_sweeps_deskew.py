@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bagassets.assets.deskew import deskew
+from bagassets.assets.lidar_sweeps import deskew
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
 

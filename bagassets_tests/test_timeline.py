@@ -12,7 +12,7 @@ from bagassets.assets.timeline.keyframes import (
     owning_keyframe,
     partner_readings,
 )
-from bagassets.assets.timeline.scenes import cut_scenes, stretches
+from bagassets.formats.nuscenes.scene_plan import cut_scenes, stretches
 
 S = 1_000_000_000
 START = 1_700_000_000 * S

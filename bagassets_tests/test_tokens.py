@@ -10,13 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bagassets.formats.json_files import row_blocks, rows_text, write_joined
-from bagassets.formats.nuscenes.filenames import filename, recording_of
+from bagassets.formats.nuscenes.join import blank_png
 from bagassets.formats.nuscenes.schema import RECORDING_TABLES, SHARED_TABLES, TABLES
-from bagassets.formats.nuscenes.shared_rows import blank_png
 from bagassets.formats.nuscenes.table_file import quaternion, read_table, rounded, table_bytes
 from bagassets.formats.nuscenes.tokens import (
     RecordingTokens,
     category_token,
+    filename,
+    recording_of,
     sensor_token,
     token,
     visibility_token,

@@ -13,6 +13,7 @@ from bagassets.defs.builds import pending_work
 from bagassets.defs.graph.location import build_definitions
 from bagassets.defs.records import instance_plan, touched
 from bagassets.defs.records.events import DATA_VERSION, MADE_ALONG, STAT
+from bagassets.engine.build_report import BuildOptions
 from bagassets.engine.choose import SelectionError
 from bagassets.engine.first_pass import first_pass
 from bagassets.engine.freshness.plan_cache import PlanCache
@@ -288,7 +289,8 @@ def test_an_interrupt_ends_the_reading_and_what_had_been_read_is_on_record(built
     monkeypatch.setattr(digest, "digest_file", slow_for_one)
     before = {key: len(records(built, key)) for key in ("a.bag", "b.mcap")}
     with pending_work.open_project(built) as (instance, workspace):
-        found = instance_plan.InstancePlanning(instance, workspace).touched()
+        planning = instance_plan.begin_planning(instance, workspace)
+        found = pending_work.find_touched(workspace, planning, BuildOptions())
         with pytest.raises(KeyboardInterrupt):
             touched.record_touched(instance, workspace, found, 2, listener)
     (event,) = asked

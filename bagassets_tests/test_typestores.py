@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
 from bagassets.assets.inventory import INVENTORY
-from bagassets.decode.autoware_objects import decode_object
-from bagassets.decode.detection3d import decode_detection
+from bagassets.decode.box_messages import AUTOWARE_OBJECTS, DETECTIONS
 from bagassets.decode.loading import keyed_decoder
 from bagassets.decode.packets import packets_in
 from bagassets.decode.radar import decode_radar
@@ -149,7 +148,7 @@ def test_the_version_is_found_from_the_messages_though_the_first_are_empty(tmp_p
     with pack, open_recording(tmp_path / "bag") as recording:
         for source in (pack, recording):
             decoded = [source.decode(message) for message in source.messages(["/boxes"])]
-            boxes = [[decode_detection(message, item) for item in message.detections] for message in decoded]
+            boxes = [[DETECTIONS.decode(message, item) for item in message.detections] for message in decoded]
             assert [[box.category for box in row] for row in boxes] == lists
             assert all(box.size_m == (2.0, 4.0, 1.5) and box.score == 0.75 for row in boxes for box in row)
 
@@ -170,7 +169,7 @@ def test_any_list_that_is_not_empty_is_decoded_by_its_own_layout(number, names, 
     choice = choice_of(ARRAY, "cdr", None, [])
     decoded = choice.decode(serialized(layout, message))
     assert choice.best.types == layout.types
-    assert [decode_detection(decoded, item).category for item in decoded.detections] == names
+    assert [DETECTIONS.decode(decoded, item).category for item in decoded.detections] == names
 
 
 def test_a_damaged_message_does_not_change_the_layout():
@@ -202,7 +201,7 @@ def test_tracked_objects_of_autoware_before_and_after_the_renaming(package):
     }
     data = serialized(layout, fill(layout, header=header(START_NS, "map"), objects=[item]))
     decoded = choice_of(msgtype, "cdr", None, []).decode(data)
-    box = decode_object(decoded, decoded.objects[0])
+    box = AUTOWARE_OBJECTS.decode(decoded, decoded.objects[0])
     assert (box.category, box.track_id, box.size_m) == ("pedestrian", bytes(range(16)).hex(), (2.0, 4.0, 1.5))
     assert decoded.objects[0].kinematics.orientation_availability == 2
     names = [name for name, _ in layout.types[f"{package}/msg/TrackedObjectKinematics"][1]]

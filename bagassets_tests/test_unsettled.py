@@ -9,6 +9,7 @@ from bagassets.assets.frames import FrameExtractor
 from bagassets.base.errors import DecodeError
 from bagassets.defs.builds import pending_work
 from bagassets.defs.graph import batch_job
+from bagassets.defs.graph import checks as graph_checks
 from bagassets.defs.graph.location import build_definitions
 from bagassets.defs.records.batches import batch_config
 from bagassets.defs.records.instances import open_instance
@@ -59,9 +60,9 @@ def test_checks_that_a_worker_did_not_come_to_are_made_up_for(tmp_path, monkeypa
             raise SystemExit("killed")
         yield from results
 
-    run_checks = batch_job.run_checks
+    run_checks = graph_checks.run_checks
     with monkeypatch.context() as patch:
-        patch.setattr(batch_job, "run_checks", killed)
+        patch.setattr(graph_checks, "run_checks", killed)
         report, _ = build(recipe_file, monkeypatch, jobs=1)
     assert outcomes(report) == {key: "failed" if key == BROKEN else "built" for key in KEYS}
     assert states(recipe_file, BROKEN) == {"fresh", "record-only"}

@@ -367,14 +367,14 @@ def test_machine_code_gives_the_bits_of_the_library(model, seed, modes):
     times_ns = START_NS + np.cumsum(rng.integers(50_000, 2_000_000, len(packets)))
     taken = Packets(times_ns, packets)
     ours, library = RevolutionDecoder(model), RevolutionDecoder(model)
-    library._decoder = velodyne._Library(velodyne._model(model)[0])
+    library._decoder = velodyne._Library(velodyne._model(model)[0]).take
     for part in itertools.pairwise([0, *sorted(rng.integers(0, len(packets), 2)), len(packets)]):
         found, expected = (
             decoder.decode(taken[slice(*part)], times_ns[slice(*part)]) for decoder in (ours, library)
         )
         assert found.points.tobytes() == expected.points.tobytes()
         assert found.times_ns.tolist() == expected.times_ns.tolist()
-    assert isinstance(ours._decoder, velodyne._MachineCode)
+    assert ours._decoder.func is velodyne._take_by_machine_code
 
 
 def test_without_machine_code_the_library_decodes(monkeypatch):
@@ -386,7 +386,7 @@ def test_without_machine_code_the_library_decodes(monkeypatch):
     monkeypatch.setattr(velodyne, "all_azimuths", velodyne.all_azimuths.__wrapped__)
     decoder = RevolutionDecoder(None)
     found = decoder.decode(packets, times_ns)
-    assert isinstance(decoder._decoder, velodyne._Library)
+    assert isinstance(decoder._decoder.__self__, velodyne._Library)
     with pytest.raises(RuntimeError, match="no machine code"):
         head_of(velodyne._model("VLS-128")[0], 1)
     assert found.points.tobytes() == expected.points.tobytes()

@@ -62,12 +62,12 @@ def count(package: Path) -> dict[str, Any]:
         "statements": statements,
         "modules": modules,
         "folders": sum(path.is_dir() and path.name != "__pycache__" for path in package.iterdir()),
-        "private": next(
-            len(node.value.keys)
-            for node in private.body
-            if isinstance(node, ast.Assign)
-            and isinstance(node.value, ast.Dict)
-            and "_PLACES" in ast.unparse(node.targets[0])
+        "private": sum(
+            len(node.names)
+            for block in private.body
+            if isinstance(block, ast.If)
+            for node in block.body
+            if isinstance(node, ast.ImportFrom)
         ),
         "relied": len(places),
         "patches": sum("replaces" in place for place in places),

@@ -1,21 +1,22 @@
 """Write anew what pages and pictures show of the code: `make docs`, after an asset, a format, a check or a field has changed.
 
-These are the references of recipe and assets, the graph and the table of inputs, the table of checks, the picture of the
+These are the references of recipe and assets, the graph and the table of inputs, the tables of checks and decoders, the picture of the
 architecture, and figures of `benchmarks/results/`. Tests compare each with the code.
 """
 
 from collections.abc import Callable
 from pathlib import Path
 
-from bagassets.cli.docs import asset_reference
+from bagassets.base.plugins import FAMILIES
+from bagassets.cli.docs import asset_reference, parameters_of, reads_of
+from bagassets.decode.registry import expected_types
 from bagassets.formats.catalogue import formats, known_assets
 from bagassets.formats.checking import render_checks
 from bagassets.recipe.reference import render_reference
 from benchmarks.pages import pages, with_figures
 from scripts.architecture import PICTURES, THEMES, draw, edges
-from scripts.input_table import input_table
 
-__all__ = ["generated", "graph", "write"]
+__all__ = ["generated", "graph", "input_table", "write"]
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -46,9 +47,26 @@ def graph() -> str:
 # What stands between two comments, `<!-- name -->` and `<!-- end of name -->`.
 PARTS: dict[str, Callable[[], str]] = {
     "checks": lambda: f"\n{render_checks()}\n",
+    "decoders": lambda: f"{decoder_table()}\n",
     "graph": lambda: f"\n```mermaid\n{graph()}\n```\n\n",
     "inputs": lambda: f"{input_table()}\n",
 }
+
+
+def input_table() -> str:
+    """Return the table of what each asset reads, its parameters and libraries."""
+    rows = [
+        (f"`{asset.name}`", reads_of(asset), parameters_of(asset), ", ".join(asset.libraries))
+        for asset in known_assets()
+    ]
+    lines = ["| asset | reads | parameters | libraries |", "|---|---|---|---|"]
+    return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows)])
+
+
+def decoder_table() -> str:
+    """Return the types of messages that each family has built-in decoders for."""
+    rows = [f"| `{family}` | {expected_types(family)} |" for family in FAMILIES]
+    return "\n".join(["| family | types |", "|---|---|", *rows])
 
 
 def generated() -> dict[Path, str]:

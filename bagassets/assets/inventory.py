@@ -25,7 +25,7 @@ from bagassets.base.errors import DecodeError, RecordingError
 from bagassets.base.json_types import Json, JsonObject
 from bagassets.base.quantities import count_text
 from bagassets.decode.loading import own_decoder
-from bagassets.decode.navsat import FixReading
+from bagassets.decode.poses import FixReading
 from bagassets.decode.registry import bulk_types, own_types
 from bagassets.geometry.sun import daylight
 from bagassets.recipe.model import READING_LIMITS, Recipe, Rig

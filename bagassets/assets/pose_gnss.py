@@ -10,9 +10,8 @@ from bagassets.assets.pose_outliers import trusted_fixes
 from bagassets.assets.pose_samples import MovingRig, PoseSamples, mounted, stamp_of, wgs84_origin
 from bagassets.assets.transform_logs import RigFrames
 from bagassets.base.errors import DecodeError
-from bagassets.decode.imu import ImuReading
 from bagassets.decode.loading import own_decoder
-from bagassets.decode.navsat import FixReading
+from bagassets.decode.poses import FixReading, ImuReading
 from bagassets.geometry.portable import arctan2, sin_cos
 from bagassets.geometry.se3 import IDENTITY_QUATERNION, SE3, Floats, quaternion_multiply, rotate
 from bagassets.geometry.trajectory import Trajectory, slerp

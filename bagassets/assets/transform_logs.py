@@ -13,7 +13,7 @@ from bagassets.assets.asset import Facts
 from bagassets.assets.channel import Counts
 from bagassets.base.errors import CalibrationError, DecodeError
 from bagassets.decode.loading import own_decoder
-from bagassets.decode.tf import decode_transform
+from bagassets.decode.poses import decode_transform
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.tf_tree import Edge, TfTree, TransformLog
 from bagassets.recipe.model_base import Clock

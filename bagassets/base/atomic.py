@@ -40,7 +40,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Create or replace a file in one step, in an existing folder.
+    """Create or replace a file at once, in an existing folder.
 
     Raises:
         OSError: it cannot be written.

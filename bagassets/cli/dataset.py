@@ -187,8 +187,7 @@ def _scene_text(scene: "SceneDiff") -> str:
 
 
 def _lock_json(lock: "DatasetLock") -> JsonObject:
-    facts = {"path": str(lock.path), "kind": lock.kind, "recordings": len(lock.bags)}
-    return facts | _totals(lock)
+    return {"path": str(lock.path), "kind": lock.kind, "recordings": len(lock.bags), **_totals(lock)}
 
 
 def _bag_json(bag: "LockedBag | None") -> JsonObject | None:

@@ -10,13 +10,12 @@ import click
 
 from bagassets.base.alike import names_text, told_once
 from bagassets.base.errors import RecipeError
-from bagassets.base.json_types import JsonObject
+from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.base.quantities import count_text
 from bagassets.cli.options import recipe_option
 from bagassets.cli.terminal import echo, echo_json
 
 if TYPE_CHECKING:
-    from bagassets.engine.explain import ActionPair, Explanation
     from bagassets.engine.plan import AssetState
     from bagassets.engine.targets import Evidence, Target
     from bagassets.formats.dataset_build import DatasetContents
@@ -56,7 +55,7 @@ def explain(bag: str | None, asset: str | None, recipe: Path, as_json: bool) -> 
     from bagassets.defs.records.instance_plan import recorded_assets
     from bagassets.engine.build_report import BuildOptions
     from bagassets.engine.choose import SelectionError, choose_assets, choose_recordings
-    from bagassets.engine.explain import Explanation, explain_asset
+    from bagassets.engine.explain import explain_asset, explanation
     from bagassets.engine.planner import Planner
     from bagassets.formats.dataset_build import dataset_code_versions, dataset_contents
 
@@ -96,16 +95,16 @@ def explain(bag: str | None, asset: str | None, recipe: Path, as_json: bool) -> 
             pending = find_pending_work(instance, workspace)
             state, recorded = pending.states[asset], recorded_whole(instance, workspace.names, asset)
             contents = dataset_contents(workspace.recipe, pending.planned.inputs, asset)
-            explanation = Explanation("", asset, state, recorded, datasets[asset])
-            value, lines = _of_dataset(explanation, contents, keys)
+            why = explanation(asset, state, recorded, datasets[asset])
+            value, lines = _of_dataset(why, contents, keys)
         elif asset in own.assets:
             own = own.survey(instance, find_pending_work(instance, workspace), BuildOptions())
             key = keys[0] if own.assets[asset].is_partitioned else ""
             value, lines = _of_own(own.assets[asset], key, own.states[asset][key], own.evidence[asset][key])
         else:
             recorded_of_key = recorded_assets(instance, workspace.names, keys[0])
-            explanation = explain_asset(planner, recordings[keys[0]], recorded_of_key, asset)
-            value, lines = explanation.as_json(), [*explanation_lines(explanation)]
+            value = explain_asset(planner, recordings[keys[0]], recorded_of_key, asset)
+            lines = [*_lines(value)]
     if as_json:
         echo_json(value)
         return
@@ -114,7 +113,7 @@ def explain(bag: str | None, asset: str | None, recipe: Path, as_json: bool) -> 
 
 
 def _of_dataset(
-    explanation: "Explanation", contents: "DatasetContents", keys: list[str]
+    why: JsonObject, contents: "DatasetContents", keys: list[str]
 ) -> tuple[JsonObject, list[str]]:
     """Return, as JSON and as lines, why a dataset is in its state, and what it has of all recordings, or of those in `keys`."""
     last = contents.now if contents.last is None else contents.last
@@ -122,7 +121,7 @@ def _of_dataset(
     left_out = {key: why for key, why in contents.left_out.items() if not keys or key in keys}
     returned = [key for key in contents.returned if not keys or key in keys]
     value = {
-        **explanation.as_json(),
+        **why,
         "made_from": contents.part,
         "recordings": {key: {"last": was, "now": now} for key, (was, now) in rows.items()},
         "left_out": left_out,
@@ -132,7 +131,7 @@ def _of_dataset(
     number = count_text(len(contents.now), "recording")
     told = told_once(((), key, why) for key, why in left_out.items())
     return value, [
-        *explanation_lines(explanation),
+        *_lines(why),
         f"made from {contents.part} of {number}{f', {same} as before' if same else ''}",
         *(_row(key, *row) for key, row in rows.items() if row[0] != row[1] or (keys and row[0])),
         *(f"left out: {one.title} ({one.text})" for one in told),
@@ -151,41 +150,40 @@ def _of_own(
     rows = (
         _row(f"reads {name}", (before or {}).get(name) or None, now or None) for name, now in reads.items()
     )
-    return value, [_head(target.name, key, state), *rows]
+    return value, [_head(value, key), *rows]
 
 
-def _head(asset: str, key: str, state: "AssetState") -> str:
-    of_key = f" of {key}" if key else ""
-    why = "" if state.state == "fresh" else f": {state.reason}"  # which may hold parentheses
-    return f"{asset}{of_key} {'has failed' if state.state == 'failed' else f'is {state.state}'}{why}"
+def _head(why: JsonObject, key: str) -> str:
+    of_key, state = f" of {key}" if key else "", why["state"]
+    reason = "" if state == "fresh" else f": {why['reason']}"  # which may hold parentheses
+    return f"{why['asset']}{of_key} {'has failed' if state == 'failed' else f'is {state}'}{reason}"
 
 
-def explanation_lines(explanation: "Explanation") -> Iterator[str]:
-    """Yield an explanation as lines of text."""
-    state, last = explanation.state, explanation.recorded
-    yield _head(explanation.asset, explanation.key, state)
-    # Of a dataset it is not known what it would be made into; a recording is its own content, and has no code version.
-    data_version = state.data_version if explanation.key else last and last.data_version
-    code_version = explanation.code_version if explanation.asset != "bag" else last and last.code_version
-    yield _row("data version", last and last.data_version, data_version, unknown="not known yet")
-    yield _row("code version", last and last.code_version, code_version)
-    if last is not None:
-        yield f"  recorded by run {last.run_id}" if last.run_id else "  recorded without a run"
-    for pair in explanation.actions:
+def _lines(why: JsonObject) -> Iterator[str]:
+    """Yield as lines of text why an asset of a recording, or a dataset, is in its state."""
+    key, last = why.get("recording", ""), why["recorded"] or {}
+    yield _head(why, key)
+    # What a dataset would be made into, nobody knows; the code version of a recording is never another.
+    data_version = why["data_version"] if key else last.get("data_version")
+    code_version = why["code_version"] if why["asset"] != "bag" else last.get("code_version")
+    yield _row("data version", last.get("data_version"), data_version, unknown="not known yet")
+    yield _row("code version", last.get("code_version"), code_version)
+    if last:
+        yield f"  recorded by run {last['run_id']}" if last["run_id"] else "  recorded without a run"
+    for pair in why.get("actions", ()):
         yield from _action_lines(pair)
-    if explanation.key and explanation.asset != "bag" and not explanation.actions:
+    if key and why["asset"] != "bag" and not why["actions"]:
         yield "  Its action is not known: an input is not known yet, or the recording is skipped."
 
 
-def _action_lines(pair: "ActionPair") -> Iterator[str]:
+def _action_lines(pair: JsonMapping) -> Iterator[str]:
     from bagassets.engine.differences import flatten
 
-    value = pair.as_json()
     # If one of them is not known, there is nothing to compare, and the other is printed alone.
-    last, now = value["last"] or value["now"] or {}, value["now"] or value["last"] or {}
-    of = f" of {pair.channel}" if pair.channel else ""
-    remark = "" if pair.now is not None else ", as it was last; the current one is not known yet"
-    remark = remark if pair.last is not None else ", the first one"
+    last, now = pair["last"] or pair["now"] or {}, pair["now"] or pair["last"] or {}
+    of = f" of {pair['channel']}" if pair["channel"] else ""
+    remark = "" if pair["now"] is not None else ", as it was last; the current one is not known yet"
+    remark = remark if pair["last"] is not None else ", the first one"
     yield f"action {now.get('step')}{of}{remark}"
     yield _row("digest", last.get("digest"), now.get("digest"))
     yield _row("version", last.get("version"), now.get("version"))

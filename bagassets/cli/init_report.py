@@ -2,7 +2,6 @@
 
 import shutil
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import groupby
 from pathlib import Path
 from textwrap import wrap
 
@@ -36,10 +35,8 @@ def print_found(proposal: Proposal, unreadable: Mapping[str, str]) -> None:
             _print_topics(uses)
         else:
             echo(f"  the topics of rig {same}, with other frames or poses")
-    for reason, together in groupby(
-        sorted(proposal.bare, key=lambda one: one.reason), key=lambda one: one.reason
-    ):
-        recordings = list(together)
+    for reason in sorted({one.reason for one in proposal.bare}):
+        recordings = [one for one in proposal.bare if one.reason == reason]
         more = f" and {len(recordings) - 3} more" if len(recordings) > 3 else ""
         echo(f"Left out: {', '.join(one.path for one in recordings[:3])}{more}: {reason}")
         _print_topics(_merged(use for one in recordings for use in one.topic_uses))

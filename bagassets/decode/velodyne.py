@@ -177,8 +177,9 @@ class RevolutionDecoder:
             return PacketPoints.room(0)
         if self._decoder is None:
             turn, product = all_azimuths(), int(packets.data["product"][0])
-            self._decoder = _Library(self._model).take
-            if turn is not None:
+            if turn is None:
+                self._decoder = _Library(self._model).take
+            else:
                 head = head_of(self._model or _SELF_EXPLANATORY[product], product)
                 self._decoder = partial(_take_by_machine_code, head, turn)
         if len(self._room.points) < len(packets) * RETURNS:

@@ -6,8 +6,7 @@ server needs few of them, and all together take a second.
 
 Dagster's inner workings are relied upon in these places, too:
 
-- `connections` replaces `create_engine` in Dagster's two SQLite storages, and does nothing if its options have changed;
-- `missing_partition` replaces `AssetSelection` in the module of `dagster asset materialize`, and does nothing if it is unused there;
+- `sqlite_storage` inherits Dagster's SQLite storages, and opens their files itself;
 - `dataset` has a step look up once more what it reads;
 - `runs` replaces `tail_to_stream` in `compute_logs` while a run is executed;
 - `databases` knows the files and the tables in which Dagster keeps its records, and `bagassets.engine.freshness` reads four of the tables;
@@ -16,159 +15,87 @@ Dagster's inner workings are relied upon in these places, too:
 - the project's `dagster.yaml` names classes by the modules that Dagster's documentation gives.
 """
 
+import ast
+from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+# In the order of what they are for. The version of Dagster is the first that has a name there ("1.7": or one before it).
+# isort: off
 if TYPE_CHECKING:
-    from dagster._cli import asset
-    from dagster._cli.proxy_server_manager import ProxyServerManager
-    from dagster._cli.utils import get_possibly_temporary_instance_for_cli
-    from dagster._core.code_pointer import CodePointer, ModuleCodePointer
-    from dagster._core.definitions.asset_checks.asset_check_evaluation import (
-        AssetCheckEvaluationTargetMaterializationData,
-    )
-    from dagster._core.definitions.assets.graph.asset_graph import AssetGraph
-    from dagster._core.definitions.partitions.context import PartitionLoadingContext
-    from dagster._core.errors import DagsterUserCodeUnreachableError
-    from dagster._core.events import (
-        ASSET_EVENTS,
-        AssetMaterializationPlannedData,
-        AssetObservationData,
-        EngineEventData,
-        StepMaterializationData,
-    )
-    from dagster._core.execution import compute_logs
-    from dagster._core.execution.backfill import BulkActionsFilter, BulkActionStatus
-    from dagster._core.execution.plan.objects import ErrorSource
-    from dagster._core.instance import InstanceRef, T_DagsterInstance
-    from dagster._core.launcher import CheckRunHealthResult, LaunchRunContext, RunLauncher, WorkerStatus
-    from dagster._core.origin import (
-        DEFAULT_DAGSTER_ENTRY_POINT,
-        JobPythonOrigin,
-        RepositoryPythonOrigin,
-    )
-    from dagster._core.remote_origin import ManagedGrpcPythonEnvCodeLocationOrigin, RemoteRepositoryOrigin
-    from dagster._core.secrets.env_file import get_env_var_dict
-    from dagster._core.storage.event_log.polling_event_watcher import SqlPollingEventWatcher
-    from dagster._core.storage.event_log.schema import (
-        AssetCheckExecutionsTable,
-        SqlEventLogStorageMetadata,
-    )
-    from dagster._core.storage.event_log.sql_event_log import SqlEventLogStorage
-    from dagster._core.storage.event_log.sqlite import sqlite_event_log
-    from dagster._core.storage.event_log.sqlite.sqlite_event_log import SqliteEventLogStorage
-    from dagster._core.storage.runs.schema import RunStorageSqlMetadata
-    from dagster._core.storage.runs.sqlite import sqlite_run_storage
-    from dagster._core.storage.schedules.schema import ScheduleStorageSqlMetadata
-    from dagster._core.storage.sql import get_alembic_config
-    from dagster._core.storage.sqlite_storage import DagsterSqliteStorage
-    from dagster._core.storage.tags import GRPC_INFO_TAG
-    from dagster._core.types.loadable_target_origin import LoadableTargetOrigin
-    from dagster._core.workspace.autodiscovery import loadable_targets_from_python_module
-    from dagster._core.workspace.context import BaseWorkspaceRequestContext, WorkspaceProcessContext
-    from dagster._core.workspace.load import location_origins_from_yaml_paths
-    from dagster._core.workspace.load_target import GrpcServerTarget, WorkspaceFileTarget
-    from dagster._daemon import cli, controller
-    from dagster._grpc.client import DagsterGrpcClient
-    from dagster._grpc.impl import core_execute_run
-    from dagster._serdes import ConfigurableClass, ConfigurableClassData
-    from dagster._utils.hosted_user_process import recon_job_from_origin, recon_repository_from_origin
-    from dagster._utils.interrupts import (
-        capture_interrupts,
-        check_captured_interrupt,
-        setup_interrupt_handlers,
-    )
-    from dagster._utils.log import configure_loggers
-    from dagster_shared.error import SerializableErrorInfo
-    from dagster_shared.ipc import (
-        get_ipc_shutdown_pipe,
-        interrupt_on_ipc_shutdown_message,
-        open_ipc_subprocess,
-        send_ipc_shutdown_message,
-    )
-    from dagster_webserver.app import create_app_from_workspace_process_context
-
-# Where each lies; the version of Dagster is the first that has it there ("1.7": or one before it).
-_PLACES = {
     # Runs with the origins that the web server would give them: `runs`, `launcher`.
-    "CodePointer": "dagster._core.code_pointer",  # 1.7
-    "ModuleCodePointer": "dagster._core.code_pointer",  # 1.7
-    "DEFAULT_DAGSTER_ENTRY_POINT": "dagster._core.origin",  # 1.7
-    "JobPythonOrigin": "dagster._core.origin",  # 1.7
-    "RepositoryPythonOrigin": "dagster._core.origin",  # 1.7
-    "LoadableTargetOrigin": "dagster._core.types.loadable_target_origin",  # 1.7
-    "ManagedGrpcPythonEnvCodeLocationOrigin": "dagster._core.remote_origin",  # 1.12
-    "RemoteRepositoryOrigin": "dagster._core.remote_origin",  # 1.12
-    "recon_job_from_origin": "dagster._utils.hosted_user_process",  # 1.7
-    "recon_repository_from_origin": "dagster._utils.hosted_user_process",  # 1.7
+    from dagster._core.code_pointer import CodePointer, ModuleCodePointer  # 1.7
+    from dagster._core.origin import DEFAULT_DAGSTER_ENTRY_POINT, JobPythonOrigin  # 1.7
+    from dagster._core.origin import RepositoryPythonOrigin  # 1.7
+    from dagster._core.types.loadable_target_origin import LoadableTargetOrigin  # 1.7
+    from dagster._core.remote_origin import ManagedGrpcPythonEnvCodeLocationOrigin  # 1.12
+    from dagster._core.remote_origin import RemoteRepositoryOrigin  # 1.12
+    from dagster._utils.hosted_user_process import recon_job_from_origin, recon_repository_from_origin  # 1.7
+
     # The user's assets downstream of ours: `own_location`, `own_assets`.
-    "AssetGraph": "dagster._core.definitions.assets.graph.asset_graph",  # 1.9
-    "loadable_targets_from_python_module": "dagster._core.workspace.autodiscovery",  # 1.7
-    "location_origins_from_yaml_paths": "dagster._core.workspace.load",  # 1.7
+    from dagster._core.definitions.assets.graph.asset_graph import AssetGraph  # 1.9
+    from dagster._core.workspace.autodiscovery import loadable_targets_from_python_module  # 1.7
+    from dagster._core.workspace.load import location_origins_from_yaml_paths  # 1.7
+
     # Executing them in this process, and what they report: `runs`.
-    "core_execute_run": "dagster._grpc.impl",  # 1.7
-    "compute_logs": "dagster._core.execution",  # 1.7
-    "ErrorSource": "dagster._core.execution.plan.objects",  # 1.7
-    "SerializableErrorInfo": "dagster_shared.error",  # 1.11
-    "capture_interrupts": "dagster._utils.interrupts",  # 1.7
-    "check_captured_interrupt": "dagster._utils.interrupts",  # 1.7
-    "get_env_var_dict": "dagster._core.secrets.env_file",  # 1.7; what Dagster reads from `.env`
-    "InstanceRef": "dagster._core.instance",  # 1.7; the instance, handed to another process
-    # The run launcher: `launcher`, and `leftovers`, which asks whose a run is.
-    "RunLauncher": "dagster._core.launcher",  # 1.7
-    "LaunchRunContext": "dagster._core.launcher",  # 1.7
-    "CheckRunHealthResult": "dagster._core.launcher",  # 1.7
-    "WorkerStatus": "dagster._core.launcher",  # 1.7
-    "T_DagsterInstance": "dagster._core.instance",  # 1.7
-    "ConfigurableClass": "dagster._serdes",  # 1.7
-    "ConfigurableClassData": "dagster._serdes",  # 1.7
-    "GRPC_INFO_TAG": "dagster._core.storage.tags",  # 1.7
-    # What a run about several recordings records of each: `batches`, `batch_job`.
-    "AssetCheckEvaluationTargetMaterializationData": "dagster._core.definitions.asset_checks.asset_check_evaluation",  # 1.7
-    "AssetMaterializationPlannedData": "dagster._core.events",  # 1.7
-    "AssetObservationData": "dagster._core.events",  # 1.7
-    "EngineEventData": "dagster._core.events",  # 1.7
-    "StepMaterializationData": "dagster._core.events",  # 1.7
+    from dagster._grpc.impl import core_execute_run  # 1.7
+    from dagster._core.execution import compute_logs  # 1.7
+    from dagster._core.execution.plan.objects import ErrorSource  # 1.7
+    from dagster_shared.error import SerializableErrorInfo  # 1.11
+    from dagster._utils.interrupts import capture_interrupts, check_captured_interrupt  # 1.7
+    from dagster._core.secrets.env_file import get_env_var_dict  # 1.7; what Dagster reads from `.env`
+    from dagster._core.instance import InstanceRef  # 1.7; the instance, handed to another process
+
+    # Run launchers: `launching`, `launchers`; `orphaned_runs` asks whose a run is.
+    from dagster._core.launcher import RunLauncher, LaunchRunContext, CheckRunHealthResult  # 1.7
+    from dagster._core.launcher import WorkerStatus  # 1.7
+    from dagster._core.instance import T_DagsterInstance  # 1.7
+    from dagster._serdes import ConfigurableClass, ConfigurableClassData  # 1.7
+    from dagster._core.storage.tags import GRPC_INFO_TAG  # 1.7
+
+    # What a run records of what Dagster has no step for: `recorder`.
+    from dagster._core.definitions.asset_checks.asset_check_evaluation import (
+        AssetCheckEvaluationTargetMaterializationData,  # 1.7
+    )
+    from dagster._core.events import AssetMaterializationPlannedData, AssetObservationData  # 1.7
+    from dagster._core.events import EngineEventData, StepMaterializationData  # 1.7
+
     # A partition that registers itself when it is asked for: `partitions`.
-    "PartitionLoadingContext": "dagster._core.definitions.partitions.context",  # 1.12
+    from dagster._core.definitions.partitions.context import PartitionLoadingContext  # 1.12
+
     # Backfills that have not ended, and what they target: `partitions`.
-    "BulkActionStatus": "dagster._core.execution.backfill",  # 1.7
-    "BulkActionsFilter": "dagster._core.execution.backfill",  # 1.9
-    # Its command that makes assets, when it lacks a partition: `missing_partition`.
-    "asset": "dagster._cli",  # 1.7
-    # SQLite databases made whole or not at all, and kept open while a run writes: `databases`, `connections`.
-    "DagsterSqliteStorage": "dagster._core.storage.sqlite_storage",  # 1.7
-    "RunStorageSqlMetadata": "dagster._core.storage.runs.schema",  # 1.7
-    "ScheduleStorageSqlMetadata": "dagster._core.storage.schedules.schema",  # 1.7
-    "SqlEventLogStorageMetadata": "dagster._core.storage.event_log.schema",  # 1.7
-    "get_alembic_config": "dagster._core.storage.sql",  # 1.7
-    "sqlite_event_log": "dagster._core.storage.event_log.sqlite",  # 1.7
-    "sqlite_run_storage": "dagster._core.storage.runs.sqlite",  # 1.7
-    # One database for the events of all runs: `sqlite_storage`; checks in it: `check_records`, `old_runs`.
-    "ASSET_EVENTS": "dagster._core.events",  # 1.7
-    "AssetCheckExecutionsTable": "dagster._core.storage.event_log.schema",  # 1.7
-    "SqlEventLogStorage": "dagster._core.storage.event_log.sql_event_log",  # 1.7
-    "SqliteEventLogStorage": "dagster._core.storage.event_log.sqlite.sqlite_event_log",  # 1.7
-    "SqlPollingEventWatcher": "dagster._core.storage.event_log.polling_event_watcher",  # 1.7
+    from dagster._core.execution.backfill import BulkActionStatus  # 1.7
+    from dagster._core.execution.backfill import BulkActionsFilter  # 1.9
+
+    # SQLite databases made whole or not at all, and kept open: `databases`, `sqlite_storage`.
+    from dagster._core.storage.sqlite_storage import DagsterSqliteStorage  # 1.7
+    from dagster._core.storage.runs.schema import RunStorageSqlMetadata  # 1.7
+    from dagster._core.storage.schedules.schema import ScheduleStorageSqlMetadata  # 1.7
+    from dagster._core.storage.event_log.schema import SqlEventLogStorageMetadata  # 1.7
+    from dagster._core.storage.runs.sqlite.sqlite_run_storage import SqliteRunStorage  # 1.7
+    from dagster._core.storage.schedules.sqlite.sqlite_schedule_storage import SqliteScheduleStorage  # 1.7
+
+    # One database for the events of all runs: `sqlite_storage`; checks in it: `recorder`, `old_runs`.
+    from dagster._core.events import ASSET_EVENTS  # 1.7
+    from dagster._core.storage.event_log.schema import AssetCheckExecutionsTable  # 1.7
+    from dagster._core.storage.event_log.sql_event_log import SqlEventLogStorage  # 1.7
+    from dagster._core.storage.event_log.sqlite.sqlite_event_log import SqliteEventLogStorage  # 1.7
+    from dagster._core.storage.event_log.polling_event_watcher import SqlPollingEventWatcher  # 1.7
+
     # A code server for launchers that ask for one: `code_server`.
-    "BaseWorkspaceRequestContext": "dagster._core.workspace.context",  # 1.7
-    "WorkspaceProcessContext": "dagster._core.workspace.context",  # 1.7; of `webserver` as well
-    "GrpcServerTarget": "dagster._core.workspace.load_target",  # 1.7
-    "DagsterGrpcClient": "dagster._grpc.client",  # 1.7
-    "DagsterUserCodeUnreachableError": "dagster._core.errors",  # 1.7
+    from dagster._core.workspace.context import BaseWorkspaceRequestContext  # 1.7
+    from dagster._core.workspace.context import WorkspaceProcessContext  # 1.7; of `webserver` as well
+    from dagster._core.workspace.load_target import GrpcServerTarget  # 1.7
+    from dagster._grpc.client import DagsterGrpcClient  # 1.7
+    from dagster._core.errors import DagsterUserCodeUnreachableError  # 1.7
+
     # `bagassets ui`, which does what `dagster dev` does: `dev`, `daemon`, `webserver`.
-    "ProxyServerManager": "dagster._cli.proxy_server_manager",  # 1.11
-    "WorkspaceFileTarget": "dagster._core.workspace.load_target",  # 1.7
-    "configure_loggers": "dagster._utils.log",  # 1.7
-    "cli": "dagster._daemon",  # 1.7; runs the daemon
-    "controller": "dagster._daemon",  # 1.7; how often it looks at backfills
-    "create_app_from_workspace_process_context": "dagster_webserver.app",  # 1.11 or before
-    "get_ipc_shutdown_pipe": "dagster_shared.ipc",  # 1.11
-    "get_possibly_temporary_instance_for_cli": "dagster._cli.utils",  # 1.7
-    "interrupt_on_ipc_shutdown_message": "dagster_shared.ipc",  # 1.11
-    "open_ipc_subprocess": "dagster_shared.ipc",  # 1.11
-    "send_ipc_shutdown_message": "dagster_shared.ipc",  # 1.11
-    "setup_interrupt_handlers": "dagster._utils.interrupts",  # 1.7
-}
+    from dagster._cli.proxy_server_manager import ProxyServerManager  # 1.11
+    from dagster._core.workspace.load_target import WorkspaceFileTarget  # 1.7
+    from dagster._utils.log import configure_loggers  # 1.7
+    from dagster._daemon import cli  # 1.7; runs the daemon
+    from dagster._daemon import controller  # 1.7; how often it looks at backfills
+    from dagster_webserver.app import create_app_from_workspace_process_context  # 1.11 or before
 
 RUN_MODULES = (
     "dagster._core.execution.plan.active",
@@ -192,10 +119,17 @@ RUN_MODULES = (
 """What Dagster imports while it opens an instance and executes a run; the fork server imports it before it forks."""
 
 
+@cache
+def _places() -> dict[str, str]:
+    """Return the module of each name: what the type checker reads above."""
+    module = ast.parse(Path(__file__).read_text("utf-8"))
+    block = next(node for node in module.body if isinstance(node, ast.If))
+    imports = [node for node in block.body if isinstance(node, ast.ImportFrom)]
+    return {alias.name: str(node.module) for node in imports for alias in node.names}
+
+
 def __getattr__(name: str) -> Any:
-    if name not in _PLACES:
+    if name not in _places():
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    place = __import__(
-        _PLACES[name], fromlist=[name]
-    )  # as `from … import` does: some names are modules themselves
-    return getattr(place, name)
+    # As `from … import` does: some names are modules themselves.
+    return getattr(__import__(_places()[name], fromlist=[name]), name)

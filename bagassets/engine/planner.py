@@ -209,7 +209,7 @@ class Planning:
         recorded: dict[str, Mapping[str, Recorded]] = {}
         planner = Planner(self.assets, self.store, self.index)
         examined = 0
-        for some in _parts(changed):
+        for some in _batches(changed):
             recorded |= self.fetch(self.storage_ids, [key for key in some if key in self.registered])
             for key in some:
                 bag = planner.plan(recordings[key], recorded.get(key, {}))
@@ -246,7 +246,7 @@ class Planning:
             for key in self.discovery.recordings
             if key in self.registered and key not in self.kept and not self._has_same_files(key)
         ]
-        for some in _parts(changed):
+        for some in _batches(changed):
             for key, records in self.fetch(("bag",), some).items():
                 recorded = records.get("bag")
                 _, stat, state = _bag_state(self.discovery.recordings[key], recorded, self.index)
@@ -302,7 +302,7 @@ class Planning:
                 entry, now = self._last[key]
                 if now.bag is not None and entry.recording_fingerprint.rest == now.rest:
                     alike.append(key)
-        for some in _parts(alike):
+        for some in _batches(alike):
             for key, records in self.fetch(("bag",), some).items():
                 entry = self._before[key]
                 last = BagPlan.from_row(key, entry.plan)
@@ -313,8 +313,8 @@ class Planning:
         return found
 
 
-def _parts(keys: list[str]) -> Iterator[list[str]]:
-    """Yield the keys in parts whose records may be fetched at a time."""
+def _batches(keys: list[str]) -> Iterator[list[str]]:
+    """Yield the keys in batches, whose records are fetched at a time."""
     for start in range(0, len(keys), AT_A_TIME):
         yield keys[start : start + AT_A_TIME]
 

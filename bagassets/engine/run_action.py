@@ -36,19 +36,15 @@ def run_action(store: Store, action: Action, make: Make, subject: Path | None = 
     if known is not None:
         return known
     with store.lock(action):
-        return store.use(action) or _make(store, action, make, subject)
-
-
-def _make(store: Store, action: Action, make: Make, subject: Path | None) -> Outcome:
-    pending = store.begin(action)
-    try:
-        summary = make(pending.out)
-    except BagAssetsError as err:
-        pending.discard()
-        if not err.transient:
-            store.record_failure(action, str(err), subject)
-        raise
-    except BaseException:
-        pending.discard()
-        raise
-    return pending.commit(summary)
+        known = store.use(action)
+        if known is not None:
+            return known
+        pending = store.begin(action)
+        try:
+            summary = make(pending.out)
+        except BaseException as err:
+            pending.discard()
+            if isinstance(err, BagAssetsError) and not err.transient:
+                store.record_failure(action, str(err), subject)
+            raise
+        return pending.commit(summary)

@@ -155,7 +155,7 @@ class Client:
     def wait(self, timeout_s: float | None = None) -> Message | None:
         """Return the next event of a job submitted here, or None after `timeout_s` seconds.
 
-        Events are objects with `event` and `job`: `note` (`note`: facts from the worker), `finished`
+        Events are objects with `event` and `job`: `note` (`note`: what the worker noted), `finished`
         (`exit`: 0 with `result`, else `error`: type, message and traceback) and `killed` (`signal`, `reason`).
 
         Raises:

@@ -38,7 +38,7 @@ class Job:
         request: what the client asked for: `function`, `args`, `label`, `env`, `cwd`, `on_lost`, `detached`.
         process: the worker.
         channel: the server's end of the socket to the worker.
-        notes: facts that the worker sent so far.
+        notes: what the worker has noted so far.
         end: `result` or `error`, once the worker has sent it.
         is_cancelled: True once somebody cancelled it.
         kill_at: monotonic time at which a cancelled worker is killed.

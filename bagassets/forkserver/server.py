@@ -131,7 +131,7 @@ class Server:
         except StopIteration:
             self._later = None
         except Exception:  # noqa: BLE001  (modules of users may raise anything)
-            _LOG.exception("%s: a later step failed; workers do without", self._spec.preload)
+            _LOG.exception("%s: its deferred preparation failed; workers do without", self._spec.preload)
             self._later = None
         if self._later is None or self._can_wait:
             gc.freeze()
@@ -351,9 +351,9 @@ class Server:
         self._lock.close()
 
     def _on_note(self, job: Job) -> None:
-        for facts in job.listen():
+        for note in job.listen():
             if job.id in self._owners:
-                self._owners[job.id].send({"event": "note", "job": job.id, "note": facts})
+                self._owners[job.id].send({"event": "note", "job": job.id, "note": note})
         if job.is_done:  # nobody has to wait for the end of its process
             self._send_end(job.describe_end(0))
         if job.lines.is_closed:

@@ -1,7 +1,7 @@
 """The worker's side: everything in the child process from the fork to its end.
 
 A function that runs in a worker takes one JSON object and returns JSON. It may call `note`
-to send facts to the server and the client while it works, and `cancel_requested` to find out
+to tell the server and the client something while it works, and `cancel_requested` to find out
 why it was interrupted.
 """
 
@@ -57,9 +57,9 @@ class _Channel:
 _CHANNEL = _Channel()
 
 
-def note(facts: JsonMapping) -> None:
-    """Send facts about the running job to the server, and to the client if it listens."""
-    _CHANNEL.send({"note": dict(facts)})
+def note(content: JsonMapping) -> None:
+    """Tell the server something about the running job, and the client if it listens."""
+    _CHANNEL.send({"note": dict(content)})
 
 
 def cancel_requested() -> bool:

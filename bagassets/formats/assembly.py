@@ -1,7 +1,7 @@
 """Assembling a dataset of any format from the parts of recordings.
 
 First the files of recordings appear, under names that change with their content; then the folder of joined files is
-swapped in one step; then files that only the old folder named are removed. Killed at any point, this leaves a complete
+swapped at once; then files that only the old folder named are removed. Killed at any point, this leaves a complete
 dataset, old or new, and the next run removes the leftovers.
 """
 

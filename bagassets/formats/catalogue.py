@@ -5,7 +5,7 @@ everything else works as usual.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cache
 from importlib import import_module
 
@@ -19,6 +19,7 @@ from bagassets.assets.preview import PREVIEW
 from bagassets.assets.sweeps import SWEEPS
 from bagassets.base.errors import DatasetError, PluginError
 from bagassets.base.plugins import ASSETS, FORMATS, Extension, installed_extensions
+from bagassets.engine.build_report import SummaryRow
 from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.formats import trajectory_map
 from bagassets.formats.dataset_lock import DatasetLock
@@ -85,6 +86,10 @@ def catalogue() -> Catalogue:
         checked = checked_asset(asset, extension, taken)
         if checked.name in assets:
             raise extension.problem(f"{assets[checked.name].distribution} has an asset {checked.name}, too")
+        counted = {name for one in (*OUR_ASSETS, *assets.values()) for name in one.face.counts}
+        counted |= {field.name for field in fields(SummaryRow)}
+        if clash := sorted(counted & checked.face.counts.keys()):
+            raise extension.problem(f"its asset {checked.name} counts {clash[0]}, a name that is taken")
         assets[checked.name] = checked
 
     for extension in _single(ASSETS, problems):

@@ -47,12 +47,11 @@ def checked_format(found: object, extension: Extension, known: Collection[str]) 
         raise extension.problem(
             f"the format calls itself {found.name!r}; it must have the name of its entry point, in lower-case letters, digits and '_'"
         )
-    for field in _CALLABLE:
-        if not callable(getattr(found, field)):
-            raise extension.problem(f"its {field} must be a function")
-    for field in _CALLABLE_OR_NONE:
-        if getattr(found, field) is not None and not callable(getattr(found, field)):
-            raise extension.problem(f"its {field} must be a function or None")
+    for field in (*_CALLABLE, *_CALLABLE_OR_NONE):
+        is_absent = field in _CALLABLE_OR_NONE and getattr(found, field) is None
+        if not (is_absent or callable(getattr(found, field))):
+            or_none = " or None" if field in _CALLABLE_OR_NONE else ""
+            raise extension.problem(f"its {field} must be a function{or_none}")
     if not isinstance(found.version, int):
         raise extension.problem(f"its version must be a whole number; found {found.version!r}")
     settings_model(extension, found)
@@ -97,6 +96,8 @@ def checked_asset(asset: object, extension: Extension, taken: Collection[str]) -
         raise extension.problem(f"{asset.name!r} is not a valid name for an asset, or is taken by bagassets")
     if (asset.make is None) == (asset.extract is None):
         raise extension.problem(f"its asset {asset.name} must have either make or extract")
+    if not isinstance(asset.face, Face):
+        raise extension.problem(f"its asset {asset.name} has a face that is not a bagassets.assets.face.Face")
     for check in asset.checks:
         if not isinstance(check, RecordingCheck):
             raise extension.problem(f"the check {check!r} of its asset {asset.name} is not a RecordingCheck")

@@ -7,9 +7,9 @@ import numpy as np
 
 from bagassets.base.errors import DecodeError, PluginError
 from bagassets.decode.loading import load_decoder
+from bagassets.decode.poses import decode_transform
 from bagassets.decode.radar import measures_relative
 from bagassets.decode.registry import AnyFamily, families_of, find_decoder
-from bagassets.decode.tf import decode_transform
 from bagassets.geometry.radar_motion import Velocities, what_velocities_are
 from bagassets.geometry.se3 import Floats
 from bagassets.geometry.wgs84 import ecef

@@ -22,9 +22,9 @@ from bagassets.decode.ncom import holds_ncom
 from bagassets.decode.packets import is_velodyne_packet, sender
 from bagassets.decode.point_times import RecordedTimes, suffice, survey
 from bagassets.decode.pointcloud2 import POINTCLOUD2, read_pointcloud2, without_zero_points
+from bagassets.decode.poses import decode_transform
 from bagassets.decode.registry import AnyFamily, bulk_types, families_of, find_decoder
 from bagassets.decode.robots import robot_of, robots_of
-from bagassets.decode.tf import decode_transform
 from bagassets.geometry.se3 import SE3
 from bagassets.propose.naming import is_radar_list
 from bagassets.propose.poses import propose_pose

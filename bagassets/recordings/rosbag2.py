@@ -46,16 +46,16 @@ class Rosbag2Recording(Recording):
         self._on_read = on_read
         self._stack = ExitStack()
         try:
-            facts = _metadata(path / METADATA)
-            mode = _compression_mode(facts)
+            metadata = _metadata(path / METADATA)
+            mode = _compression_mode(metadata)
             self._compressed_messages = mode == "message"
-            files = _storage_files(path, facts)
+            files = _storage_files(path, metadata)
             self._sizes = Sizes(path, sum(file.stat().st_size for file in files), limits)
             self._files = [
                 self._open(file, compressed=mode == "file" or file.suffix == _ZSTD) for file in files
             ]
             super().__init__(
-                path, "ros2", merge_topics(path, self._sources(facts), message_definitions, limits)
+                path, "ros2", merge_topics(path, self._sources(metadata), message_definitions, limits)
             )
         except BaseException:
             self._stack.close()
@@ -77,7 +77,7 @@ class Rosbag2Recording(Recording):
         self._stack.callback(opened.close)
         return opened
 
-    def _sources(self, facts: JsonMapping) -> list[TopicSource]:
+    def _sources(self, metadata: JsonMapping) -> list[TopicSource]:
         within = [file.sources() for file in self._files]
         definitions: dict[str, Definition] = {}
         for sources in within:
@@ -94,7 +94,7 @@ class Rosbag2Recording(Recording):
                     _plain(topic.get("serialization_format") or "", "serialization_format")
                 ),
             )
-            for entry in facts["topics_with_message_count"]
+            for entry in metadata["topics_with_message_count"]
             for topic in (entry["topic_metadata"],)
         ]
         return listed + list(_unlisted(self._files, within, listed))
@@ -141,7 +141,7 @@ def _unlisted(
 
 
 def _metadata(file: Path) -> JsonObject:
-    """Return the facts in the metadata file of a bag.
+    """Return what the metadata file of a bag says.
 
     Raises:
         DamageError: it is not the metadata of a ROS 2 bag.
@@ -153,29 +153,26 @@ def _metadata(file: Path) -> JsonObject:
     try:
         depth = 0
         for event in yaml.parse(text, Loader=yaml.CSafeLoader):
-            if isinstance(event, yaml.CollectionStartEvent):
-                depth += 1
-            elif isinstance(event, yaml.CollectionEndEvent):
-                depth -= 1
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
             if depth > _DEEPEST:
                 raise DamageError(f"its {METADATA} is nested too deeply")
-        facts = yaml.load(text, Loader=yaml.CSafeLoader)
+        metadata = yaml.load(text, Loader=yaml.CSafeLoader)
     except yaml.YAMLError as err:
         if "nesting depth" in str(err):  # libyaml of PyYAML 6.0.4 has a limit of its own, and looks ahead
             raise DamageError(f"its {METADATA} is nested too deeply") from err
         mark = getattr(err, "problem_mark", None)
         line = "" if mark is None else f", line {mark.line + 1}"
         raise DamageError(f"its {METADATA} is not YAML{line}") from err
-    facts = facts.get("rosbag2_bagfile_information") if isinstance(facts, dict) else None
-    if not isinstance(facts, dict):
+    metadata = metadata.get("rosbag2_bagfile_information") if isinstance(metadata, dict) else None
+    if not isinstance(metadata, dict):
         raise DamageError(f"its {METADATA} does not describe a ROS 2 bag")
-    missing = [name for name in ("topics_with_message_count", "relative_file_paths") if name not in facts]
+    missing = [name for name in ("topics_with_message_count", "relative_file_paths") if name not in metadata]
     if missing:
         raise DamageError(f"its {METADATA} lacks {missing[0]}")
-    version = facts.get("version")
+    version = metadata.get("version")
     if isinstance(version, int) and version > _NEWEST_VERSION:
         raise DamageError(f"its format version {version} is not supported")
-    return facts
+    return metadata
 
 
 def _plain(value: object, field: str) -> str:
@@ -188,20 +185,20 @@ def _plain(value: object, field: str) -> str:
     return text
 
 
-def _compression_mode(facts: JsonMapping) -> str:
-    mode = _plain(facts.get("compression_mode") or "none", "compression_mode").lower()
-    compression = _plain(facts.get("compression_format") or "", "compression_format")
+def _compression_mode(metadata: JsonMapping) -> str:
+    mode = _plain(metadata.get("compression_mode") or "none", "compression_mode").lower()
+    compression = _plain(metadata.get("compression_format") or "", "compression_format")
     if mode != "none" and compression != "zstd":
         raise DamageError(f"its compression '{compression}' is not supported")
     return mode
 
 
-def _storage_files(path: Path, facts: JsonMapping) -> list[Path]:
+def _storage_files(path: Path, metadata: JsonMapping) -> list[Path]:
     """Return the files of a bag in the order of its metadata.
 
     The suffix of a file tells its kind: `storage_identifier` says the same, but some recorders leave it empty.
     """
-    names = facts["relative_file_paths"]
+    names = metadata["relative_file_paths"]
     if not isinstance(names, list):
         raise DamageError(f"its {METADATA} does not list its files")
     files = [

@@ -147,7 +147,7 @@ class Store:
         raise FileExistsError(errno.EEXIST, "other processes keep writing a damaged one", str(target))
 
     def remove(self, digest: str) -> None:
-        """Remove an artifact in one step, for example a damaged one; the actions that made it will run again."""
+        """Remove an artifact at once, such as a damaged one; the actions that made it will run again."""
         retired = self.make_temporary_folder() / digest
         with suppress(FileNotFoundError):
             self.artifact_folder(digest).rename(retired)

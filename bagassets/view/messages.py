@@ -164,7 +164,7 @@ def boxes(stamp_ns: int, rows: Sequence[JsonMapping], categories: Sequence[str])
 
 def _entity(stamp_ns: int, row: JsonMapping, categories: Sequence[str]) -> SceneEntity:
     width_m, length_m, height_m = row["size"]
-    facts = {
+    metadata = {
         "category": row["category"],
         "attributes": ", ".join(row["attributes"]),
         "num_lidar_pts": str(row["num_lidar_pts"]),
@@ -182,7 +182,7 @@ def _entity(stamp_ns: int, row: JsonMapping, categories: Sequence[str]) -> Scene
         timestamp=stamp(stamp_ns),
         frame_id=GLOBAL,
         id=row["instance_token"],
-        metadata=[KeyValuePair(key=key, value=value) for key, value in facts.items()],
+        metadata=[KeyValuePair(key=key, value=value) for key, value in metadata.items()],
         cubes=[cube],
     )
 

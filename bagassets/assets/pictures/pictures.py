@@ -306,7 +306,7 @@ HEADER_PX = 22
 
 
 def contact_sheet(tiles: Mapping[str, Sequence[Image | None]], seconds: Sequence[float], width: int) -> Image:
-    """Return a picture with cameras as rows and moments as columns.
+    """Return a contact sheet: all cameras over time, with cameras as rows and moments as columns.
 
     Args:
         tiles: camera -> its image at each moment, None where it has none.

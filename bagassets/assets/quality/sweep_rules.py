@@ -1,4 +1,4 @@
-"""A rule about the times of sweeps: against the poses, clouds fit each other best at their own stamps.
+"""Rules about sweeps against the poses: clouds fit each other best at their own stamps; for radars, what stands still does not move over ground.
 
 A few pairs of clouds are chosen in which a wrong time would show: between them the vehicle began to turn, braked or
 drove off. The second cloud of a pair is laid over the first by the poses at both stamps, and at stamps shifted by
@@ -9,7 +9,7 @@ then the same at any time.
 The work does not grow with the recording: five pairs, 19 offsets.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -18,12 +18,13 @@ from numpy.typing import NDArray
 
 from bagassets.assets.quality.finding import Finding
 from bagassets.base.json_types import JsonObject
+from bagassets.geometry.radar_motion import sensor_velocities, what_velocities_are
 from bagassets.geometry.se3 import SE3, Floats, quaternion_multiply, rotate
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.recipe.model import LidarChannel, Rig
 from bagassets.recipe.model_checks import SweepTimesCheck
 
-__all__ = ["Sweeps", "sweeps_timed"]
+__all__ = ["RadarReadings", "Sweeps", "radar_velocities", "sweeps_timed"]
 
 MOST_PAIRS, LEAST_PAIRS = 5, 3
 # Pairs are chosen from those of this many sweeps.
@@ -325,3 +326,32 @@ def _misfits(first: Floats | None, second: Floats | None, motion: tuple[Floats, 
         cells = np.clip(((seen + REACH_M) / CELL_M).astype(np.int64), 0, size - 1)
         misfits.append(float(distances[cells[:, 1], cells[:, 0]].mean()))
     return np.array(misfits)
+
+
+RadarReadings = tuple[SE3, Sequence[tuple[int, Floats]]]
+"""Pose of a radar; stamp (ns) and targets of readings: x, y, z (m), vx, vy (m/s) over ground, (5, N) in its frame."""
+
+_NOISE_SHARE = 0.01
+_STILL_MOVES = "what stands still moves over ground as fast as the vehicle drives, so its velocities seem to"
+
+
+def radar_velocities(radars: Mapping[str, RadarReadings], trajectory: Trajectory) -> Finding:
+    """Check that targets which stand still have no velocity over ground.
+
+    Args:
+        radars: channel -> its pose and readings.
+        trajectory: `global_SE3_ego`.
+    """
+    problems = []
+    for name, (ego_SE3_radar, readings) in sorted(radars.items()):
+        stamps_ns = np.array([stamp_ns for stamp_ns, _ in readings], dtype=np.int64)
+        radar_mps = sensor_velocities(trajectory, ego_SE3_radar, stamps_ns)[:, None, :2]
+        # Over ground, what stands still would have the velocity of a radar that moves the other way.
+        for sign, text in (
+            (1, "be relative to the radar: write velocities: relative"),
+            (-1, "have been over ground before they were compensated: write velocities: over_ground"),
+        ):
+            told = [(targets, sign * own) for (_, targets), own in zip(readings, radar_mps, strict=True)]
+            if what_velocities_are(told, _NOISE_SHARE) == "relative":
+                problems.append(f"{name}: {_STILL_MOVES} {text}")
+    return Finding(problems, {name: len(readings) for name, (_, readings) in sorted(radars.items())})

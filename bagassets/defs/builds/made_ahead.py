@@ -17,20 +17,17 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from uuid import uuid4
 
-import yaml
-
 from bagassets.assets.inventory import INVENTORY
 from bagassets.base.errors import BagAssetsError
-from bagassets.base.fingerprints import PlanNeeded
 from bagassets.base.json_types import JsonObject
 from bagassets.engine.build_report import BuildOptions
 from bagassets.engine.choose import choose_recordings
 from bagassets.engine.first_pass import first_pass
-from bagassets.engine.freshness.decide import state_folder
 from bagassets.forkserver.client import Client, ServerRefusedError
 from bagassets.forkserver.server_files import ServerFiles
 from bagassets.forkserver.tasks import find_server
 from bagassets.forkserver.worker import note
+from bagassets.propose.project import dagster_home
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Recipe
 from bagassets.recordings.digest import DigestIndex, recording_stat, stored_digest
@@ -48,10 +45,7 @@ _LARGEST_WHILE_PLANNED_BYTES = 1_000_000_000
 _JOB = f"{__name__}:make_ahead"
 # So long does a build open Dagster and plan; then its runs begin, and need the processors.
 _BEGIN_S = 0.35
-# Not imported: it would import Dagster.
-_LAUNCHER = ("bagassets.defs.launcher", "BagAssetsRunLauncher")
 _LEAST_URGENT = 19
-_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 def make_inventories(args: JsonObject) -> int:
@@ -139,17 +133,12 @@ def make_first_inventories(recipe: Recipe, bags: Collection[str]) -> None:
 
 
 def _executes_runs_here(recipe_file: Path) -> bool:
-    """Return whether the runs of a project are executed on this machine, as far as its `dagster.yaml` tells."""
+    """Return whether the runs of a project are executed on this machine, as far as its launcher says so."""
+    from bagassets.defs.runs.launching import launching_at  # noqa: PLC0415  (with Dagster; `make_inventories` does without)
+
     try:
-        # Where `dagster_home` finds it.
-        configs = [
-            recipe_file.parent / "dagster.yaml",
-            Path(state_folder(str(recipe_file))) / "dagster" / "dagster.yaml",
-        ]
-        config = next(path for path in configs if path.is_file())
-        launcher = yaml.load(config.read_bytes(), Loader=_LOADER)["run_launcher"]  # noqa: S506  (a safe loader)
-        return (launcher["module"], launcher["class"]) == _LAUNCHER
-    except (PlanNeeded, OSError, yaml.YAMLError, LookupError, TypeError, StopIteration):
+        return launching_at(dagster_home(recipe_file, load_recipe(recipe_file))).executes_here
+    except Exception:  # noqa: BLE001  (whatever it is, the build meets it, too, and reports it)
         return False
 
 

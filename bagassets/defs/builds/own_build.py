@@ -47,7 +47,6 @@ class OwnBuild:
         self.interrupted = False
         self._instance, self._project = instance, project
         self._options, self._on_event = options, on_event
-        self._code = code_digest()
         self._tried: dict[tuple[str, str], EndedRun | None] = {}
 
     def work(self, pending: PendingWork, *, is_dataset_current: bool) -> OwnProject:
@@ -57,6 +56,7 @@ class OwnBuild:
             pending: the state of our assets, which are up to date as far as they can be.
             is_dataset_current: the datasets on disk are up to date.
         """
+        self._code = code_digest()
         while True:
             work = self._project.survey(
                 self._instance, pending, self._options, is_dataset_current=is_dataset_current

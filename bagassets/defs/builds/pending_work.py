@@ -12,25 +12,24 @@ import dagster as dg
 from bagassets.base.alike import told_once
 from bagassets.base.trace import span
 from bagassets.defs.graph.dataset import dataset_states
-from bagassets.defs.records.batches import batches
-from bagassets.defs.records.connections import kept_open
 from bagassets.defs.records.databases import are_files, database_errors_explained
 from bagassets.defs.records.events import all_assets, fetch_recorded, latest_ids, live_partitions
 from bagassets.defs.records.instance_plan import (
     InstancePlan,
-    InstancePlanning,
     Touched,
+    plan_instance,
     replan_instance,
 )
 from bagassets.defs.records.instances import open_instance
 from bagassets.defs.records.partitions import active_runs, held_by_backfills
 from bagassets.defs.records.projects import noted_prefix
 from bagassets.defs.records.workspace import Workspace
+from bagassets.engine.batches import batches
 from bagassets.engine.build_report import BuildOptions
 from bagassets.engine.choose import choose_assets, choose_recordings
 from bagassets.engine.made_again import made_again
 from bagassets.engine.plan import AssetState, Plan
-from bagassets.engine.planner import Planner
+from bagassets.engine.planner import Planner, Planning
 from bagassets.engine.splits import moves
 from bagassets.engine.targets import TO_MAKE
 from bagassets.formats.catalogue import formats
@@ -61,6 +60,22 @@ __all__ = [
 ]
 
 
+class Asked(NamedTuple):
+    """What a build is asked for.
+
+    Attributes:
+        recordings: partition keys.
+        assets: assets of recordings, with those that they read; None for all.
+        datasets: their assets.
+        retry_failed: what failed before on the same input, too.
+    """
+
+    recordings: frozenset[str]
+    assets: tuple[str, ...] | None
+    datasets: tuple[str, ...]
+    retry_failed: bool
+
+
 @dataclass(frozen=True)
 class PendingWork:
     """The state of all recordings and datasets, and what a build would do about it.
@@ -68,23 +83,31 @@ class PendingWork:
     Attributes:
         planned: the state of each recording, and the inputs of the datasets.
         states: dataset -> state.
-        chosen: the recordings that the build was asked for.
+        asked: what the build was asked for.
         todo: recording that needs a run -> the assets to materialize.
-        datasets: the datasets that the build was asked for.
         held: recording that is gone -> what its removal waits for; see `held_by_backfills`.
     """
 
     planned: InstancePlan
     states: Mapping[str, AssetState]
-    chosen: frozenset[str]
+    asked: Asked
     todo: Mapping[str, tuple[str, ...]]
-    datasets: tuple[str, ...]
     held: Mapping[str, str]
 
     @property
     def plan(self) -> Plan:
         """The state of each asset of all recordings."""
         return self.planned.plan
+
+    @property
+    def chosen(self) -> frozenset[str]:
+        """The recordings that the build was asked for."""
+        return self.asked.recordings
+
+    @property
+    def datasets(self) -> tuple[str, ...]:
+        """The datasets that the build was asked for."""
+        return self.asked.datasets
 
     @property
     def failed(self) -> dict[str, str]:
@@ -121,7 +144,7 @@ def find_pending_work(
     workspace: Workspace,
     options: BuildOptions | None = None,
     own: "OwnProject | None" = None,
-    planning: InstancePlanning | None = None,
+    planning: Planning | None = None,
     on_planned: Callable[[int, int], None] | None = None,
 ) -> PendingWork:
     """Plan everything and return what is to be done; nothing is changed.
@@ -138,12 +161,13 @@ def find_pending_work(
         BagAssetsError: the recipe or the bag root is not usable, or there is no such recording.
     """
     with span("plan"):
-        planned = (planning or InstancePlanning(instance, workspace)).plan(on_planned)
-    return _pending_work(instance, workspace, planned, options or BuildOptions(), own)
+        planned = plan_instance(instance, workspace, planning, on_planned)
+    asked = _asked(workspace, planned.discovery, options or BuildOptions(), own)
+    return _pending_work(instance, workspace, planned, asked)
 
 
 def find_touched(
-    workspace: Workspace, planning: InstancePlanning, options: BuildOptions, own: "OwnProject | None" = None
+    workspace: Workspace, planning: Planning, options: BuildOptions, own: "OwnProject | None" = None
 ) -> dict[str, Touched]:
     """Return the recordings that a build asks for and of which only the time seems to have changed.
 
@@ -153,7 +177,9 @@ def find_touched(
     asked = _asked(workspace, planning.discovery, options, own)
     if asked.assets == ():
         return {}
-    return {key: one for key, one in planning.touched().items() if key in asked.recordings}
+    recordings = planning.discovery.recordings
+    touched = planning.touched().items()
+    return {key: Touched(recordings[key], one) for key, one in touched if key in asked.recordings}
 
 
 def update_pending_work(
@@ -163,29 +189,15 @@ def update_pending_work(
     worked_on: Collection[str],
     on_planned: Callable[[int, int], None] | None = None,
 ) -> PendingWork:
-    """Plan again what runs may have changed (see `replan_instance`), for a build of everything."""
+    """Plan again what runs may have changed (see `replan_instance`)."""
     with span("plan"):
         planned = replan_instance(instance, workspace, before.planned, worked_on, on_planned)
-    return _pending_work(instance, workspace, planned, BuildOptions())
-
-
-class _Asked(NamedTuple):
-    """What a build is asked for.
-
-    Attributes:
-        recordings: partition keys.
-        assets: assets of recordings, with those that they read; None for all.
-        datasets: their assets.
-    """
-
-    recordings: frozenset[str]
-    assets: tuple[str, ...] | None
-    datasets: tuple[str, ...]
+    return _pending_work(instance, workspace, planned, before.asked)
 
 
 def _asked(
     workspace: Workspace, discovery: Discovery, options: BuildOptions, own: "OwnProject | None"
-) -> _Asked:
+) -> Asked:
     """Return what a build is asked for.
 
     Raises:
@@ -197,35 +209,31 @@ def _asked(
     ours = ("bag", *workspace.assets.names, *datasets)
     wanted = choose_assets((*ours, *(own.assets if own else ())), options.select)
     if wanted is None:
-        return _Asked(chosen, None, datasets)
+        return Asked(chosen, None, datasets, options.retry_failed)
     if own is not None:
         wanted = (wanted & frozenset(ours)) | own.ours_read_by(wanted)
     parts = made_from(recipe)
     assets = workspace.assets.with_upstream(parts.get(name, name) for name in wanted)
-    return _Asked(chosen, assets, tuple(name for name in datasets if name in wanted))
+    chosen_datasets = tuple(name for name in datasets if name in wanted)
+    return Asked(chosen, assets, chosen_datasets, options.retry_failed)
 
 
 def _pending_work(
-    instance: dg.DagsterInstance,
-    workspace: Workspace,
-    planned: InstancePlan,
-    options: BuildOptions,
-    own: "OwnProject | None" = None,
+    instance: dg.DagsterInstance, workspace: Workspace, planned: InstancePlan, asked: Asked
 ) -> PendingWork:
-    asked = _asked(workspace, planned.discovery, options, own)
-    todo = {}
-    for key, bag in planned.plan.bags.items():
-        if key in asked.recordings and (
-            assets := bag.to_run(retry_failed=options.retry_failed, select=asked.assets)
-        ):
-            todo[key] = assets
-    waits_for = _waits_for(workspace, planned.plan, todo, options)
+    todo = {
+        key: assets
+        for key, bag in planned.plan.bags.items()
+        if key in asked.recordings
+        and (assets := bag.to_run(retry_failed=asked.retry_failed, select=asked.assets))
+    }
+    waits_for = _waits_for(workspace, planned.plan, todo, retry_failed=asked.retry_failed)
     states = dataset_states(instance, workspace, planned.inputs, waits_for)
     held = held_by_backfills(instance, frozenset(planned.plan.removed))
-    return PendingWork(planned, states, asked.recordings, todo, asked.datasets, held)
+    return PendingWork(planned, states, asked, todo, held)
 
 
-def _waits_for(workspace: Workspace, plan: Plan, todo: Iterable[str], options: BuildOptions) -> str:
+def _waits_for(workspace: Workspace, plan: Plan, todo: Iterable[str], *, retry_failed: bool) -> str:
     """Return the results that datasets are made from and that are yet to come.
 
     All datasets rest on one digest, so the results for all formats count.
@@ -241,7 +249,7 @@ def _waits_for(workspace: Workspace, plan: Plan, todo: Iterable[str], options: B
             if bag.assets[name].state != "skipped"
             and (bag.assets[name].data_version or "") != bag.recorded.get(name)
         ]
-        if to_come and bag.to_run(retry_failed=options.retry_failed, select=read):
+        if to_come and bag.to_run(retry_failed=retry_failed, select=read):
             found.append(((), key, ", ".join(to_come[-len(parts) :])))
     return "; ".join(f"{told.text} of {told.title}" for told in told_once(found, fewest=2))
 
@@ -286,7 +294,7 @@ def open_project(recipe_file: Path) -> Iterator[tuple[dg.DagsterInstance, Worksp
     require_writable(workspace.recipe.state)
     home = dagster_home(recipe_file.absolute(), workspace.recipe)
     os.environ["BAGASSETS_RECIPE"] = str(recipe_file.absolute())
-    with database_errors_explained(str(home)), open_instance(str(home)) as instance, kept_open(instance):
+    with database_errors_explained(str(home)), open_instance(str(home)) as instance:
         if prefix := noted_prefix(instance, recipe_file):
             workspace = Workspace(recipe_file=workspace.recipe_file, key_prefix=list(prefix))
         yield instance, workspace

@@ -1,6 +1,7 @@
 """Asset checks: the rules of `bagassets.assets.quality`, shown per recording and for the dataset."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from functools import partial
 
 import dagster as dg
 
@@ -11,6 +12,7 @@ from bagassets.assets.selection import choose_rig, skip_reason
 from bagassets.base.escaping import markdown, visible
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.records.partitions import recording_partitions
+from bagassets.defs.records.recorder import Recorder
 from bagassets.defs.records.reporting import errors_explained
 from bagassets.defs.records.workspace import Workspace
 from bagassets.formats import checking
@@ -21,7 +23,14 @@ from bagassets.recipe.model_checks import Severity
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.artifact import Artifact
 
-__all__ = ["Checks", "check_groups", "dataset_checks", "recording_checks", "run_checks", "run_dataset_checks"]
+__all__ = [
+    "Checks",
+    "check_recording",
+    "dataset_checks",
+    "recording_checks",
+    "run_checks",
+    "run_dataset_checks",
+]
 
 Checks = Mapping[str, Sequence[RecordingCheck]]
 """Asset -> checks of it."""
@@ -32,31 +41,29 @@ MOST_SENTENCES = 20
 def recording_checks(recipe: Recipe, names: Naming) -> list[dg.AssetChecksDefinition]:
     """Return the checks of a recording's assets.
 
-    They are partitioned, or one recording's pass would hide another's failure.
-    """
-    return [_operation(recipe, names, name, group) for name, group in check_groups(recipe).items()]
-
-
-def check_groups(recipe: Recipe) -> dict[str, Checks]:
-    """Return the checks of a recording, by the operation that runs them.
-
     The checks of the assets extracted from the recording are one operation, because each operation costs a run 0.1 s;
     each other asset has an operation of its own for its checks, since it may fail where the rest did not.
+    They are partitioned, or one recording's pass would hide another's failure.
     """
-    assets = recording_assets(recipe)
-    wanted = {
-        asset.name: [one for one in asset.checks if severity_of(recipe.checks, one.section) != "skip"]
-        for asset in assets
-    }
-    extracted = {name: checks for name, checks in wanted.items() if name in assets.extracted}
-    groups: dict[str, Checks] = {"recording_checks": extracted}
+    wanted, extracted = wanted_checks(recipe), recording_assets(recipe).extracted
+    groups = {"recording_checks": {name: checks for name, checks in wanted.items() if name in extracted}}
     groups |= {f"{name}_checks": {name: checks} for name, checks in wanted.items() if name not in extracted}
-    return {name: group for name, group in groups.items() if any(group.values())}
-
-
-def _operation(recipe: Recipe, names: Naming, name: str, wanted: Checks) -> dg.AssetChecksDefinition:
-    """Return an operation that runs the checks of some assets."""
     partitions = recording_partitions(recipe.bags, names)
+    return [_operation(names, name, of, partitions) for name, of in groups.items() if any(of.values())]
+
+
+def wanted_checks(recipe: Recipe) -> Checks:
+    """Return the checks of a recording that the recipe does not skip."""
+    return {
+        asset.name: [one for one in asset.checks if severity_of(recipe.checks, one.section) != "skip"]
+        for asset in recording_assets(recipe)
+    }
+
+
+def _operation(
+    names: Naming, name: str, wanted: Checks, partitions: dg.PartitionsDefinition[str]
+) -> dg.AssetChecksDefinition:
+    """Return an operation that runs the checks of some assets."""
 
     @dg.multi_asset_check(
         name=names.spell(name),
@@ -71,7 +78,7 @@ def _operation(recipe: Recipe, names: Naming, name: str, wanted: Checks) -> dg.A
         ],
     )
     def run(context: dg.AssetCheckExecutionContext) -> Iterator[dg.AssetCheckResult]:
-        workspace: Workspace = getattr(context.resources, names.workspace)
+        workspace = Workspace.of(context, names.workspace)
         selected = {(names.asset_of(key.asset_key), key.name) for key in context.selected_asset_check_keys}
         chosen = {
             asset: [check for check in checks if (asset, check.name) in selected]
@@ -79,11 +86,18 @@ def _operation(recipe: Recipe, names: Naming, name: str, wanted: Checks) -> dg.A
         }
         with errors_explained():
             recording = workspace.recording(context.partition_key)
-            yield from run_checks(
-                workspace, recording, chosen, lambda name: workspace.artifact(context, name)
-            )
+            yield from run_checks(workspace, recording, chosen, partial(workspace.artifact, context))
 
     return run
+
+
+def check_recording(
+    recorder: Recorder, recording: RecordingFiles, assets: Collection[str]
+) -> Iterator[dg.AssetCheckResult]:
+    """Yield the results of the checks of assets that were recorded; see `run_checks`."""
+    workspace = recorder.workspace
+    wanted = {name: checks for name, checks in wanted_checks(workspace.recipe).items() if name in assets}
+    return run_checks(workspace, recording, wanted, recorder.artifact)
 
 
 def run_checks(
@@ -119,28 +133,25 @@ def run_checks(
 def dataset_checks(recipe: Recipe, names: Naming) -> list[dg.AssetChecksDefinition]:
     """Return the checks of the datasets on disk, one operation per dataset."""
     whole = (dataset for dataset in datasets_of(recipe).values() if dataset.selection is None)
-    return [
-        _dataset_operation(recipe, names, one) for one in whole if checking.dataset_checks(recipe, one.kind)
-    ]
+    wanted = ((dataset, checking.dataset_checks(recipe, dataset.kind)) for dataset in whole)
+    return [_dataset_operation(names, dataset, checks) for dataset, checks in wanted if checks]
 
 
-def _dataset_operation(recipe: Recipe, names: Naming, dataset: Dataset) -> dg.AssetChecksDefinition:
-    asset, wanted = dataset.asset, checking.dataset_checks(recipe, dataset.kind)
+def _dataset_operation(names: Naming, dataset: Dataset, wanted: Collection[str]) -> dg.AssetChecksDefinition:
+    asset, kind = dataset.asset, dataset.kind
 
     @dg.multi_asset_check(
         name=names.spell(f"{asset}_checks"),
         required_resource_keys={names.workspace},
         specs=[
             dg.AssetCheckSpec(check.name, asset=names.key(asset), description=check.description)
-            for check in dataset.kind.checks
+            for check in kind.checks
             if check.name in wanted
         ],
     )
     def run(context: dg.AssetCheckExecutionContext) -> Iterator[dg.AssetCheckResult]:
-        workspace: Workspace = getattr(context.resources, names.workspace)
         with errors_explained():
-            results = run_dataset_checks(workspace, asset, wanted)
-        yield from results
+            yield from run_dataset_checks(Workspace.of(context, names.workspace), asset, wanted)
 
     return run
 
@@ -148,13 +159,13 @@ def _dataset_operation(recipe: Recipe, names: Naming, dataset: Dataset) -> dg.As
 def run_dataset_checks(
     workspace: Workspace, asset: str, names: Collection[str] | None = None
 ) -> list[dg.AssetCheckResult]:
-    """Return the results of checks of a dataset on disk: of those named, or all; none if it is a named dataset.
+    """Return the results of checks of a dataset on disk: of those named, or all; none of a named dataset, or the map.
 
     Raises:
         DatasetError: a file of the dataset cannot be read.
     """
-    dataset = datasets_of(workspace.recipe)[asset]
-    if dataset.selection is not None:
+    dataset = datasets_of(workspace.recipe).get(asset)
+    if dataset is None or dataset.selection is not None:
         return []
     severities = checking.dataset_checks(workspace.recipe, dataset.kind)
     names = severities.keys() if names is None else names

@@ -3,7 +3,7 @@
 The report is written with the main dataset: the link on its page in the web UI opens it.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
 from functools import partial
 
@@ -12,14 +12,15 @@ import dagster as dg
 from bagassets.base.errors import BagAssetsError
 from bagassets.base.escaping import markdown
 from bagassets.defs.graph.check_records import findings_on_record
-from bagassets.defs.graph.making import MadeAsset
 from bagassets.defs.records.artifact_files import page_link
-from bagassets.defs.records.events import CODE_VERSION, DATA_VERSION, latest_ids, recorded_wholes
+from bagassets.defs.records.events import recorded_wholes
+from bagassets.defs.records.fence import refuse_if_ended
 from bagassets.defs.records.instance_plan import InstancePlan, plan_in_run
 from bagassets.defs.records.naming import DATASET_INPUTS, Naming
+from bagassets.defs.records.partitions import DATASET
+from bagassets.defs.records.recorder import Made, Recorder
 from bagassets.defs.records.reporting import code_link, dataset_metadata, errors_explained, inputs_metadata
 from bagassets.defs.records.workspace import Workspace
-from bagassets.defs.runs.fence import refuse_if_ended
 from bagassets.engine.plan import AssetState
 from bagassets.engine.targets import Evidence, Read, Target, target_state
 from bagassets.formats import trajectory_map
@@ -97,45 +98,18 @@ def dataset_states(
     return found
 
 
-def record_inputs(instance: dg.DagsterInstance, workspace: Workspace, inputs: DatasetInputs) -> None:
-    """Record `dataset_inputs` without a run (about 10 ms), if it changed, or records that it points to did.
+def record_inputs(instance: dg.DagsterInstance, workspace: Workspace, inputs: DatasetInputs) -> bool:
+    """Record `dataset_inputs` without a run (about 10 ms) if it changed, or records that it points to did; return whether.
 
     Its tags name its inputs, as those of a run would: without them Dagster would mark it as stale.
     """
-    key = workspace.names.key(DATASET_INPUTS)
-    tags = {
-        DATA_VERSION: inputs.digest,
-        CODE_VERSION: INPUTS_CODE_VERSION,
-        **_provenance(instance, workspace, inputs),
-    }
-    newest = instance.get_latest_materialization_event(key)
-    recorded = None if newest is None else newest.asset_materialization
-    if recorded is None or not tags.items() <= (recorded.tags or {}).items():
-        metadata = inputs_metadata(inputs)
-        instance.report_runless_asset_event(
-            dg.AssetMaterialization(asset_key=key, metadata=metadata, tags=tags)
-        )
-
-
-def _note_inputs(context: dg.AssetExecutionContext, workspace: Workspace, inputs: DatasetInputs) -> None:
-    """See to it that a dataset is recorded as made from `inputs`, also if it is made alone and they were recorded before.
-
-    What a step reads Dagster looks up before the step begins.
-    """
-    recorded = context.instance.get_latest_materialization_event(workspace.names.key(DATASET_INPUTS))
-    tags = recorded.asset_materialization.tags if recorded and recorded.asset_materialization else None
-    if (tags or {}).get(DATA_VERSION) != inputs.digest:
-        record_inputs(context.instance, workspace, inputs)
-        context.op_execution_context.get_step_execution_context().fetch_external_input_asset_version_info()
-
-
-def _provenance(instance: dg.DagsterInstance, workspace: Workspace, inputs: DatasetInputs) -> dict[str, str]:
-    """Return tags that point to the newest record of all recordings, which Dagster compares with later ones."""
-    tags, names = {}, workspace.names
-    for asset, ids in latest_ids(instance, names, _read_of_recordings(workspace.recipe)).items():
-        tags[names.input_tag(asset)] = inputs.digest
-        tags[names.pointer_tag(asset)] = str(max(ids.values(), default=0))
-    return tags
+    read = dict.fromkeys(_read_of_recordings(workspace.recipe), inputs.digest)
+    made = Made(DATASET_INPUTS, inputs.digest, INPUTS_CODE_VERSION, {}, read)
+    recorder = Recorder(instance, workspace, DATASET)
+    is_new = not recorder.is_recorded(made)
+    if is_new:
+        recorder.record(replace(made, metadata=inputs_metadata(inputs)))
+    return is_new
 
 
 def _read_of_recordings(recipe: Recipe) -> list[str]:
@@ -145,68 +119,53 @@ def _read_of_recordings(recipe: Recipe) -> list[str]:
 
 def dataset_assets(recipe: Recipe, names: Naming) -> list[dg.AssetsDefinition]:
     """Return the assets that exist once."""
-
-    @dg.asset(
-        key=names.key(DATASET_INPUTS),
-        deps=[
-            dg.AssetDep(names.key(asset), partition_mapping=dg.AllPartitionMapping())
-            for asset in _read_of_recordings(recipe)
-        ],
-        required_resource_keys={names.workspace},
-        group_name=names.dataset_group,
-        kinds={"json"},
-        description=_INPUTS,
-        code_version=INPUTS_CODE_VERSION,
-        metadata=code_link(select_inputs),
-    )
-    def dataset_inputs(context: dg.AssetExecutionContext) -> dg.MaterializeResult[None]:
-        workspace: Workspace = getattr(context.resources, names.workspace)
-        with errors_explained():
-            inputs = plan_in_run(context, workspace).inputs
-            return dg.MaterializeResult(
-                data_version=dg.DataVersion(inputs.digest), metadata=inputs_metadata(inputs)
-            )
-
-    datasets = [
-        _made_from_inputs(recipe, names, one.asset, set(one.kind.kinds), one.description, one.kind.join)
-        for one in datasets_of(recipe).values()
+    read = [
+        dg.AssetDep(names.key(asset), partition_mapping=dg.AllPartitionMapping())
+        for asset in _read_of_recordings(recipe)
     ]
-    if TRAJECTORY_MAP in dataset_code_versions(recipe):
-        datasets.append(_made_from_inputs(recipe, names, TRAJECTORY_MAP, {"html"}, _MAP, build_map))
-    return [dataset_inputs, *datasets]
 
+    def definition(
+        asset: str, version: str, kinds: Collection[str], about: str, make: Callable[..., object]
+    ) -> dg.AssetsDefinition:
+        @dg.asset(
+            key=names.key(asset),
+            deps=read if asset == DATASET_INPUTS else [names.key(DATASET_INPUTS)],
+            required_resource_keys={names.workspace},
+            group_name=names.dataset_group,
+            kinds={*kinds},
+            description=about,
+            code_version=version,
+            metadata=code_link(make),
+        )
+        def made_once(context: dg.AssetExecutionContext) -> Iterator[dg.MaterializeResult[None]]:
+            instance, workspace = context.instance, Workspace.of(context, names.workspace)
+            with errors_explained():
+                planned = plan_in_run(context, workspace)
+                if asset == DATASET_INPUTS:
+                    digest, metadata = planned.inputs.digest, inputs_metadata(planned.inputs)
+                    made = Made(asset, digest, version, metadata, {})
+                else:
+                    # Also if it is made alone. What a step reads Dagster looks up before the step begins.
+                    if record_inputs(instance, workspace, planned.inputs):
+                        step = context.op_execution_context.get_step_execution_context()
+                        step.fetch_external_input_asset_version_info()
+                    made = make_dataset(instance, workspace, planned, asset, context.run.run_id)
+                yield from Recorder(instance, workspace, DATASET, context).record(made)
 
-def _made_from_inputs(
-    recipe: Recipe, names: Naming, asset: str, kinds: set[str], about: str, make: Callable[..., object]
-) -> dg.AssetsDefinition:
-    """Return the definition of a dataset, or of the map."""
+        return made_once
 
-    @dg.asset(
-        key=names.key(asset),
-        deps=[names.key(DATASET_INPUTS)],
-        required_resource_keys={names.workspace},
-        group_name=names.dataset_group,
-        kinds=kinds,
-        description=about,
-        code_version=dataset_code_versions(recipe)[asset],
-        metadata=code_link(make),
-    )
-    def made_from_inputs(context: dg.AssetExecutionContext) -> dg.MaterializeResult[None]:
-        workspace: Workspace = getattr(context.resources, names.workspace)
-        with errors_explained():
-            planned = plan_in_run(context, workspace)
-            _note_inputs(context, workspace, planned.inputs)
-            made = make_dataset(context.instance, workspace, planned, asset, context.run.run_id)
-            return dg.MaterializeResult(
-                data_version=dg.DataVersion(made.data_version), metadata=made.metadata
-            )
-
-    return made_from_inputs
+    versions = dataset_code_versions(recipe)
+    found = [definition(DATASET_INPUTS, INPUTS_CODE_VERSION, {"json"}, _INPUTS, select_inputs)]
+    for name, one in datasets_of(recipe).items():
+        found.append(definition(name, versions[name], one.kind.kinds, one.description, one.kind.join))
+    if TRAJECTORY_MAP in versions:
+        found.append(definition(TRAJECTORY_MAP, versions[TRAJECTORY_MAP], {"html"}, _MAP, build_map))
+    return found
 
 
 def make_dataset(
     instance: dg.DagsterInstance, workspace: Workspace, planned: InstancePlan, asset: str, run_id: str
-) -> MadeAsset:
+) -> Made:
     """Make a dataset, or the map, from what is planned, and return what is to be recorded of it.
 
     Raises:
@@ -214,27 +173,24 @@ def make_dataset(
         RunEndedError: the run was given up meanwhile.
     """
     recipe = workspace.recipe  # as it is now: this process may be older
-
+    version, read = dataset_code_versions(recipe)[asset], {DATASET_INPUTS: planned.inputs.digest}
     permit = partial(refuse_if_ended, instance, run_id)
     if asset == TRAJECTORY_MAP:
         permit()
         outcome = build_map(recipe, workspace.store, planned.plan)
-        return MadeAsset(
-            asset,
-            outcome.artifact.digest,
-            {
-                "open": dg.MetadataValue.md(f"[Open the map]({page_link('map')})"),
-                "map": dg.MetadataValue.path(str(map_path(recipe))),
-                "cached": outcome.cached,
-                **outcome.artifact.summary(),
-            },
-        )
+        metadata = {
+            "open": dg.MetadataValue.md(f"[Open the map]({page_link('map')})"),
+            "map": dg.MetadataValue.path(str(map_path(recipe))),
+            "cached": outcome.cached,
+            **outcome.artifact.summary(),
+        }
+        return Made(asset, outcome.artifact.digest, version, metadata, read)
     dataset = datasets_of(recipe)[asset]
     summary = build_dataset(dataset, recipe, workspace.store, planned.plan, planned.inputs, permit)
     failed = planned.inputs.failed.get(dataset.kind.name, {})
     is_first = dataset.kind in formats_of(recipe)[:1] and dataset.selection is None  # the report is about all
     report = {"report": write_report(instance, workspace, planned)} if is_first else {}
-    return MadeAsset(asset, summary.digest, report | dataset_metadata(summary, failed))
+    return Made(asset, summary.digest, version, report | dataset_metadata(summary, failed), read)
 
 
 def write_report(

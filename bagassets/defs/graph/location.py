@@ -13,7 +13,6 @@ from bagassets.defs.graph.assets import recording_definitions
 from bagassets.defs.graph.batch_job import batch_job
 from bagassets.defs.graph.checks import dataset_checks, recording_checks
 from bagassets.defs.graph.dataset import dataset_assets
-from bagassets.defs.graph.missing_partition import explain_missing_partition
 from bagassets.defs.graph.sensor import recordings_sensor
 from bagassets.defs.records.naming import Naming, checked_prefix
 from bagassets.defs.records.workspace import Workspace
@@ -54,7 +53,6 @@ def build_definitions(
         # sets the level of Dagster's logger to DEBUG. That shows once the root logger has a handler, and it gets one when
         # anything calls `logging.info` itself, as Dagster's storage does.
         logging.getLogger("dagster").propagate = False
-    explain_missing_partition()
     recipe_file = recipe_file.absolute()
     recipe = load_recipe(recipe_file)
     names = Naming(recipe.name, checked_prefix(key_prefix), group_name, resource_key)

@@ -3,6 +3,7 @@
 from collections.abc import Collection, Iterator, Mapping
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
+from functools import cache
 from graphlib import TopologicalSorter
 
 import dagster as dg
@@ -32,7 +33,7 @@ class OwnAsset(Target):
     Attributes:
         location: where it is defined.
         is_automatic: it would run by itself: it has an automation condition, or `follow_recordings` runs it.
-        together: assets that are always made in one step, this one included.
+        together: assets that are always made together, this one included.
     """
 
     location: CodeLocation
@@ -132,28 +133,16 @@ class Versions:
     def __init__(self, instance: dg.DagsterInstance, names: Naming) -> None:
         self._instance, self._names = instance, names
         self._live = live_partitions(instance, names)
-        self._parts: dict[str, Mapping[str, str]] = {}
-        self._wholes: dict[str, str | None] = {}
+        self._whole, self._parts = cache(self._find_whole), cache(self._find_parts)
 
     def of(self, read: Read, partition: str) -> str | None:
         """Return the version of something that is read; None if it was never made.
 
         Of all recordings it is a digest over the versions of those that are registered, and not skipped.
         """
-        key = dg.AssetKey.from_user_string(read.name)
         if read.how == "whole":
-            if read.name not in self._wholes:
-                newest = recorded_whole(self._instance, self._names, key)
-                version = _observed(self._instance, key) if newest is None else newest.data_version
-                self._wholes[read.name] = version
-            return self._wholes[read.name]
-        if read.name not in self._parts:
-            tags = self._instance.event_log_storage.get_latest_tags_by_partition(
-                key, dg.DagsterEventType.ASSET_MATERIALIZATION, [DATA_VERSION]
-            )
-            versions = {part: found.get(DATA_VERSION, "") for part, found in tags.items()}
-            self._parts[read.name] = {part: one for part, one in versions.items() if not is_skip(one)}
-        parts = self._parts[read.name]
+            return self._whole(read.name)
+        parts = self._parts(read.name)
         if read.how == "same":
             return parts.get(partition)
         return digest_json({one: parts[one] for one in sorted(self._live & parts.keys())})
@@ -162,13 +151,23 @@ class Versions:
         """Return what an asset would read -> version, "" if that was never made."""
         return {read.name: self.of(read, partition) or "" for read in asset.reads}
 
+    def _find_whole(self, name: str) -> str | None:
+        """Return the version of an asset as it was recorded or, if nobody makes it here, observed last."""
+        key = dg.AssetKey.from_user_string(name)
+        newest = recorded_whole(self._instance, self._names, key)
+        if newest is not None:
+            return newest.data_version
+        for record in self._instance.fetch_observations(key, limit=1).records:
+            if record.asset_observation is not None:
+                return (record.asset_observation.tags or {}).get(DATA_VERSION)
+        return None
 
-def _observed(instance: dg.DagsterInstance, key: dg.AssetKey) -> str | None:
-    """Return the version of an asset that nobody makes here, as it was observed last."""
-    for record in instance.fetch_observations(key, limit=1).records:
-        if record.asset_observation is not None:
-            return (record.asset_observation.tags or {}).get(DATA_VERSION)
-    return None
+    def _find_parts(self, name: str) -> dict[str, str]:
+        tags = self._instance.event_log_storage.get_latest_tags_by_partition(
+            dg.AssetKey.from_user_string(name), dg.DagsterEventType.ASSET_MATERIALIZATION, [DATA_VERSION]
+        )
+        versions = {part: found.get(DATA_VERSION, "") for part, found in tags.items()}
+        return {part: one for part, one in versions.items() if not is_skip(one)}
 
 
 # --- the tag of a run --------------------------------------------------------------------
@@ -185,11 +184,11 @@ def sensor_tags(
         return {}
     graph = context.repository_def.asset_graph
     asset = _own_asset(graph, key, CodeLocation(), names, ours, is_automatic=True)
-    tag = inputs_tag(asset, Versions(context.instance, names).read_by(asset, ""), code_digest())
+    reads = Versions(context.instance, names).read_by(asset, "")
     newest = recorded_whole(context.instance, names, key)
     run = None if newest is None else context.instance.get_run_by_id(newest.run_id)
-    made_from = "" if run is None else told_inputs(run, key)
-    return None if made_from and tag[_tag_name(key)].startswith(made_from) else tag
+    is_same = run is not None and told_inputs(run, key) == inputs_digest(asset, reads)
+    return None if is_same else inputs_tag(asset, reads, code_digest())
 
 
 def inputs_tag(asset: OwnAsset, reads: Mapping[str, str], code: str) -> dict[str, str]:

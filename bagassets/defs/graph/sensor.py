@@ -65,7 +65,7 @@ def recordings_sensor(
     )
     # Called directly, as in tests, a sensor is given its resources as parameters, too.
     def recordings(context: dg.SensorEvaluationContext, **_resources: object) -> dg.SensorResult:
-        loaded: Workspace = getattr(context.resources, names.workspace)
+        loaded = Workspace.of(context, names.workspace)
         # The recipe as it is now: that one was read when the code location was loaded.
         workspace = Workspace(recipe_file=loaded.recipe_file, key_prefix=loaded.key_prefix)
         with errors_explained():

@@ -10,10 +10,6 @@ from bagassets.store.canonical import digest_json
 
 __all__ = ["Cursor", "Request"]
 
-# A run that failed for no reason that the plan knows is requested again, but not for ever.
-MOST_TRIES = 3
-RETRY_S = 60.0
-
 
 class Request(NamedTuple):
     """A run that was requested.
@@ -114,33 +110,15 @@ class Cursor:
 
     # --- asking --------------------------------------------------------------------------
 
-    def ask(self, key: str, what: str, now_s: float) -> bool:
-        """Return whether to request `what`, and note it; False if it was requested just now or too often."""
-        if not self.may_ask(key, what, now_s):
-            return False
+    def tried(self, key: str, what: str) -> tuple[int, float]:
+        """Return how often `what` was requested, and when it was last (Unix seconds)."""
         before = self.asked.get(key)
-        tries = 1 if before is None or before.what != what else before.tries + 1
-        self.asked[key] = Request(what, tries, now_s)
+        return (before.tries, before.at_s) if before is not None and before.what == what else (0, 0.0)
+
+    def ask(self, key: str, what: str, now_s: float) -> None:
+        """Note that `what` is requested."""
+        self.asked[key] = Request(what, self.tried(key, what)[0] + 1, now_s)
         self.runs += 1
-        return True
-
-    def may_ask(self, key: str, what: str, now_s: float) -> bool:
-        """Return whether `what` may be requested; False if it was requested just now or too often."""
-        before = self.asked.get(key)
-        if before is None or before.what != what:
-            return True
-        return before.tries < MOST_TRIES and now_s - before.at_s >= RETRY_S * before.tries
-
-    @property
-    def may_ask_again(self) -> bool:
-        """True if a request was not met and will be repeated."""
-        return any(request.tries < MOST_TRIES for request in self.asked.values())
-
-    def give_up(self, key: str, what: str) -> None:
-        """Request `what` no more: somebody cancelled its run."""
-        before = self.asked.get(key)
-        if before is not None and before.what == what:
-            self.asked[key] = Request(what, MOST_TRIES, before.at_s)
 
     def forget(self, keys: Iterable[str]) -> None:
         """Drop requests that were met, or whose recordings are gone."""

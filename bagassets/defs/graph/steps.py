@@ -190,7 +190,7 @@ def follow_recordings(
     )
     # Called directly, as in tests, a sensor is given its resources as parameters, too.
     def follow(context: dg.SensorEvaluationContext, **_resources: object) -> dg.SensorResult:
-        workspace: Workspace = getattr(context.resources, resource_key)
+        workspace = Workspace.of(context, resource_key)
         with errors_explained():
             now = digest_json(_versions(context.instance, workspace.names, upstream))
         runs = context.instance.get_runs(dg.RunsFilter(statuses=ACTIVE))

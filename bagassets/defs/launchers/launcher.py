@@ -32,27 +32,24 @@ import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import Self
 
 import dagster as dg
 
 from bagassets.base.errors import BagAssetsError
-from bagassets.base.json_types import JsonMapping
 from bagassets.defs.dagster_private import (
     GRPC_INFO_TAG,
     CheckRunHealthResult,
-    ConfigurableClass,
     ConfigurableClassData,
     LaunchRunContext,
     ModuleCodePointer,
-    RunLauncher,
     T_DagsterInstance,
     WorkerStatus,
 )
 from bagassets.defs.launchers.run_worker import end_worker
 from bagassets.defs.records.instances import pack_instance
-from bagassets.defs.records.projects import configured_recipe, recipe_of_location, recipes_of
+from bagassets.defs.records.projects import recipe_of_location, recipes_of
 from bagassets.defs.runs.execution import mark_canceling
+from bagassets.defs.runs.launching import ConfiguredLauncher
 from bagassets.defs.runs.worker_tag import WORKER_TAG, RunWorker
 from bagassets.defs.ui.ports import ANY_HOST
 from bagassets.forkserver.client import Client, ServerRefusedError
@@ -69,18 +66,15 @@ _DEBUG_LINES = 30
 _LOCAL_HOSTS = ANY_HOST | {"localhost", "127.0.0.1", "::1"}
 
 
-class BagAssetsRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
+class BagAssetsRunLauncher(ConfiguredLauncher[T_DagsterInstance]):
     """Has runs executed by workers of the fork server; where that is not possible, by Dagster's own launcher.
 
     It keeps no record of its runs: a tag on each run names the worker, so that any process can cancel it or check
     whether it is alive. The server stays up as long as a launcher exists that launched something (that of the web
     server or the daemon).
-
-    Attributes:
-        names_workers: a run that it launched and that names no worker has none (see `orphaned_runs`).
     """
 
-    names_workers = True
+    executes_here = names_workers = True
 
     def __init__(
         self,
@@ -91,22 +85,15 @@ class BagAssetsRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
         idle_timeout_s: float | None = None,
         grace_s: float = 30.0,
     ) -> None:
-        self._inst_data = inst_data
-        self._recipe = recipe
         self._state_folder = state_folder
         self._idle_timeout_s = idle_timeout_s
         self._grace_s = grace_s
         self._default = dg.DefaultRunLauncher()
         self._client: Client | None = None
         self._mutex = threading.Lock()  # the web server launches from several threads
-        super().__init__()  # type: ignore[no-untyped-call]  # Dagster's mixin has no annotations
+        super().__init__(inst_data, recipe)
 
     # --- configuration ---------------------------------------------------------------
-
-    @property
-    def inst_data(self) -> ConfigurableClassData | None:
-        """Configuration that this object was made from."""
-        return self._inst_data
 
     @classmethod
     def config_type(cls) -> dict[str, dg.Field]:
@@ -117,11 +104,6 @@ class BagAssetsRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
             "idle_timeout_s": dg.Field(dg.IntSource, is_required=False),
             "grace_s": dg.Field(dg.IntSource, is_required=False),
         }
-
-    @classmethod
-    def from_config_value(cls, inst_data: ConfigurableClassData, config_value: JsonMapping) -> Self:
-        """Return the launcher that `dagster.yaml` describes."""
-        return cls(inst_data, **config_value)
 
     def register_instance(self, instance: T_DagsterInstance) -> None:
         """Set the instance whose runs are launched."""
@@ -187,7 +169,7 @@ class BagAssetsRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
             self._client = None
 
     def _spec(self, run: dg.DagsterRun) -> ServerSpec:
-        recipe = recipe_of_location(self._instance, run) or configured_recipe(self._recipe)
+        recipe = recipe_of_location(self._instance, run) or self._recipe_file
         pointer = run.job_code_origin.repository_origin.code_pointer if run.job_code_origin else None
         modules: tuple[str, ...] = ()
         paths: tuple[str, ...] = ()
@@ -226,13 +208,7 @@ class BagAssetsRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
             terminate: Callable[[str], bool] = self._default.terminate
             return terminate(run_id)
         if worker is None or not worker.is_on_this_host:
-            where = "another program executes it" if worker is None else f"{worker} executes it"
-            self._instance.report_engine_event(
-                f"The run cannot be cancelled from here, because {where}.",
-                dagster_run=run,
-                cls=self.__class__,
-            )
-            return False
+            return self._refuse_to_cancel(run, f"{worker or 'another program'} executes it")
         if not mark_canceling(self._instance, run) or self._cancel_job(run_id):
             return True
         if worker.process is None or not worker.process.send(signal.SIGTERM):
@@ -244,7 +220,7 @@ class BagAssetsRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
     def _cancel_job(self, run_id: str) -> bool:
         """Have the server cancel the run; return False if no server that answers has it."""
         try:
-            for client in Client.all_of(self._folder(configured_recipe(self._recipe))):
+            for client in Client.all_of(self._folder(self._recipe_file)):
                 for job in client.status()["jobs"]:
                     if job["label"] == run_id and client.cancel(job["job"], grace_s=self._grace_s):
                         return True
@@ -269,11 +245,6 @@ class BagAssetsRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
 
     # --- health ----------------------------------------------------------------------
 
-    @property
-    def supports_check_run_worker_health(self) -> bool:
-        """True: run monitoring of the daemon may check."""
-        return True
-
     def check_run_worker_health(self, run: dg.DagsterRun) -> CheckRunHealthResult:
         """Return whether the worker of a run is alive.
 
@@ -296,7 +267,7 @@ class BagAssetsRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
         """Return the last lines that the worker of a run wrote, if it wrote any."""
         if RunWorker.of(run) is None or not include_container_logs:
             return None
-        log = ServerFiles(self._folder(configured_recipe(self._recipe)), "").job_log(run.run_id)
+        log = ServerFiles(self._folder(self._recipe_file), "").job_log(run.run_id)
         lines = last_lines(log, _DEBUG_LINES)
         return "\n".join([f"Last lines of {log}:", *lines]) if lines else None
 

@@ -26,13 +26,12 @@ from bagassets.defs.builds.pending_work import rehearse
 from bagassets.defs.dagster_private import RUN_MODULES, capture_interrupts, check_captured_interrupt
 from bagassets.defs.graph.own_location import know_installed_modules
 from bagassets.defs.records.batches import batch_of
-from bagassets.defs.records.connections import kept_open, share_migrations
 from bagassets.defs.records.databases import database_errors_explained, read_settings
+from bagassets.defs.records.fence import run_has_ended
 from bagassets.defs.records.instances import dotenv_variables, open_instance
 from bagassets.defs.records.partitions import PARTITION_TAG
 from bagassets.defs.runs.exclusive import ASKS_PER_LOOK, exclusive, holder_has_ended
 from bagassets.defs.runs.execution import execute_run, preload_definitions
-from bagassets.defs.runs.fence import run_has_ended
 from bagassets.defs.runs.orphaned_runs import end_orphaned_runs, report_ended
 from bagassets.defs.runs.worker_tag import RunWorker
 from bagassets.forkserver.process import ProcessId
@@ -48,8 +47,6 @@ _UNTIL_IDLE = (True,)  # a step after which the server waits until no job is at 
 
 # What opening a SQLite instance, executing a run and the steps import; it saves each worker 0.7 s.
 _AHEAD = (
-    "alembic.command",
-    "alembic.runtime.migration",
     "bagassets.defs.launcher",
     "bagassets.defs.builds.project_build",
     "bagassets.defs.sqlite_storage",
@@ -76,7 +73,6 @@ def preload(modules: list[str]) -> Iterator[object]:
     for module in _AHEAD:
         with suppress(ModuleNotFoundError):  # not all is required: dateutil comes with the web UI
             import_module(module)
-    share_migrations()
     for module in modules:
         preload_definitions(module)
     load_built_in()
@@ -142,7 +138,6 @@ def execute(args: JsonObject) -> JsonObject:
                 return not (check_captured_interrupt() or cancel_requested())
 
             stack.enter_context(exclusive(locks, partition_key, keep_waiting=keep_waiting, holder=run_id))
-        stack.enter_context(kept_open(instance, run_id))
         return execute_run(instance, run_id, cancel_requested=cancel_requested).as_json()
 
 
@@ -201,9 +196,7 @@ def _open(args: JsonObject, stack: ExitStack) -> dg.DagsterInstance:
     _apply_dotenv()
     place = args["instance"] if args["instance"].startswith("/") else "this instance"
     stack.enter_context(database_errors_explained(place))
-    instance = stack.enter_context(open_instance(args["instance"]))
-    stack.enter_context(kept_open(instance))
-    return instance
+    return stack.enter_context(open_instance(args["instance"]))
 
 
 def _apply_dotenv() -> None:

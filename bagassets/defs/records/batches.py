@@ -1,89 +1,16 @@
-"""Batches: several small recordings that one run brings up to date.
+"""Batches as Dagster has them: the config of their job, and the recordings of such a run.
 
-A run with a step for each asset costs a small recording more than its work does. In a batch each recording is still
-recorded as its own partition, and the failure of one is its own (see `batch_job`). Dagster's range runs would not do: all
-partitions of such a run have the same data version, and fail together.
+Dagster's range runs would not do: all partitions of such a run have the same data version, and fail together.
 """
 
-from collections.abc import Collection, Mapping, Sequence
-from heapq import heapify, heapreplace
 from typing import Any
 
 import dagster as dg
 
 from bagassets.defs.records.naming import BATCH_JOB, BATCH_OP, Naming
+from bagassets.engine.batches import Batch
 
-__all__ = [
-    "SMALL_BYTES",
-    "WORTH_STEPS_BYTES",
-    "Batch",
-    "batch_config",
-    "batch_of",
-    "batches",
-    "without_steps",
-]
-
-SMALL_BYTES = 16 * 2**20
-_LARGEST_BATCH_BYTES = 128 * 2**20
-WORTH_STEPS_BYTES = 4 * 2**30
-"""Up to here a recording does without a step for each asset, where the choice is free.
-
-Dagster's bookkeeping for steps, and a second run for the datasets, take a second: a tenth of what 2 GB take on two
-processors, and little beside a larger recording.
-"""
-_AT_ALL_BYTES = 2**20  # a recording costs as much as these, whatever its size
-_MOST_RECORDINGS = 50  # or about that, in one run: its log can still be read
-_FEWEST_PER_JOB = 4  # where there are fewer, a run each shows more and costs little
-
-Batch = Mapping[str, Sequence[str]]
-"""Partition key -> the assets to materialize; an empty key -> the datasets."""
-
-
-def batches(todo: Batch, sizes: Mapping[str, int], jobs: int, most_per_run: int | None = None) -> list[Batch]:
-    """Deal recordings to runs: each large one gets a run of its own, small ones share.
-
-    Args:
-        todo: recordings and their assets.
-        sizes: partition key -> size in bytes.
-        jobs: runs at the same time; small recordings that are fewer than four for each get runs of their own.
-        most_per_run: most recordings of a run, where runs wait in a queue and nobody knows how many of them will be at work
-            at the same time; `jobs` does not count then.
-
-    Returns:
-        The runs, the longest first: begun last, it would keep one worker busy after all others are done.
-    """
-    small = sorted((key for key in todo if sizes[key] <= SMALL_BYTES), key=lambda key: (-sizes[key], key))
-    most, jobs = (_MOST_RECORDINGS, jobs) if most_per_run is None else (most_per_run, 1)
-    if most == 1 or not _are_many(small, jobs, most_per_run):
-        small = []
-    total = sum(sizes[key] for key in small)
-    needed = max(jobs, -(-total // _LARGEST_BATCH_BYTES), -(-len(small) // most))
-    dealt: list[tuple[int, int, list[str]]] = [(0, number, []) for number in range(needed)] if small else []
-    heapify(dealt)
-    for key in small:  # the largest first, each to the batch that is smallest so far
-        size, number, keys = dealt[0]
-        heapreplace(dealt, (size + sizes[key] + _AT_ALL_BYTES, number, [*keys, key]))
-    groups = [keys for _, _, keys in dealt] + [[key] for key in todo if key not in set(small)]
-    groups.sort(key=lambda keys: (-sum(sizes[key] for key in keys), keys))
-    return [{key: todo[key] for key in keys} for keys in groups]
-
-
-def without_steps(sizes: Mapping[str, int], jobs: int, most_per_run: int | None = None) -> frozenset[str]:
-    """Return the recordings that do without a step for each asset, even if they have a run of their own.
-
-    Where there are many, nobody looks at the steps of one.
-
-    Args:
-        sizes: partition key -> size in bytes, of all that need a run.
-        jobs: as for `batches`.
-        most_per_run: likewise.
-    """
-    found = frozenset(key for key, size in sizes.items() if size <= WORTH_STEPS_BYTES)
-    return found if _are_many(found, jobs, most_per_run) else frozenset()
-
-
-def _are_many(keys: Collection[str], jobs: int, most_per_run: int | None) -> bool:
-    return len(keys) >= _FEWEST_PER_JOB * (jobs if most_per_run is None else 1)
+__all__ = ["batch_config", "batch_of"]
 
 
 def batch_config(batch: Batch, names: Naming) -> dict[str, Any]:

@@ -20,6 +20,7 @@ __all__ = [
     "all_assets",
     "fetch_recorded",
     "in_batches",
+    "last_failure",
     "latest_ids",
     "live_partitions",
     "recorded_partition",
@@ -39,6 +40,7 @@ STAT = "file_stat"
 MADE_ALONG = "inventory_action"
 CONTENT, SEVERAL = "content_digest", "several"
 REASON = "reason"
+NOT_MADE = "not_made"
 _CACHED, _ACTION = "cached", "action_digest"
 _OF_RECORDED = {STAT, _CACHED, _ACTION, MADE_ALONG, CONTENT, REASON}
 
@@ -80,6 +82,15 @@ def recorded_partition(
     for record in result.records:
         if record.asset_materialization is not None and record.storage_id not in late:
             return _recorded(names, record.asset_materialization, record.run_id)
+    return None
+
+
+def last_failure(instance: dg.DagsterInstance, names: Naming, asset: str, key: str) -> str | None:
+    """Return why an asset of a recording was not made when that was last tried; None if it is not known."""
+    about = AssetRecordsFilter(asset_key=names.key(asset), asset_partitions=[key])
+    for record in instance.fetch_observations(about, limit=1).records:
+        if record.asset_observation is not None and NOT_MADE in record.asset_observation.metadata:
+            return record.asset_observation.description
     return None
 
 

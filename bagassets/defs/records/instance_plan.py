@@ -22,8 +22,8 @@ from bagassets.recordings.model import RecordingFiles
 
 __all__ = [
     "InstancePlan",
-    "InstancePlanning",
     "Touched",
+    "begin_planning",
     "plan_in_run",
     "plan_instance",
     "recorded_assets",
@@ -69,8 +69,15 @@ class Touched(NamedTuple):
     recorded: Recorded
 
 
-class InstancePlanning:
-    """Plans everything, from what Dagster's records and the folders are when this is created.
+def begin_planning(
+    instance: dg.DagsterInstance,
+    workspace: Workspace,
+    live: frozenset[str] | None = None,
+    discovery: Discovery | None = None,
+    ids: Mapping[str, Mapping[str, int]] | None = None,
+    kept: Mapping[str, BagPlan] = MappingProxyType({}),
+) -> Planning:
+    """Return what plans everything, from what Dagster's records and the folders are now.
 
     Args:
         instance: where materializations are recorded.
@@ -83,56 +90,47 @@ class InstancePlanning:
     Raises:
         BagAssetsError: the recipe or the bag root is not usable.
     """
+    names = workspace.names
+    found = workspace.discover() if discovery is None else discovery
+    latest = latest_ids(instance, names, all_assets()) if ids is None else ids
 
-    def __init__(
-        self,
-        instance: dg.DagsterInstance,
-        workspace: Workspace,
-        live: frozenset[str] | None = None,
-        discovery: Discovery | None = None,
-        ids: Mapping[str, Mapping[str, int]] | None = None,
-        kept: Mapping[str, BagPlan] = MappingProxyType({}),
-    ) -> None:
-        names = workspace.names
-        self._live = live_partitions(instance, names) if live is None else live
-        self.discovery = workspace.discover() if discovery is None else discovery
-        self._ids = ids = latest_ids(instance, names, all_assets()) if ids is None else ids
+    def fetch(assets: Iterable[str], keys: Iterable[str]) -> dict[str, dict[str, Recorded]]:
+        return fetch_recorded(instance, names, {asset: latest[asset] for asset in assets}, keys)
 
-        def fetch(assets: Iterable[str], keys: Iterable[str]) -> dict[str, dict[str, Recorded]]:
-            return fetch_recorded(instance, names, {asset: ids[asset] for asset in assets}, keys)
-
-        with uncollected():
-            self._planning = Planning(
-                workspace.assets,
-                workspace.store,
-                self.discovery,
-                self._live,
-                workspace.index,
-                workspace_fingerprint(workspace),
-                ids,
-                fetch,
-                kept,
-                lambda bag: quick_findings(workspace.recipe, workspace.store, self.discovery, bag),
-            )
-
-    def touched(self) -> dict[str, Touched]:
-        """Return the recordings of which only the time seems to have changed; see `Planning.touched`."""
-        found = self._planning.touched()
-        return {key: Touched(self.discovery.recordings[key], recorded) for key, recorded in found.items()}
-
-    def plan(self, on_planned: Callable[[int, int], None] | None = None) -> InstancePlan:
-        """Plan everything; nothing is changed but what the next plan remembers. See `Planning.plan`."""
-        with uncollected():
-            plan, recorded = self._planning.plan(on_planned)
-        inputs = select_inputs(plan, self._live)
-        return InstancePlan(plan, recorded, inputs, self.discovery, self._live, self._ids)
+    with uncollected():
+        return Planning(
+            workspace.assets,
+            workspace.store,
+            found,
+            live_partitions(instance, names) if live is None else live,
+            workspace.index,
+            workspace_fingerprint(workspace),
+            latest,
+            fetch,
+            kept,
+            lambda bag: quick_findings(workspace.recipe, workspace.store, found, bag),
+        )
 
 
 def plan_instance(
-    instance: dg.DagsterInstance, workspace: Workspace, live: frozenset[str] | None = None
+    instance: dg.DagsterInstance,
+    workspace: Workspace,
+    planning: Planning | None = None,
+    on_planned: Callable[[int, int], None] | None = None,
 ) -> InstancePlan:
-    """Plan everything (see `InstancePlanning`)."""
-    return InstancePlanning(instance, workspace, live).plan()
+    """Plan everything; nothing is changed but what the next plan remembers.
+
+    Args:
+        instance: where materializations are recorded.
+        workspace: recipe, store and recordings.
+        planning: what plans; default: a new one (see `begin_planning`).
+        on_planned: see `Planning.plan`.
+    """
+    planning = planning or begin_planning(instance, workspace)
+    with uncollected():
+        plan, recorded = planning.plan(on_planned)
+    discovery, live = planning.discovery, planning.registered
+    return InstancePlan(plan, recorded, select_inputs(plan, live), discovery, live, planning.storage_ids)
 
 
 def replan_instance(
@@ -169,7 +167,8 @@ def replan_instance(
         if key in kept or all(path.exists() for path in recording.files)
     }
     discovery = replace(before.discovery, recordings=there)
-    planned = InstancePlanning(instance, workspace, live, discovery, ids, kept).plan(on_planned)
+    planning = begin_planning(instance, workspace, live, discovery, ids, kept)
+    planned = plan_instance(instance, workspace, planning, on_planned)
     same = {key: records for key, records in before.recorded.items() if key in kept}
     return replace(planned, recorded={**same, **planned.recorded})
 

@@ -7,7 +7,7 @@ import dagster as dg
 
 from bagassets.defs.dagster_private import InstanceRef, get_env_var_dict
 from bagassets.defs.records.connections import pool_connections
-from bagassets.defs.records.databases import read_settings, ready_to_open
+from bagassets.defs.records.databases import make_whole, read_settings, storage_folder
 
 __all__ = ["dotenv_variables", "location_variables", "open_instance", "pack_instance"]
 
@@ -22,8 +22,10 @@ def open_instance(place: str) -> dg.DagsterInstance:
     if place.startswith("{"):
         instance = dg.DagsterInstance.from_ref(dg.deserialize_value(place, InstanceRef))
     else:
-        with ready_to_open(Path(place)):
-            instance = dg.DagsterInstance.from_ref(read_settings(Path(place)))
+        home = Path(place)
+        if (folder := storage_folder(home)) is not None:
+            make_whole(folder)
+        instance = dg.DagsterInstance.from_ref(read_settings(home))
     pool_connections(instance)
     return instance
 

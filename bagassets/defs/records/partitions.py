@@ -17,6 +17,7 @@ from bagassets.defs.dagster_private import BulkActionsFilter, BulkActionStatus, 
 from bagassets.defs.records.batches import batch_of
 from bagassets.defs.records.events import all_assets, in_batches
 from bagassets.defs.records.naming import Naming
+from bagassets.engine.batches import DATASET
 from bagassets.recipe.model import Bags
 from bagassets.recordings.discover import Discovery, discover
 
@@ -31,9 +32,6 @@ __all__ = [
     "recording_partitions",
     "remove_partition",
 ]
-
-DATASET = ""
-"""Stands for the dataset among partition keys."""
 
 PARTITION_TAG = "dagster/partition"
 """Tag of a run about one partition."""

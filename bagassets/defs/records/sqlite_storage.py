@@ -1,19 +1,29 @@
-"""Dagster's records in SQLite with the events of all runs in one database.
+"""Dagster's records in SQLite with the events of all runs in one database, and with connections that stay open.
 
 Dagster gives each run a database of its own, and copies into a common one what it says of assets: empty tables and
 indexes for every run, and each materialization and check twice. Here new runs write to the common one alone, as they do in
 PostgreSQL. Runs that have a database of their own keep it, so a project of before needs no conversion: it changes over
 when its `dagster.yaml` names this storage.
+
+For every event Dagster also makes an engine, which compiles each statement again, opens a connection and closes it: the last
+connection to close writes the write-ahead log back into the database file, with two syncs of the disk. Whenever an instance
+is opened, Alembic imports a hundred small modules, to see whether a database is new. Here engines are reused, a connection
+to each file stays open until the instance is disposed of, and `databases` sees to it that they are whole. A commit does
+not wait for the disk: after a power loss the newest records may be missing, which the next build records again from the
+store, but the database is whole.
 """
 
+import os
 import threading
-from collections.abc import Callable, Sequence
-from contextlib import nullcontext
-from functools import cached_property
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, Self
 
 import dagster as dg
+from sqlalchemy import Connection, Engine, QueuePool, create_engine, event
+from sqlalchemy.exc import DisconnectionError
 
 from bagassets.defs.dagster_private import (
     ASSET_EVENTS,
@@ -21,15 +31,100 @@ from bagassets.defs.dagster_private import (
     DagsterSqliteStorage,
     SqlEventLogStorage,
     SqliteEventLogStorage,
+    SqliteRunStorage,
+    SqliteScheduleStorage,
     SqlPollingEventWatcher,
 )
+from bagassets.defs.records.databases import EVENTS, RUNS, SCHEDULES, make_whole
 
-__all__ = ["ProjectEventLogStorage", "ProjectStorage"]
+__all__ = ["ProjectEventLogStorage", "ProjectStorage", "ShardedStorage"]
 
 _COMMON = "index"
+_BUSY_S = 30.0  # as Dagster has it for events
 
 
-class ProjectEventLogStorage(SqliteEventLogStorage):
+@lru_cache(maxsize=32)
+def _engine(url: str) -> Engine:
+    """Return the engine of a database file, which keeps a few connections as long as it is the same file."""
+    engine = create_engine(url, poolclass=QueuePool, max_overflow=-1, connect_args={"timeout": _BUSY_S})
+    path = str(engine.url.database)
+
+    def opened(connection: Any, record: Any) -> None:
+        connection.execute("PRAGMA synchronous = NORMAL")
+        record.info["file"] = _identity(path)
+
+    def taken(_connection: Any, record: Any, _proxy: object) -> None:
+        if record.info["file"] != _identity(
+            path
+        ):  # the state folder was removed, say, and there is another one
+            raise DisconnectionError
+
+    event.listen(engine, "connect", opened)
+    event.listen(engine, "checkout", taken)
+    return engine
+
+
+def _transaction(url: str) -> AbstractContextManager[Connection]:
+    return _engine(url).begin()
+
+
+def _identity(path: str) -> tuple[int, int] | None:
+    with suppress(OSError):
+        found = os.stat(path)
+        return found.st_dev, found.st_ino
+    return None
+
+
+class _KeptOpen:
+    """A storage of Dagster's whose connection to its file stays open."""
+
+    _conn_string: str
+
+    @contextmanager
+    def connect(self) -> Iterator[Connection]:
+        """Yield a transaction."""
+        with _transaction(self._conn_string) as connection:
+            yield connection
+
+    def dispose(self) -> None:
+        """Close what is open."""
+        _engine(self._conn_string).dispose()
+
+
+class _RunStorage(_KeptOpen, SqliteRunStorage):
+    pass
+
+
+class _ScheduleStorage(_KeptOpen, SqliteScheduleStorage):
+    pass
+
+
+class _EventLogStorage(SqliteEventLogStorage):
+    """The events of each run in a file of its own, as Dagster has them, but with files that stay open."""
+
+    def has_table(self, table_name: str) -> bool:
+        """Return whether there is a table: Dagster asks for some of them with each event of an asset."""
+        with self.index_connection() as connection:
+            return bool(connection.dialect.has_table(connection, table_name))
+
+    def dispose(self) -> None:
+        """Close what is open."""
+        super().dispose()
+        for shard in list(self._initialized_dbs):
+            _engine(self.conn_string_for_shard(shard)).dispose()
+
+    @contextmanager
+    def _connect(self, shard: str) -> Iterator[Connection]:
+        """Yield a transaction in the file of a run, or of all."""
+        if shard != _COMMON and not Path(self.path_for_shard(shard)).exists():
+            with super()._connect(shard):  # makes it
+                pass
+        self._initialized_dbs.add(shard)
+        with _transaction(self.conn_string_for_shard(shard)) as connection:
+            yield connection
+
+
+class ProjectEventLogStorage(_EventLogStorage):
     """The events of all runs in one SQLite file, but for runs that have a file of their own."""
 
     def run_connection(self, run_id: str | None = None) -> Any:
@@ -108,11 +203,26 @@ class ProjectEventLogStorage(SqliteEventLogStorage):
 class ProjectStorage(DagsterSqliteStorage):
     """Runs, events and schedules in three SQLite files below `base_dir`; named by `storage: custom` in `dagster.yaml`."""
 
+    _events: type[SqliteEventLogStorage] = ProjectEventLogStorage
+
     def __init__(self, base_dir: str, inst_data: ConfigurableClassData | None = None) -> None:
-        super().__init__(base_dir, inst_data)
-        self._event_log_storage = ProjectEventLogStorage(str(Path(base_dir, "history", "runs")))
+        runs, events, schedules = (Path(base_dir, name).absolute() for name in (RUNS, EVENTS, SCHEDULES))
+        if not (runs.exists() and events.exists() and schedules.exists()):
+            make_whole(Path(base_dir))
+        self.base_dir, self._inst_data = base_dir, inst_data
+        self._run_storage = _RunStorage(f"sqlite:///{runs}")
+        self._event_log_storage = self._events(str(events.parent))
+        self._schedule_storage = _ScheduleStorage(f"sqlite:///{schedules}")
+        # Its own has Alembic look at each of them.
+        super(DagsterSqliteStorage, self).__init__()  # type: ignore[no-untyped-call]  # Dagster's mixin has no annotations
 
     @classmethod
     def from_config_value(cls, inst_data: ConfigurableClassData | None, config_value: Any) -> Self:
         """Return the storage that `dagster.yaml` describes."""
         return cls.from_local(inst_data=inst_data, **config_value)
+
+
+class ShardedStorage(ProjectStorage):
+    """The same, but with a file for each run, as Dagster's `storage: sqlite` has it: for projects of before."""
+
+    _events = _EventLogStorage

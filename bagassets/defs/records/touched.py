@@ -18,26 +18,22 @@ import dagster as dg
 from bagassets.base.errors import BagAssetsError
 from bagassets.base.quantities import count_text, readable_bytes
 from bagassets.base.trace import span
-from bagassets.defs.records.connections import kept_open
-from bagassets.defs.records.events import CODE_VERSION, DATA_VERSION
 from bagassets.defs.records.instance_plan import Touched
+from bagassets.defs.records.recorder import Made, Recorder
 from bagassets.defs.records.reporting import BAG_CODE_VERSION, bag_metadata
 from bagassets.defs.records.workspace import Workspace
 from bagassets.engine.build_report import Event
 from bagassets.engine.first_pass import only_reader
 from bagassets.recordings.digest import (
-    DigestIndex,
     RecordingDigest,
     RecordingStat,
     recording_digest,
     recording_stat,
 )
 from bagassets.recordings.model import RecordingFiles
-from bagassets.store.store import Store
 
 __all__ = ["record_touched"]
 
-_NO_RUN = ""  # the run of Dagster's events that belong to none
 _SHOW_EVERY_S = 0.5
 _SHARE_A_PROCESSOR = 4
 
@@ -70,90 +66,71 @@ def record_touched(
     """
     if not touched:
         return {}
-    # The last first: what is made ahead of a build (`made_ahead`) begins with the first.
-    reading = _Reading(
-        {key: touched[key].recording for key in reversed(list(touched))}, workspace.index, workspace.store
-    )
     same = {}
     with (
         span("read touched", recordings=len(touched)),
-        kept_open(instance, _NO_RUN),
-        closing(reading.read(jobs, on_event)) as found,
+        closing(_read(touched, workspace, jobs, on_event)) as found,
     ):
         for key, stat, digest, seconds in found:
             recording, recorded = touched[key]
             if digest.digest != recorded.data_version:
                 continue
             if stat != recorded.stat:
-                instance.report_runless_asset_event(
-                    dg.AssetMaterialization(
-                        workspace.names.key("bag"),
-                        description="Recorded without a run: only the time of its files had changed.",
-                        partition=recording.key,
-                        metadata=bag_metadata(recording, stat, digest),
-                        tags={DATA_VERSION: digest.digest, CODE_VERSION: BAG_CODE_VERSION},
-                    )
-                )
+                about = "Recorded without a run: only the time of its files had changed."
+                metadata = bag_metadata(recording, stat, digest)
+                made = Made("bag", digest.digest, BAG_CODE_VERSION, metadata, {}, about)
+                Recorder(instance, workspace, key).record(made)
             same[key] = seconds
     return same
 
 
-class _Reading:
-    """Reads recordings, several at a time, and tells how far it is."""
+def _read(
+    touched: Mapping[str, Touched], workspace: Workspace, jobs: int, on_event: Callable[[Event], None]
+) -> Generator[tuple[str, RecordingStat, RecordingDigest, float], None, None]:
+    """Yield key, status before, digest and seconds of each recording that could be read, as soon as it has been.
 
-    def __init__(self, recordings: Mapping[str, RecordingFiles], index: DigestIndex, store: Store) -> None:
-        self._recordings = recordings
-        self._index = index
-        self._store = store
-        self._bytes = sum(recording.size for recording in recordings.values())
-        self._read = 0
-        self._mutex = Lock()
-        self._stopped = Flag()
-        self._show_s = time.monotonic() + _SHOW_EVERY_S
+    Several are read at a time; now and then `on_event` is told how far all are.
+    """
+    index, store = workspace.index, workspace.store
+    size, read = sum(one.recording.size for one in touched.values()), 0
+    mutex, stopped = Lock(), Flag()
+    ended: SimpleQueue[Future[_Read]] = SimpleQueue()
 
-    def read(
-        self, jobs: int, on_event: Callable[[Event], None]
-    ) -> Generator[tuple[str, RecordingStat, RecordingDigest, float], None, None]:
-        """Yield key, status before, digest and seconds of each recording that could be read, as soon as it has been."""
-        ended: SimpleQueue[Future[_Read]] = SimpleQueue()
-        # If all processors may be used, more are read at a time than there are: recordings of one size then end together,
-        # where the last one alone would leave processors idle.
-        threads = jobs * _SHARE_A_PROCESSOR if jobs >= (os.cpu_count() or 1) > 1 else max(1, jobs)
-        with ThreadPoolExecutor(threads) as pool:
-            keys = {pool.submit(self._digest, recording): key for key, recording in self._recordings.items()}
-            for future in keys:
-                future.add_done_callback(ended.put)
-            try:
-                for _ in keys:
-                    future = self._next(ended, on_event)
-                    with suppress(BagAssetsError):
-                        yield keys[future], *future.result()
-            except BaseException:
-                self._stopped.set()
-                pool.shutdown(wait=False, cancel_futures=True)
-                raise
+    def note(more: int) -> None:
+        nonlocal read
+        with mutex:
+            read += more
+        if stopped.is_set():
+            raise CancelledError
 
-    def _next(self, ended: SimpleQueue[Future[_Read]], on_event: Callable[[Event], None]) -> Future[_Read]:
-        """Return the next future that has ended; tell now and then how far all are."""
-        while True:
-            now_s = time.monotonic()
-            if now_s >= self._show_s:
-                number = count_text(len(self._recordings), "recording")
-                share = min(1.0, self._read / max(1, self._bytes))
-                said = f"Reading {number} whose time changed, {readable_bytes(self._bytes)}: {share:.0%}"
-                on_event(Event("reading", message=said))
-                self._show_s = now_s + _SHOW_EVERY_S
-            with suppress(Empty):
-                return ended.get(timeout=self._show_s - now_s)
-
-    def _digest(self, recording: RecordingFiles) -> _Read:
+    def digest_of(recording: RecordingFiles) -> _Read:
         began, stat = time.monotonic(), recording_stat(recording)
-        with only_reader(self._store, recording, stat):
-            digest = recording_digest(recording, self._index, between=self._note)
+        with only_reader(store, recording, stat):
+            digest = recording_digest(recording, index, between=note)
         return stat, digest, time.monotonic() - began
 
-    def _note(self, read: int) -> None:
-        with self._mutex:
-            self._read += read
-        if self._stopped.is_set():
-            raise CancelledError
+    # If all processors may be used, more are read at a time than there are: recordings of one size then end together,
+    # where the last one alone would leave processors idle.
+    threads = jobs * _SHARE_A_PROCESSOR if jobs >= (os.cpu_count() or 1) > 1 else max(1, jobs)
+    with ThreadPoolExecutor(threads) as pool:
+        # The last first: what is made ahead of a build (`made_ahead`) begins with the first.
+        keys = {pool.submit(digest_of, touched[key].recording): key for key in reversed(list(touched))}
+        for future in keys:
+            future.add_done_callback(ended.put)
+        left, show_s = len(keys), time.monotonic() + _SHOW_EVERY_S
+        try:
+            while left:
+                if (now_s := time.monotonic()) >= show_s:
+                    number = count_text(len(touched), "recording")
+                    share = min(1.0, read / max(1, size))
+                    said = f"Reading {number} whose time changed, {readable_bytes(size)}: {share:.0%}"
+                    on_event(Event("reading", message=said))
+                    show_s = now_s + _SHOW_EVERY_S
+                with suppress(Empty, BagAssetsError):
+                    future = ended.get(timeout=show_s - now_s)
+                    left -= 1
+                    yield keys[future], *future.result()
+        except BaseException:
+            stopped.set()
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise

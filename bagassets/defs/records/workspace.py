@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 import dagster as dg
 from pydantic import Field, PrivateAttr
@@ -40,6 +40,12 @@ class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get
     _assets: RecordingAssets | None = PrivateAttr(default=None)
     _recipe_fingerprint: str = PrivateAttr(default="")
     _found_in_run: tuple[str, Any] | None = PrivateAttr(default=None)
+
+    @classmethod
+    def of(cls, context: Any, resource_key: str) -> Self:
+        """Return the one that a step, a check or a sensor was given."""
+        workspace: Self = getattr(context.resources, resource_key)
+        return workspace
 
     def setup_for_execution(self, context: dg.InitResourceContext) -> None:
         """Note that the instance has this project; what to do if there is another, sensors and builds say."""

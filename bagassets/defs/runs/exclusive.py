@@ -14,7 +14,7 @@ import dagster as dg
 from pydantic import PrivateAttr
 
 from bagassets.base.lock_files import LockFile
-from bagassets.defs.runs.fence import Fence, refuse_if_ended, run_has_ended
+from bagassets.defs.records.fence import refuse_if_ended, run_has_ended
 
 __all__ = ["ASKS_PER_LOOK", "RecordingLock", "exclusive", "holder_has_ended"]
 
@@ -91,7 +91,6 @@ class RecordingLock(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps
     """
 
     folder: str
-    _fence: Fence | None = PrivateAttr(default=None)
     _held: ExitStack = PrivateAttr(default_factory=ExitStack)
 
     def take(self, context: dg.AssetExecutionContext) -> None:
@@ -123,17 +122,7 @@ class RecordingLock(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps
 
         with exclusive(folder, key, keep_waiting=keep_waiting, holder=context.run.run_id):
             refuse_if_ended(context.instance, context.run.run_id)
-            self._fence = Fence(context.instance, context.run.run_id)
             yield
-
-    def check(self) -> None:
-        """Refuse to record something if the run was given up while its worker was at work.
-
-        Raises:
-            RunEndedError: it was.
-        """
-        if self._fence is not None:
-            self._fence.check()
 
     def teardown_after_execution(self, context: dg.InitResourceContext) -> None:  # noqa: ARG002  (Dagster's)
         """Let the next run begin."""

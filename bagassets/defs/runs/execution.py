@@ -35,7 +35,7 @@ from bagassets.defs.dagster_private import (
     recon_job_from_origin,
     recon_repository_from_origin,
 )
-from bagassets.defs.runs.fence import Fence
+from bagassets.defs.records.fence import Fence
 
 __all__ = [
     "CodeLocation",

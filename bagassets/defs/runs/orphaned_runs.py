@@ -6,8 +6,7 @@ A run of ours is orphaned if
 - no worker took it within `UNTAKEN_S` seconds after it was created, began to start or was handed over: the process
   that was about to launch it is gone. Launching takes two minutes at most, when a server has to be started twice.
 
-Runs of other programs, machines and launchers are left to them; a launcher that has `end_lost_runs` is asked to report
-its own.
+Runs of other programs, machines and launchers are left to them; the launcher is asked to report its own (see `launching`).
 """
 
 import json
@@ -17,6 +16,7 @@ import time
 import dagster as dg
 
 from bagassets.defs.dagster_private import GRPC_INFO_TAG
+from bagassets.defs.runs.launching import launching_of
 from bagassets.defs.runs.worker_tag import RunWorker
 
 __all__ = ["UNTAKEN_S", "end_orphaned_runs", "report_ended"]
@@ -34,16 +34,13 @@ def end_orphaned_runs(instance: dg.DagsterInstance) -> tuple[list[str], int]:
     Returns:
         ids of the runs reported; number of runs that may yet be orphaned without anybody else noticing.
     """
-    end_lost_runs = getattr(instance.run_launcher, "end_lost_runs", None)
-    reported: list[str] = [] if end_lost_runs is None else end_lost_runs()
-    unwatched = 0
-    # Other launchers than ours write no worker tag, and may take hours.
-    names_workers = getattr(instance.run_launcher, "names_workers", False)
+    launching = launching_of(instance)
+    reported, unwatched = launching.end_lost_runs(), 0
     for record in instance.get_run_records(dg.RunsFilter(statuses=_UNFINISHED)):
         run = record.dagster_run
         worker = RunWorker.of(run)
         is_untaken = worker is None or (worker.process is None and worker.is_watched())
-        if run.status in _BEFORE_START and is_untaken and names_workers:
+        if run.status in _BEFORE_START and is_untaken and launching.names_workers:
             waited_s = time.time() - record.update_timestamp.timestamp()
             if waited_s < UNTAKEN_S:
                 unwatched += 1

@@ -5,7 +5,7 @@ Dagster's own records, so it makes no difference who executed it.
 """
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -18,14 +18,16 @@ import dagster as dg
 from bagassets.base.errors import BagAssetsError
 from bagassets.base.interrupts import deferred_interrupts
 from bagassets.base.trace import span
-from bagassets.defs.records.batches import Batch, batch_config, batches, without_steps
-from bagassets.defs.records.connections import Commits, kept_open
+from bagassets.defs.records.batches import batch_config
+from bagassets.defs.records.connections import Commits
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.records.partitions import DATASET
 from bagassets.defs.runs.code_server import LaunchWorkspace
 from bagassets.defs.runs.execution import CodeLocation, create_job_run, create_run, fail_if_lost, failure_of
+from bagassets.defs.runs.launching import launching_of
 from bagassets.defs.runs.run_progress import RunProgress
 from bagassets.defs.runs.worker_tag import WHERE_TAG
+from bagassets.engine.batches import Batch
 from bagassets.engine.build_report import Event
 
 __all__ = ["EndedRun", "Listener", "RunPool"]
@@ -111,7 +113,7 @@ class RunPool:
     tags: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     ended: dict[str, EndedRun] = field(default_factory=dict)
     interrupted: bool = False
-    _without_steps: frozenset[str] = frozenset()
+    _without_steps: Collection[str] = ()
     _waiting: list[Batch] = field(default_factory=list)
     _active: dict[str, _Active] = field(default_factory=dict)
     _looked_at: float = 0.0
@@ -120,12 +122,12 @@ class RunPool:
     _launched: frozenset[str] = frozenset()  # when last read
 
     def __post_init__(self) -> None:
-        launcher = self.instance.run_launcher
-        self.jobs = getattr(launcher, "most_at_once", self.jobs)
+        launching = launching_of(self.instance)
+        self.jobs = launching.most_at_once or self.jobs
         self._key_of = self.key_of or self.names.key
         # Below a prefix, steps of assets are run by whatever executor the location names, perhaps a process each.
         self._is_by_job = self.key_of is None and bool(self.names.prefix)
-        self._most_per_run: int | None = getattr(launcher, "recordings_per_run", None)
+        self.most_per_run: int | None = launching.recordings_per_run
         # One for all runs: a code server takes seconds to start.
         self._workspace = LaunchWorkspace(self.instance, self.location, self.log)
         self._commits = Commits(self.instance)
@@ -136,12 +138,12 @@ class RunPool:
     def __exit__(self, *_: object) -> None:
         self._workspace.close()
 
-    def deal(self, todo: Batch, sizes: Mapping[str, int]) -> list[Batch]:
-        """Return a batch for each run that is to be launched, for recordings and their assets (see `batches`)."""
-        self._without_steps = without_steps({key: sizes[key] for key in todo}, self.jobs, self._most_per_run)
-        return batches(todo, sizes, self.jobs, self._most_per_run)
-
-    def work(self, batches: Sequence[Batch], following: Mapping[str, Sequence[str]] | None = None) -> None:
+    def work(
+        self,
+        batches: Sequence[Batch],
+        following: Mapping[str, Sequence[str]] | None = None,
+        without_steps: Collection[str] = (),
+    ) -> None:
         """Launch a run for each batch.
 
         An interrupt cancels the runs and waits for them to end; a second interrupt does not wait.
@@ -149,7 +151,9 @@ class RunPool:
         Args:
             batches: partition key -> assets, for each run; the key of unpartitioned assets is empty.
             following: run of an earlier build -> partition keys; it is followed to its end and never cancelled.
+            without_steps: recordings whose run has no step for each asset.
         """
+        self._without_steps = without_steps
         for run_id, keys in (following or {}).items():
             self._take_over(run_id, keys)
         self._waiting = list(batches)[::-1]
@@ -189,8 +193,7 @@ class RunPool:
         key, is_alone = next(iter(batch)), len(batch) == 1
         has_steps = is_alone and key not in self._without_steps and not self._is_by_job
         try:
-            # A run begins with twenty events, which Dagster writes one by one.
-            with span("create run", bags=list(batch)), kept_open(self.instance, run_id):
+            with span("create run", bags=list(batch)):
                 if has_steps:
                     create_run(
                         self.instance,

@@ -4,6 +4,7 @@ Dagster's own looks every 30 seconds, twice for a *Materialize all*: before its 
 """
 
 from bagassets.defs.dagster_private import cli, controller
+from bagassets.defs.ui.parent import end_with_parent
 
 __all__ = ["BACKFILL_POLL_S", "main"]
 
@@ -12,7 +13,8 @@ _INTERVAL = "DEFAULT_DAEMON_INTERVAL_SECONDS"
 
 
 def main() -> None:
-    """Run Dagster's daemon with the arguments of this process."""
+    """Run Dagster's daemon with the arguments of this process, until its parent ends."""
+    end_with_parent()
     setattr(controller, _INTERVAL, BACKFILL_POLL_S)
     cli.main()
 

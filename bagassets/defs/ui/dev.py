@@ -1,7 +1,6 @@
-"""`python -m bagassets.defs.ui.dev …`: web server, daemon and code servers, which end together with their parent process.
+"""`python -m bagassets.defs.ui.dev …`: the web server, with the code servers and the daemon that end together with it.
 
-It is `dagster dev` with our own web server, which refuses requests of other sites. Standard input is a pipe from the
-parent: when that closes the pipe, or dies, all are shut down as on Ctrl-C.
+It is `dagster dev` with our own web server, which refuses requests of other sites.
 """
 
 import argparse
@@ -16,47 +15,45 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+import uvicorn
 import yaml
 from dagster import DagsterInstance, serialize_value
 
-from bagassets.defs.dagster_private import (
-    ProxyServerManager,
-    WorkspaceFileTarget,
-    configure_loggers,
-    get_ipc_shutdown_pipe,
-    get_possibly_temporary_instance_for_cli,
-    open_ipc_subprocess,
-    send_ipc_shutdown_message,
-    setup_interrupt_handlers,
-)
-from bagassets.defs.ui.ports import listening_arguments, listening_options
+from bagassets.defs.dagster_private import ProxyServerManager, WorkspaceFileTarget, configure_loggers
+from bagassets.defs.ui.parent import end_with_parent
+from bagassets.defs.ui.webserver import web_server
 
 __all__ = ["main"]
 
 _LOG = logging.getLogger("dagster")
-_STDIN = 0
 _OUR_LOCATION = "load_from: [{python_module: bagassets.definitions}]\n"
 _POLL_S = 1.0
 _STOP_S = 60.0
-_PARENT_IS_GONE = threading.Event()
 
 
 def main() -> None:
-    """Run the services of a project until standard input ends."""
-    parser = argparse.ArgumentParser(parents=[listening_options()])
+    """Serve a project until the parent ends."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--host", required=True)
+    parser.add_argument("--port", required=True, type=int)
+    parser.add_argument("--allow-host", action="append", default=[])
+    parser.add_argument("--log-level", required=True)
     parser.add_argument("--workspace", help="a workspace.yaml; default: the code location of the project")
     options = parser.parse_args()
     # As `dagster dev` does: code servers report errors without the stack of Dagster itself.
     os.environ |= {"DAGSTER_IS_DEV_CLI": "1", "DAGSTER_verbose": ""}
     configure_loggers(formatter="colored", log_level=options.log_level.upper())
-    setup_interrupt_handlers()
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    parent_is_gone = end_with_parent()
     with (
         suppress(KeyboardInterrupt),
-        get_possibly_temporary_instance_for_cli("bagassets ui", logger=_LOG) as instance,
+        DagsterInstance.get() as instance,
         _code_servers(instance, options.workspace) as workspace,
+        _daemon(instance, workspace, options.log_level) as daemon,
+        web_server(instance, workspace, options.host, options.port, options.allow_host) as server,
     ):
-        _serve(instance, options, workspace)
+        threading.Thread(target=_end, args=(server, daemon, parent_is_gone), daemon=True).start()
+        server.run()
 
 
 @contextmanager
@@ -71,58 +68,36 @@ def _code_servers(instance: DagsterInstance, workspace: str | None) -> Iterator[
             yield str(shared)
 
 
-def _serve(instance: DagsterInstance, options: argparse.Namespace, workspace: str) -> None:
-    """Run web server and daemon; end both when one of them ends, or this process is interrupted."""
-    common = [
-        "--instance-ref", serialize_value(instance.get_ref()), "--workspace", workspace,
-    ]  # fmt: skip
-    listen = listening_arguments(options.host, options.port, options.allow_host, options.log_level)
+@contextmanager
+def _daemon(instance: DagsterInstance, workspace: str, log_level: str) -> Iterator["subprocess.Popen[bytes]"]:
+    """Run Dagster's daemon beside the block."""
     if not instance.telemetry_enabled:
-        # Otherwise each of them makes folders for it in the project, even if nothing is sent.
+        # Otherwise it and the web server make folders for it in the project, even if nothing is sent.
         os.environ["DAGSTER_DISABLE_TELEMETRY"] = "1"
-    services: dict[str, tuple[subprocess.Popen[bytes], int]] = {}
-    try:
-        services["web server"] = _start("bagassets.defs.ui.webserver", [*listen, *common])
-        services["daemon"] = _start(
-            "bagassets.defs.ui.daemon",
-            [
-                *("run", "--log-level", options.log_level, "--log-format", "colored"),
-                *("--code-server-log-level", "warning", *common),
-            ],
-        )
-        while not _PARENT_IS_GONE.wait(_POLL_S):
-            if ended := [name for name, (process, _) in services.items() if process.poll() is not None]:
-                _LOG.error("The %s ended unexpectedly.", ended[0])
-                break
-    finally:
-        for _, pipe in services.values():
-            with suppress(OSError):  # it has ended
-                send_ipc_shutdown_message(pipe)
-        for process, _ in services.values():
-            _wait(process)
+    command = [
+        *(sys.executable, "-P", "-m", "bagassets.defs.ui.daemon", "run"),
+        *("--log-level", log_level, "--log-format", "colored", "--code-server-log-level", "warning"),
+        *("--instance-ref", serialize_value(instance.get_ref()), "--workspace", workspace),
+    ]
+    with subprocess.Popen(command, stdin=subprocess.PIPE) as process:
+        try:
+            yield process
+        finally:
+            if process.stdin is not None:
+                process.stdin.close()
+            try:
+                process.wait(_STOP_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
 
 
-def _start(module: str, arguments: list[str]) -> tuple[subprocess.Popen[bytes], int]:
-    """Start a module as a process; return it, and the pipe for its shutdown message."""
-    read_end, write_end = get_ipc_shutdown_pipe()
-    command = [sys.executable, "-P", "-m", module, *arguments, "--shutdown-pipe", str(read_end)]
-    return open_ipc_subprocess(command, pass_fds=[read_end]), write_end
-
-
-def _wait(process: subprocess.Popen[bytes]) -> None:
-    try:
-        process.wait(_STOP_S)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
-
-
-def _end_with_parent() -> None:
-    while os.read(_STDIN, 1):
-        pass
-    os.kill(os.getpid(), signal.SIGINT)
-    # Python drops an interrupt that arrives in a finalizer or in the middle of an import.
-    _PARENT_IS_GONE.set()
+def _end(server: uvicorn.Server, daemon: "subprocess.Popen[bytes]", parent_is_gone: threading.Event) -> None:
+    """End the web server when the daemon ends, or the parent."""
+    while not parent_is_gone.wait(_POLL_S):
+        if daemon.poll() is not None:
+            _LOG.error("The daemon ended unexpectedly.")
+            break
+    server.should_exit = True
 
 
 if __name__ == "__main__":

@@ -1,8 +1,6 @@
-"""The address of the web UI: options, free ports, and whether it answers."""
+"""The address of the web UI: free ports, and whether it answers."""
 
-import argparse
 import socket
-from collections.abc import Iterable
 from http.client import HTTPConnection, HTTPException
 
 from bagassets.base.errors import BagAssetsError
@@ -11,8 +9,6 @@ __all__ = [
     "ANY_HOST",
     "answers",
     "free_port",
-    "listening_arguments",
-    "listening_options",
     "reachable",
     "refuse_taken_port",
     "url_of",
@@ -20,22 +16,6 @@ __all__ = [
 
 ANY_HOST = frozenset({"0.0.0.0", "::"})  # noqa: S104  (compared with, not bound to)
 """A server on such a host listens at every address of this machine."""
-
-
-def listening_options() -> argparse.ArgumentParser:
-    """Return a parser of the options from `listening_arguments`, as a parent of the parsers of the two processes."""
-    parser = argparse.ArgumentParser(add_help=False)
-    parser.add_argument("--host", required=True)
-    parser.add_argument("--port", required=True, type=int)
-    parser.add_argument("--allow-host", action="append", default=[])
-    parser.add_argument("--log-level", required=True)
-    return parser
-
-
-def listening_arguments(host: str, port: int, allow_hosts: Iterable[str], log_level: str) -> list[str]:
-    """Return the arguments for a process of the web UI: its address, its further names, and the log level."""
-    names = [f"--allow-host={name}" for name in allow_hosts]
-    return ["--host", host, "--port", str(port), "--log-level", log_level, *names]
 
 
 def reachable(host: str) -> str:

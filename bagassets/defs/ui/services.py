@@ -16,7 +16,7 @@ from typing import Self
 
 from bagassets.base.errors import BagAssetsError
 from bagassets.base.lock_files import LockFile
-from bagassets.defs.ui.ports import answers, listening_arguments, reachable, refuse_taken_port, url_of
+from bagassets.defs.ui.ports import answers, reachable, refuse_taken_port, url_of
 from bagassets.forkserver.client import Client, ServerRefusedError
 from bagassets.forkserver.server_files import ServerFiles
 from bagassets.forkserver.tasks import connect, server_spec
@@ -76,11 +76,14 @@ class Services:
         self._client: Client | None = None
         self._warming = threading.Thread(target=self._warm, daemon=True)
         workspace = home / "workspace.yaml"
-        options = listening_arguments(host, port, allow_hosts, "info" if verbose else "warning")
+        options = [f"--allow-host={name}" for name in allow_hosts]
         options += ["--workspace", str(workspace)] if workspace.is_file() else []
         # A session of its own: Ctrl-C in the terminal reaches only us, and we end it in order.
         self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "bagassets.defs.ui.dev", *options],
+            [
+                *(sys.executable, "-P", "-m", "bagassets.defs.ui.dev", "--host", host, "--port", str(port)),
+                *("--log-level", "info" if verbose else "warning", *options),
+            ],
             stdin=subprocess.PIPE,
             cwd=home,
             env={**os.environ, "DAGSTER_HOME": str(home), "BAGASSETS_RECIPE": str(recipe_file)},

@@ -1,14 +1,11 @@
-"""`python -m bagassets.defs.ui.webserver …`: Dagster's web server behind `Guard`, started by `bagassets.defs.ui.dev`."""
+"""Dagster's web server behind `Guard`, with our pictures and pages."""
 
-import argparse
 import asyncio
-import logging
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager, suppress
-from functools import partial
+from collections.abc import AsyncIterator, Iterable, Iterator
+from contextlib import asynccontextmanager, contextmanager, suppress
 
 import uvicorn
-from dagster import DagsterInstance, deserialize_value
+from dagster import DagsterInstance
 from dagster_webserver.version import __version__
 from starlette.applications import Starlette
 from starlette.requests import Request
@@ -17,21 +14,15 @@ from starlette.routing import BaseRoute, Route
 
 from bagassets.base.errors import BagAssetsError
 from bagassets.defs.dagster_private import (
-    InstanceRef,
     WorkspaceFileTarget,
     WorkspaceProcessContext,
-    configure_loggers,
     create_app_from_workspace_process_context,
-    get_possibly_temporary_instance_for_cli,
-    interrupt_on_ipc_shutdown_message,
 )
 from bagassets.defs.records.artifact_files import PAGES, PICTURES, page_file, picture_file
 from bagassets.defs.ui.guard import Guard, own_names
-from bagassets.defs.ui.ports import listening_options
 
-__all__ = ["main", "page", "styled"]
+__all__ = ["page", "styled", "web_server"]
 
-_LOG = logging.getLogger("dagster-webserver")
 # The defaults of `dagster-webserver`.
 _STATEMENT_TIMEOUT_MS, _POOL_RECYCLE_S, _POOL_MAX_OVERFLOW = 15_000, 3600, 20
 _POLL_MS = 2000
@@ -55,29 +46,25 @@ _STYLE = f"""<style>{_ROWS}:not(:first-child){{overflow-wrap:anywhere}}{_ROWS}:n
 {_ROWS} img{{max-width:100%}}</style></head>""".encode()
 
 
-def main() -> None:
-    """Serve until a shutdown message arrives through the pipe."""
-    parser = argparse.ArgumentParser(parents=[listening_options()])
-    parser.add_argument("--instance-ref", required=True, type=partial(deserialize_value, as_type=InstanceRef))
-    parser.add_argument("--workspace", required=True)
-    parser.add_argument("--shutdown-pipe", required=True, type=int)
-    options = parser.parse_args()
-    configure_loggers(formatter="colored", log_level=options.log_level.upper())
-    with (
-        suppress(KeyboardInterrupt),
-        interrupt_on_ipc_shutdown_message(options.shutdown_pipe),
-        get_possibly_temporary_instance_for_cli("bagassets ui", options.instance_ref, _LOG) as instance,
-    ):
-        _serve(instance, options)
+@contextmanager
+def web_server(
+    instance: DagsterInstance, workspace: str, host: str, port: int, allow_hosts: Iterable[str]
+) -> Iterator[uvicorn.Server]:
+    """Yield Dagster's web server, which is yet to be run.
 
-
-def _serve(instance: DagsterInstance, options: argparse.Namespace) -> None:
+    Args:
+        instance: the instance that it shows.
+        workspace: a workspace.yaml.
+        host: address to listen on.
+        port: port to listen on.
+        allow_hosts: further names by which browsers reach it.
+    """
     instance.optimize_for_webserver(_STATEMENT_TIMEOUT_MS, _POOL_RECYCLE_S, _POOL_MAX_OVERFLOW)
     with WorkspaceProcessContext(
         instance,
         version=__version__,
         read_only=False,
-        workspace_load_target=WorkspaceFileTarget(paths=[options.workspace]),
+        workspace_load_target=WorkspaceFileTarget(paths=[workspace]),
         code_server_log_level="warning",
     ) as context:
         app = create_app_from_workspace_process_context(
@@ -87,8 +74,8 @@ def _serve(instance: DagsterInstance, options: argparse.Namespace) -> None:
         app.router.routes.insert(0, Route(f"{PICTURES}/{{digest}}/{{name:path}}", _picture))
         app.router.routes.insert(0, Route(f"{PAGES}/{{name}}", page))
         app.router.routes[:] = map(styled, app.router.routes)
-        app.add_middleware(Guard, names=own_names(options.host, options.allow_host))
-        uvicorn.run(app, host=options.host, port=options.port, log_level="warning")
+        app.add_middleware(Guard, names=own_names(host, allow_hosts))
+        yield uvicorn.Server(uvicorn.Config(app, host, port, log_level="warning"))
 
 
 def styled(route: BaseRoute) -> BaseRoute:
@@ -132,7 +119,3 @@ def page(request: Request) -> Response:
 async def _until_cancelled(_app: Starlette) -> AsyncIterator[None]:
     with suppress(asyncio.CancelledError):  # uvicorn cancels this on Ctrl-C
         yield
-
-
-if __name__ == "__main__":
-    main()

@@ -1,20 +1,29 @@
-"""The version folder of a dataset: tables joined from recordings, shared tables, splits."""
+"""The version folder of a dataset: tables joined from recordings, those that exist once (category, attribute, visibility, sensor, map), splits."""
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+import struct
+import zlib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from pathlib import Path
 
 from bagassets.base.json_types import JsonObject
 from bagassets.engine.splits import SplitShare
 from bagassets.formats.format import Joined, Member
 from bagassets.formats.json_files import json_bytes, rows_text, write_hashed, write_joined
-from bagassets.formats.nuscenes import shared_rows
 from bagassets.formats.nuscenes.schema import RECORDING_TABLES, SPLITS, TABLES, devkit_split_name
-from bagassets.formats.nuscenes.settings import NuScenes
+from bagassets.formats.nuscenes.settings import NamedText, NuScenes
 from bagassets.formats.nuscenes.table_file import table_bytes
-from bagassets.formats.nuscenes.tokens import attribute_token, category_token
+from bagassets.formats.nuscenes.tokens import (
+    VISIBILITY_LEVELS,
+    attribute_token,
+    category_token,
+    sensor_token,
+    token,
+    visibility_token,
+)
 
-__all__ = ["join"]
+__all__ = ["blank_png", "join"]
 
 MAP_SIZE_PX = 64
 
@@ -55,7 +64,7 @@ def join(members: Sequence[Member], settings: NuScenes, shares: Sequence[SplitSh
         "boxes": rows["sample_annotation"],
         "rows": {name: rows[name] for name in TABLES},
     }
-    picture = {shared_rows.MAP_FILE: shared_rows.blank_png(MAP_SIZE_PX, MAP_SIZE_PX)}
+    picture = {MAP_FILE: blank_png(MAP_SIZE_PX, MAP_SIZE_PX)}
     return Joined(dict(sorted(digests.items())), facts, picture)
 
 
@@ -73,9 +82,78 @@ def _shared(
     attributes = {name for fact in facts for name in fact["attributes"]}
     sensors = {pair for fact in facts for pair in fact["channels"].items()}
     return {
-        "category": shared_rows.named_rows(category_token, settings.categories, categories),
-        "attribute": shared_rows.named_rows(attribute_token, settings.attributes, attributes),
-        "visibility": shared_rows.visibility_rows(),
-        "sensor": shared_rows.sensor_rows(sensors),
-        "map": shared_rows.map_rows(logs),
+        "category": _named_rows(category_token, settings.categories, categories),
+        "attribute": _named_rows(attribute_token, settings.attributes, attributes),
+        "visibility": _visibility_rows(),
+        "sensor": _sensor_rows(sensors),
+        "map": _map_rows(logs),
     }
+
+
+MAP_FILE = "maps/blank.png"
+
+
+def _named_rows(
+    token_of: Callable[[str], str], named: Sequence[NamedText], recorded: AbstractSet[str]
+) -> list[JsonObject]:
+    """Return the categories or attributes of the recipe, in its order, then others recorded in recordings, by name."""
+    texts = {entry.name: entry.description for entry in named}
+    names = [*texts, *sorted(recorded - texts.keys())]
+    return [{"token": token_of(name), "name": name, "description": texts.get(name, "")} for name in names]
+
+
+def _visibility_rows() -> list[JsonObject]:
+    """Return the four levels of visibility."""
+    return [
+        {
+            "token": visibility_token(level),
+            "level": level,
+            "description": f"{level.removeprefix('v')} % of the object can be seen",
+        }
+        for level in VISIBILITY_LEVELS
+    ]
+
+
+def _sensor_rows(sensors: Iterable[tuple[str, str]]) -> list[JsonObject]:
+    """Return a row for each pair of channel and modality."""
+    return [
+        {"token": sensor_token(channel, modality), "channel": channel, "modality": modality}
+        for channel, modality in sorted(set(sensors))
+    ]
+
+
+def _map_rows(log_tokens: Iterable[str]) -> list[JsonObject]:
+    """Return the one map; it holds for all logs, as the devkit asks for."""
+    return [
+        {
+            "token": token("map", MAP_FILE),
+            "log_tokens": sorted(log_tokens),
+            "category": "semantic_prior",
+            "filename": MAP_FILE,
+        }
+    ]
+
+
+def blank_png(width: int, height: int) -> bytes:
+    """Return an 8-bit grey PNG of zeros: the mask of the one map, which shows nothing.
+
+    Its data is stored, not deflated, because the output of compressors differs between versions of zlib.
+    """
+    rows = bytes((width + 1) * height)  # a filter byte leads each row
+    blocks = [rows[start : start + 0xFFFF] for start in range(0, len(rows), 0xFFFF)]
+    stored = b"".join(
+        struct.pack("<BHH", number == len(blocks), len(block), len(block) ^ 0xFFFF) + block
+        for number, block in enumerate(blocks, start=1)
+    )
+    data = b"\x78\x01" + stored + struct.pack(">I", zlib.adler32(rows))
+    header = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
+    return (
+        b"\x89PNG\r\n\x1a\n"
+        + _png_chunk(b"IHDR", header)
+        + _png_chunk(b"IDAT", data)
+        + _png_chunk(b"IEND", b"")
+    )
+
+
+def _png_chunk(kind: bytes, data: bytes) -> bytes:
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))

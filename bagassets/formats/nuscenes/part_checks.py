@@ -15,9 +15,8 @@ from bagassets.assets.quality.evidence import Evidence
 from bagassets.assets.quality.file_rules import files_match
 from bagassets.assets.quality.finding import Finding
 from bagassets.assets.quality.pose_rules import poses_complete, poses_cover_sensors
-from bagassets.assets.quality.radar_rules import RadarReadings, radar_velocities
 from bagassets.assets.quality.scene_rules import keyframes_complete, scenes_made
-from bagassets.assets.quality.sweep_rules import Sweeps, sweeps_timed
+from bagassets.assets.quality.sweep_rules import RadarReadings, Sweeps, radar_velocities, sweeps_timed
 from bagassets.assets.radar_file import read_radar_file
 from bagassets.assets.sweeps import SWEEPS
 from bagassets.base.errors import DatasetError

@@ -1,4 +1,4 @@
-"""Named datasets: which scenes each takes.
+"""Named datasets: which scenes each takes, and which condition another one does not meet.
 
 The steps `scene_facts` and `scene_subset`, from which they are made, belong to no asset. Facts about scenes are stored
 because every named dataset selects by them; tables of some of a recording's scenes are stored because datasets link and
@@ -7,6 +7,7 @@ lock artifacts.
 
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
+from fnmatch import fnmatchcase
 from functools import partial
 from itertools import pairwise
 from math import sqrt
@@ -16,13 +17,13 @@ import numpy as np
 from bagassets.assets.ego_poses import EGO_POSES, load_trajectory
 from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.track import TRACK
-from bagassets.base.errors import StoreError
+from bagassets.base.alike import names_text
+from bagassets.base.errors import RecipeError, StoreError
 from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.engine.plan import Plan
 from bagassets.engine.run_action import run_action
 from bagassets.engine.track import track_of
 from bagassets.formats.format import FACTS, Part, Selection
-from bagassets.formats.nuscenes.scene_conditions import require_own_scenes, unmet_condition
 from bagassets.formats.nuscenes.schema import RECORDING_TABLES
 from bagassets.formats.nuscenes.subset import subset_facts, subset_tables
 from bagassets.formats.nuscenes.table_file import table_bytes
@@ -31,12 +32,20 @@ from bagassets.formats.nuscenes.tokens import category_token
 from bagassets.geometry.sun import daylight
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.recipe.model import Recipe
-from bagassets.recipe.model_datasets import NamedDataset
+from bagassets.recipe.model_datasets import NamedDataset, moment_ns
 from bagassets.store.action import Step
 from bagassets.store.artifact import Artifact, ArtifactWriter
 from bagassets.store.store import Store
 
-__all__ = ["FACTS_STEP", "SUBSET_STEP", "scene_facts", "select"]
+__all__ = [
+    "FACTS_STEP",
+    "SUBSET_STEP",
+    "inside",
+    "require_own_scenes",
+    "scene_facts",
+    "select",
+    "unmet_condition",
+]
 
 FACTS_STEP = Step("scene_facts", 2)
 SUBSET_STEP = Step("scene_subset", 1)
@@ -190,3 +199,88 @@ def _make_subset(tables: Artifact, scenes: Collection[JsonMapping], out: Artifac
     facts = subset_facts(tables.read_json(FACTS), kept, duration_s, tables.digest)
     out.write_json(FACTS, facts)
     return facts
+
+
+Point = Sequence[float]
+
+
+def unmet_condition(
+    wanted: NamedDataset, rig: str, key: str, scene: JsonMapping, former: Sequence[str] = ()
+) -> str | None:
+    """Return a clause about the first condition that a scene does not meet; None if it belongs to the dataset.
+
+    Args:
+        wanted: the dataset.
+        rig: name of the rig that made the recording.
+        key: partition key of the recording.
+        scene: facts about the scene.
+        former: keys that the parts of a series had alone.
+    """
+    if wanted.rigs and rig not in wanted.rigs:
+        return f"made by rig {rig}"
+    if wanted.recordings and not any(_matches(one, wanted.recordings) for one in (key, *former)):
+        return "not one of the recordings"
+    if wanted.scenes and not _matches(scene["name"], wanted.scenes):
+        return "not one of the scenes"
+    if wanted.since is not None and scene["start_ns"] < moment_ns(wanted.since):
+        return f"begins before {wanted.since}"
+    if wanted.until is not None and scene["start_ns"] >= moment_ns(wanted.until):
+        return f"does not begin before {wanted.until}"
+    if wanted.place:
+        if not scene["points"]:
+            return "its place is not known"
+        if not any(inside(point, wanted.place) for point in scene["points"]):
+            return "elsewhere"
+    if wanted.daylight and scene["daylight"] not in wanted.daylight:
+        return scene["daylight"] or "its daylight is not known"
+    missing = [
+        label for label in wanted.labels if not any(fnmatchcase(name, label) for name in scene["boxes"])
+    ]
+    if missing:
+        return f"no {missing[0]}"
+    if wanted.min_speed_mps is not None and scene["speed_mps"] < wanted.min_speed_mps:
+        return f"slower than {wanted.min_speed_mps:g} m/s"
+    return None
+
+
+def require_own_scenes(
+    wanted: NamedDataset, key: str, scenes: Sequence[JsonMapping], former: Sequence[str]
+) -> None:
+    """Refuse a dataset that names scenes of the parts of a drive, which has other scenes now that it is one recording.
+
+    Args:
+        wanted: the dataset.
+        key: partition key of the recording.
+        scenes: facts about its scenes.
+        former: keys that the parts of a series had alone.
+
+    Raises:
+        RecipeError: it does.
+    """
+    names = [str(scene["name"]) for scene in scenes]
+    for glob in wanted.scenes if names else ():
+        of_part = any(fnmatchcase(f"{part}_000", glob) or glob.rpartition("_")[0] == part for part in former)
+        if of_part and not any(fnmatchcase(name, glob) for name in names):
+            raise RecipeError(
+                f"dataset {wanted.name}: {glob} names scenes of a part of {key}, which is one recording now, with "
+                f"{names_text(names)}; name some of these, or {key} in `recordings`."
+            )
+
+
+def inside(point: Point, polygon: Sequence[Point]) -> bool:
+    """Tell whether a point lies in a polygon, by the parity of the edges on one side of the point.
+
+    Args:
+        point: latitude, longitude.
+        polygon: its corners in order, the first not repeated; it may be concave, but not cross the 180th meridian.
+    """
+    lat, lon = point
+    odd = False
+    for (lat_a, lon_a), (lat_b, lon_b) in zip(polygon, [*polygon[1:], polygon[0]], strict=True):
+        if (lat_a > lat) != (lat_b > lat) and lon < lon_a + (lat - lat_a) * (lon_b - lon_a) / (lat_b - lat_a):
+            odd = not odd
+    return odd
+
+
+def _matches(name: str, globs: Sequence[str]) -> bool:
+    return any(fnmatchcase(name, glob) for glob in globs)

@@ -5,11 +5,10 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 
 from bagassets.base.json_types import JsonMapping, JsonObject
-from bagassets.formats.nuscenes.filenames import filename
 from bagassets.formats.nuscenes.readings import ChannelReadings
 from bagassets.formats.nuscenes.scene_plan import ScenePlan
 from bagassets.formats.nuscenes.table_file import quaternion, rounded
-from bagassets.formats.nuscenes.tokens import RecordingTokens, sensor_token
+from bagassets.formats.nuscenes.tokens import RecordingTokens, filename, sensor_token
 
 __all__ = ["SensorRows", "microseconds", "sensor_rows"]
 

@@ -1,11 +1,16 @@
-"""Tokens of nuScenes rows: hashes of what identifies a row, never random.
+"""Tokens of nuScenes rows, which are hashes of what identifies a row, never random; names of the files of a dataset.
 
 Rows of a recording are identified by rig, partition key, table, channel and stamp. Re-indexing or re-compressing a
 recording changes none of these, two recordings never share a token, and merging datasets rewrites none. Rows that all
 recordings share are identified by their names.
+
+As in nuScenes, the name of a file contains recording, channel and time:
+`samples/CAM_FRONT/drive-1f3a90cc__CAM_FRONT__1700000000123456.jpg`. The hex digits after the recording's key are the first
+of the content's digest, so old tables never refer to new content.
 """
 
 from dataclasses import dataclass
+from urllib.parse import quote, unquote
 
 from blake3 import blake3
 
@@ -15,6 +20,8 @@ __all__ = [
     "RecordingTokens",
     "attribute_token",
     "category_token",
+    "filename",
+    "recording_of",
     "sensor_token",
     "token",
     "visibility_token",
@@ -71,3 +78,31 @@ def visibility_token(level: str) -> str:
     nuScenes itself uses these, and training code converts them to integers.
     """
     return str(VISIBILITY_LEVELS.index(level) + 1)
+
+
+DIGITS = 8
+
+
+def filename(key: str, channel: str, stamp_us: int, digest: str, extension: str, *, is_keyframe: bool) -> str:
+    """Return the path of a file below the dataroot.
+
+    Args:
+        key: partition key of the recording.
+        channel: canonical channel.
+        stamp_us: time of the reading.
+        digest: digest of the content.
+        extension: without the leading dot, as in `pcd.bin`.
+        is_keyframe: keyframes are in `samples`, other readings in `sweeps`.
+    """
+    folder = "samples" if is_keyframe else "sweeps"
+    recording = f"{quote(key, safe='')}-{digest[:DIGITS]}"
+    return f"{folder}/{channel}/{recording}__{channel}__{stamp_us}.{extension}"
+
+
+def recording_of(name: str) -> str | None:
+    """Return the partition key in a path made by `filename`, or None for any other path."""
+    parts = name.split("/")
+    if len(parts) != 3:
+        return None
+    recording, separator, _ = parts[2].rpartition(f"__{parts[1]}__")
+    return unquote(recording[: -DIGITS - 1]) if separator else None

@@ -6,7 +6,7 @@ Layout::
     recordings/<key>-<id>/CAM_FRONT/0000/000000.jpg …, CAM_FRONT/0000.json
     annotations/train.json, train.manifest.json, val.json, …, dataset.lock.json
 
-The folder of a recording never changes under its name; the folder `annotations` is swapped in one step.
+The folder of a recording never changes under its name; the folder `annotations` is swapped at once.
 """
 
 from collections.abc import Iterator, Sequence
@@ -28,7 +28,7 @@ _TOLD = ("sequences", "images", "duration_s", "daylight", "start")
 
 
 def join(members: Sequence[Member], settings: Vision, shares: Sequence[SplitShare], out: Path) -> Joined:
-    """Write the merged files and a manifest for each split.
+    """Write the merged files, the sequences of all recordings, and a manifest for each split.
 
     Args:
         members: recordings in the order of their keys.

@@ -315,7 +315,7 @@ VISION_SEQUENCES = Asset(
 
 
 def recording_metadata(key: str, rig: str, inventory: Inventory) -> JsonObject:
-    """Return the facts about a recording as a whole.
+    """Return the content of `metadata.json`, the facts about a recording as a whole.
 
     It does not change when the recording is re-indexed, re-compressed or converted, so it lacks file size and format.
 

@@ -61,10 +61,10 @@ class MatrixFile(CalibrationFile):
             known,
             fields.whole("image_width", "the width of the images in pixels"),
             fields.whole("image_height", "the height of the images in pixels"),
-            self._matrix("camera_matrix", "the intrinsic matrix K", 3, 3),
+            self._matrix("camera_matrix", "the intrinsic matrix K", 3),
             d,
-            self._matrix_if_any("rectification_matrix", "the rectification R", 3, 3),
-            self._matrix_if_any("projection_matrix", "the projection matrix P", 3, 4),
+            self._matrix_if_any("rectification_matrix", "the rectification R", 3),
+            self._matrix_if_any("projection_matrix", "the projection matrix P", 4),
         )
 
     def _coefficients(self) -> tuple[float, ...]:
@@ -99,13 +99,14 @@ class MatrixFile(CalibrationFile):
             )
         return _BY_LENGTH[len(d)]
 
-    def _matrix_if_any(self, field: str, meaning: str, rows: int, cols: int) -> tuple[float, ...] | None:
-        return self._matrix(field, meaning, rows, cols) if self._fields.has(field) else None
+    def _matrix_if_any(self, field: str, meaning: str, cols: int) -> tuple[float, ...] | None:
+        return self._matrix(field, meaning, cols) if self._fields.has(field) else None
 
-    def _matrix(self, field: str, meaning: str, rows: int, cols: int) -> tuple[float, ...]:
+    def _matrix(self, field: str, meaning: str, cols: int) -> tuple[float, ...]:
+        """Return a matrix of three rows."""
         section = self._fields.section(field, meaning)
-        for name, wanted in (("rows", rows), ("cols", cols)):
+        for name, wanted in (("rows", 3), ("cols", cols)):
             if section.has(name) and section.number(name, "a number") != wanted:
                 found = f"{section.text('rows', 'rows')}x{section.text('cols', 'columns')}"
-                raise self._fields.error(field, f"expected {meaning}, {rows}x{cols}, found {found}")
-        return section.numbers("data", meaning, rows * cols)
+                raise self._fields.error(field, f"expected {meaning}, 3x{cols}, found {found}")
+        return section.numbers("data", meaning, 3 * cols)

@@ -27,7 +27,7 @@ import threading
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import dagster as dg
 
@@ -36,11 +36,9 @@ from bagassets.base.json_types import JsonMapping
 from bagassets.base.lock_files import RUN_LOCKS
 from bagassets.defs.dagster_private import (
     CheckRunHealthResult,
-    ConfigurableClass,
     ConfigurableClassData,
     LaunchRunContext,
     ModuleCodePointer,
-    RunLauncher,
     T_DagsterInstance,
     WorkerStatus,
 )
@@ -61,8 +59,9 @@ from bagassets.defs.launchers.slurm.spool import JobSpec, Spool, SpooledRun
 from bagassets.defs.records.batches import batch_of
 from bagassets.defs.records.instances import pack_instance
 from bagassets.defs.records.partitions import DATASET
-from bagassets.defs.records.projects import configured_recipe, recipe_of_assets, recipe_of_location
+from bagassets.defs.records.projects import recipe_of_assets, recipe_of_location
 from bagassets.defs.runs.execution import mark_canceling
+from bagassets.defs.runs.launching import ConfiguredLauncher
 from bagassets.defs.runs.orphaned_runs import UNTAKEN_S, report_ended
 from bagassets.defs.runs.worker_tag import WHERE_TAG
 from bagassets.forkserver.server_files import last_lines
@@ -81,14 +80,10 @@ _LOOK_S, _LOOK_LEAST_S = 60.0, 1.0
 _BYTES_PER_GB = 1e9
 
 
-class SlurmRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
+class SlurmRunLauncher(ConfiguredLauncher[T_DagsterInstance]):
     """Has runs executed by jobs of Slurm.
 
     A thread cares for them as long as there are any, in each process that launched one or was asked about one.
-
-    Attributes:
-        most_at_once: most runs that a build hands over before others have ended.
-        recordings_per_run: most small recordings that share a run.
     """
 
     def __init__(
@@ -113,8 +108,6 @@ class SlurmRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
     ) -> None:
         self.most_at_once = most_at_once
         self.recordings_per_run = recordings_per_run
-        self._inst_data = inst_data
-        self._recipe_name = recipe
         self._folder = folder
         self._python = python
         self._options = JobOptions.from_json(options)
@@ -129,14 +122,9 @@ class SlurmRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
         self._closing = threading.Event()
         self._recipes: dict[Path, tuple[int, Recipe]] = {}
         self._found: dict[Path, tuple[float, dict[str, RecordingFiles]]] = {}
-        super().__init__()  # type: ignore[no-untyped-call]  # Dagster's mixin has no annotations
+        super().__init__(inst_data, recipe)
 
     # --- configuration ---------------------------------------------------------------
-
-    @property
-    def inst_data(self) -> ConfigurableClassData | None:
-        """Configuration that this object was made from."""
-        return self._inst_data
 
     @classmethod
     def config_type(cls) -> dict[str, dg.Field]:
@@ -160,11 +148,6 @@ class SlurmRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
             "most_at_once": dg.Field(dg.IntSource, is_required=False),
             "rules": dg.Field([rule_schema()], is_required=False),
         }
-
-    @classmethod
-    def from_config_value(cls, inst_data: ConfigurableClassData, config_value: JsonMapping) -> Self:
-        """Return the launcher that `dagster.yaml` describes."""
-        return cls(inst_data, **config_value)
 
     def dispose(self) -> None:
         """Submit what waits, and leave the rest to other processes, or to the next one."""
@@ -267,11 +250,6 @@ class SlurmRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
         found = recipe_of_location(self._instance, run) or recipe_of_assets(self._instance, run)
         return found or self._recipe_file
 
-    @property
-    def _recipe_file(self) -> Path | None:
-        found = configured_recipe(self._recipe_name)
-        return None if found is None else found.absolute()
-
     def _read(self, file: Path | None) -> Recipe | None:
         """Return a recipe, read again when it has changed: hundreds of runs may be launched in a row."""
         if file is None:
@@ -333,7 +311,7 @@ class SlurmRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
                     return
 
     def end_lost_runs(self) -> list[str]:
-        """Report runs whose jobs have ended, and return their ids; a build and the sensor ask for that.
+        """Report runs whose jobs have ended, and return their ids.
 
         Runs that go on are cared for from now on.
         """
@@ -356,8 +334,8 @@ class SlurmRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
                 )
         return sorted(before - {run.run_id for run in self._unfinished()})
 
-    def spooled_runs(self) -> set[str]:
-        """Return the runs that wait for a job, or have one that has not been settled: they survive this process."""
+    def waiting_runs(self) -> set[str]:
+        """Return the runs that wait for a job, or have one that has not been settled."""
         found = {run.run_id for run in self._spool.waiting()}
         for job in self._spool.jobs():
             found.update(job.runs(), job.begun())
@@ -387,23 +365,13 @@ class SlurmRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
             return True
         job = job or self._spool.job_of(run_id)
         if job is None:
-            self._instance.report_engine_event(
-                "The run cannot be cancelled from here, because no job of Slurm has it.",
-                dagster_run=run,
-                cls=self.__class__,
-            )
-            return False
+            return self._refuse_to_cancel(run, "no job of Slurm has it")
         if mark_canceling(self._instance, run):
             job.ask_to_cancel(run_id)
         self._care()
         return True
 
     # --- health ----------------------------------------------------------------------
-
-    @property
-    def supports_check_run_worker_health(self) -> bool:
-        """True: run monitoring of the daemon may check."""
-        return True
 
     def check_run_worker_health(self, run: dg.DagsterRun) -> CheckRunHealthResult:
         """Return whether the job of a run is alive; a run that waits for one is healthy.

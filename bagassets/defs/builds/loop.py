@@ -1,0 +1,222 @@
+"""The loop of a build: look at everything, decide what is next (`engine.next_steps`), do it, look again at what changed."""
+
+import math
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
+from typing import NoReturn
+
+import dagster as dg
+
+from bagassets.assets.inventory import INVENTORY
+from bagassets.base.alike import names_text
+from bagassets.base.errors import RecordingError
+from bagassets.base.trace import span
+from bagassets.defs.builds.own_states import OwnProject
+from bagassets.defs.builds.pending_work import (
+    PendingWork,
+    find_pending_work,
+    find_touched,
+    update_pending_work,
+)
+from bagassets.defs.builds.snapshot import Snapshot
+from bagassets.defs.graph.dataset import record_inputs
+from bagassets.defs.records.instance_plan import begin_planning
+from bagassets.defs.records.partitions import DATASET, active_runs, add_partitions, remove_partition
+from bagassets.defs.records.touched import record_touched
+from bagassets.defs.runs.launching import launching_of
+from bagassets.defs.runs.run_pool import EndedRun, Listener, RunPool
+from bagassets.engine.build_report import BuildOptions, Event
+from bagassets.engine.disk_space import folders_written, require_disk_space, space_needed
+from bagassets.engine.next_steps import Rules, State, Work, next_steps
+from bagassets.engine.planner import Planning
+from bagassets.engine.unsettled import Unsettled
+
+__all__ = ["BuildLoop"]
+
+
+class BuildLoop:
+    """Brings our recordings and datasets up to date.
+
+    Args:
+        instance: where materializations are recorded.
+        own: the project, and the user's assets, which may be selected.
+        options: of the build.
+        on_event: called as the build goes on.
+
+    Attributes:
+        before: the state when it began, once what was only touched had been recorded.
+        now: the state when it was last looked at.
+        snapshot: of what there was before everything was last looked at.
+        is_partial: since then only what runs may have changed was looked at.
+        unchanged: recordings of which only the time had changed -> seconds to read them.
+        ended: partition key, `DATASET` for datasets -> how its last run ended.
+        interrupted: the user pressed Ctrl-C.
+    """
+
+    def __init__(
+        self, instance: dg.DagsterInstance, own: OwnProject, options: BuildOptions, on_event: Listener
+    ) -> None:
+        self.ended: Mapping[str, EndedRun] = {}
+        self.interrupted = False
+        self._instance, self._own, self._options, self._on_event = instance, own, options, on_event
+        self._workspace = own.workspace
+        planning = self._begin_look()
+        touched = find_touched(self._workspace, planning, options, own)
+        self.unchanged = record_touched(instance, self._workspace, touched, options.jobs, on_event)
+        self.before = self.now = self.look(None if self.unchanged else planning)
+
+    def look(self, planning: Planning | None = None) -> PendingWork:
+        """Look at everything; return what is to be done."""
+        self.now = find_pending_work(
+            self._instance,
+            self._workspace,
+            self._options,
+            self._own,
+            planning or self._begin_look(),
+            self._on_planned,
+        )
+        return self.now
+
+    def _begin_look(self) -> Planning:
+        self.snapshot, self.is_partial = Snapshot(self._instance, self._workspace, self._own.files), False
+        with span("read records"):
+            return begin_planning(self._instance, self._workspace)
+
+    def _on_planned(self, done: int, total: int) -> None:
+        self._on_event(Event.planning(done, total))
+
+    @property
+    def has_succeeded(self) -> bool:
+        """True if no run failed, and none was stopped."""
+        return not self.interrupted and all(
+            one.problem is None and not one.stopped for one in self.ended.values()
+        )
+
+    def work(self) -> None:
+        """Do what is to be done, until nothing is left.
+
+        Raises:
+            RecordingError: all recordings are gone at once.
+            StoreError: there is much too little disk space.
+        """
+        names, log = self._workspace.names, self._workspace.recipe.state / "code-server.log"
+        following = self._going_on()
+        tries: Counter[str] = Counter()
+        with RunPool(
+            self._instance, names, self._options.jobs, self._on_event, log, self._own.location
+        ) as pool:
+            rules = Rules(
+                pool.jobs, pool.most_per_run, patience_s=0.0 if self._options.allow_empty else math.inf
+            )
+            self.ended = pool.ended
+            while True:
+                state = self._state(tries, following)
+                steps = next_steps(state, rules)
+                if steps.doubted_s is not None:
+                    self._refuse()
+                for key in steps.remove:
+                    remove_partition(self._instance, names, key)
+                add_partitions(self._instance, names, steps.register)
+                if pool.interrupted or not (steps.runs or following):
+                    return
+                if not pool.ended:
+                    self._on_event(self._planned())
+                pool.work(steps.runs, following, steps.without_steps)
+                self.interrupted = pool.interrupted
+                asked = {key for run in steps.runs for key in run} & pool.ended.keys()
+                tries.update(asked)
+                worked_on = asked.union(*following.values())
+                self._note_unsettled(worked_on)
+                # Most likely nothing is left to be done then, as only a look at everything can tell.
+                if DATASET in asked and self._options.is_whole and self.has_succeeded:
+                    self.look()
+                    return
+                self._look_again(worked_on)
+                following = {}
+
+    # --- looking -------------------------------------------------------------------------
+
+    def _state(self, tries: Mapping[str, int], following: Mapping[str, Sequence[str]]) -> State:
+        """Return what `next_steps` has to know; what this build has tried once is not tried again."""
+        now = self.now
+        recordings, recorded = now.planned.discovery.recordings, now.planned.recorded
+        todo = {
+            key: Work(
+                assets,
+                recordings[key].size,
+                is_new=INVENTORY.name not in recorded.get(key, {}),
+                tries=tries[key],
+            )
+            for key, assets in now.todo.items()
+        }
+        if not now.dataset_is_current:
+            todo[DATASET] = Work(now.datasets, tries=tries[DATASET])
+        return State(
+            found=len(recordings),
+            gone=now.plan.removed,
+            held=now.held,
+            new=recordings.keys() - now.planned.live,
+            todo=todo,
+            joined=() if tries[DATASET] else now.datasets,
+            active=frozenset().union(*following.values()),
+        )
+
+    def _going_on(self) -> dict[str, tuple[str, ...]]:
+        """Return run -> keys for the runs of earlier builds that go on: those of launchers whose runs survive the build."""
+        if not self.now.todo and self.now.dataset_is_current:
+            return {}
+        waiting = launching_of(self._instance).waiting_runs()
+        names = self._workspace.names
+        active = active_runs(self._instance, names, self.now.datasets) if waiting else {}
+        return {run_id: keys for run_id, keys in active.items() if run_id in waiting}
+
+    def _look_again(self, worked_on: Collection[str]) -> None:
+        """Look at what runs may have changed, and record what datasets are made from, unless a run has done so."""
+        self.is_partial = True
+        keys = frozenset(worked_on) - {DATASET}
+        self.now = update_pending_work(self._instance, self._workspace, self.now, keys, self._on_planned)
+        if self.now.datasets and DATASET not in worked_on and not self.interrupted:
+            record_inputs(self._instance, self._workspace, self.now.planned.inputs)
+
+    def _note_unsettled(self, keys: Collection[str]) -> None:
+        """Note the recordings whose runs did not end well, also those of a worker that was killed."""
+        unsettled = Unsettled(self._workspace.recipe.state)
+        noted = unsettled.noted()  # of most recordings nothing is: their worker has seen to it
+        for key in frozenset(keys) & self.ended.keys() - {DATASET}:
+            one = self.ended[key]
+            if one.run_id and (one.problem is not None or one.stopped):
+                unsettled.add(key)
+            elif one.run_id and key in noted:
+                unsettled.discard(key)
+
+    # --- telling -------------------------------------------------------------------------
+
+    def _planned(self) -> Event:
+        """Return the event that says what is going to be done.
+
+        Raises:
+            StoreError: there is much too little disk space.
+        """
+        now, recipe, store = self.now, self._workspace.recipe, self._workspace.store
+        sizes = {key: one.size for key, one in now.planned.discovery.recordings.items()}
+        said = [
+            f"{names_text(keys)}: joined into {whole}, as its parts."
+            for whole, keys in now.plan.joined.items()
+        ]
+        said.append(now.made_again(self._workspace, self._options.jobs))
+        needed = space_needed(now.plan, sizes, now.todo, store, self._workspace.assets)
+        if needed is not None:
+            folders = folders_written(store.root, recipe)
+            said.append(require_disk_space(needed, folders, ignore=self._options.ignore_disk_space))
+        message = "\n".join(filter(None, said))
+        return Event("planned", sizes={key: sizes[key] for key in now.todo}, message=message)
+
+    def _refuse(self) -> NoReturn:
+        """Refuse an empty bag root where there were recordings: a disk may not be mounted."""
+        gone = len(self.now.plan.removed)
+        recordings = "the recording that was" if gone == 1 else f"all {gone} recordings that were"
+        subject = "it is" if gone == 1 else "they are"
+        raise RecordingError(
+            f"{self._workspace.recipe.bags.root}: {recordings} here before cannot be found; is the disk mounted, and are "
+            f"bags.include and bags.exclude right? If {subject} gone for good, use --allow-empty."
+        )

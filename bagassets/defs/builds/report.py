@@ -1,0 +1,197 @@
+"""What a build reports: functions of the state before, the state now and the runs that ended in between."""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import dagster as dg
+
+from bagassets.base.json_types import JsonMapping, JsonObject
+from bagassets.defs.builds.loop import BuildLoop
+from bagassets.defs.builds.pending_work import PendingWork
+from bagassets.defs.graph.check_records import remarks_of_runs
+from bagassets.defs.records.events import recordings_made
+from bagassets.defs.records.partitions import DATASET
+from bagassets.defs.records.workspace import Workspace
+from bagassets.defs.runs.run_pool import EndedRun
+from bagassets.engine.build_report import BagOutcome, BuildReport, Remark
+from bagassets.engine.plan import BagPlan
+from bagassets.engine.splits import SplitShare, moves
+from bagassets.engine.targets import TO_MAKE
+from bagassets.formats.catalogue import problems_of
+from bagassets.formats.checking import remarks_on_record
+from bagassets.formats.dataset_build import dataset_folders, first_lock, split_on_disk
+from bagassets.formats.emptiness import left_behind, why_empty
+from bagassets.recipe.model import Recipe
+
+__all__ = ["checked_remarks", "outcomes_of", "report_of", "standing_remarks", "warnings"]
+
+
+def report_of(
+    instance: dg.DagsterInstance,
+    workspace: Workspace,
+    build: BuildLoop,
+    outcomes: dict[str, BagOutcome],
+    split_before: Mapping[str, str],
+    *,
+    interrupted: bool,
+) -> BuildReport:
+    """Return the report of a build, without the user's own assets, and with the remarks on what its runs have made.
+
+    Args:
+        instance: where the runs were recorded.
+        workspace: the project.
+        build: what was found and done.
+        outcomes: see `outcomes_of`.
+        split_before: recording -> its split on disk when the build began.
+        interrupted: somebody stopped the build.
+    """
+    recipe, before, now = workspace.recipe, build.before, build.now
+    lock = first_lock(recipe)
+    locked: JsonMapping = {} if lock is None else lock.value
+    left_out = locked.get("failed", {})
+    moved = moves(split_before, split_on_disk(recipe))
+    dataset, problem = _of_datasets(build.ended.get(DATASET))
+    if not before.datasets:
+        dataset = "not selected"
+    elif dataset == "fresh" and lock is None:
+        dataset = "not made"
+    elif dataset == "fresh" and interrupted:
+        dataset = "stopped"
+    else:
+        recipe_file = Path(workspace.recipe_file)
+        problem = problem or why_empty(recipe, recipe_file, workspace.store, before.datasets)
+    return BuildReport(
+        plan=now.plan,
+        outcomes=outcomes,
+        excluded=now.plan.excluded,
+        removed=tuple(key for key in before.plan.gone if key not in before.held),
+        remarks=tuple(remarks_of_runs(instance, {one.run_id for one in build.ended.values()})),
+        duplicates=locked.get("duplicates", {}),
+        left_out={key: reason for key, reason in left_out.items() if key not in before.chosen},
+        moved=moved,
+        pinned=tuple(key for key in moved if now.plan.ties.pinned(key, recipe.splits)),
+        splits=_shares(locked.get("shares", {})),
+        dataset=dataset,
+        dataset_problem=problem,
+        dataset_path=recipe.output,
+        datasets=_each_dataset(recipe, now, dataset),
+        interrupted=interrupted,
+    )
+
+
+# --- remarks -----------------------------------------------------------------------------
+
+
+def warnings(name: str, sentences: Iterable[str]) -> tuple[Remark, ...]:
+    """Return sentences that are not about a single recording as remarks of a check with this name."""
+    return tuple(Remark("", "warn", name, one) for one in sentences)
+
+
+def standing_remarks(recipe: Recipe, before: PendingWork) -> tuple[Remark, ...]:
+    """Return what holds until somebody does something about it."""
+    packages = warnings("installed_packages", problems_of(recipe))
+    left = warnings("left_behind", left_behind(recipe))
+    return (*packages, *left, *warnings("series", before.plan.asked.values()))
+
+
+def checked_remarks(workspace: Workspace, before: PendingWork, now: PendingWork) -> list[Remark]:
+    """Return what quick checks find in the recordings that the build was asked for."""
+    bags = [bag for key, bag in sorted(now.plan.bags.items()) if key in before.chosen]
+    return [*remarks_on_record(workspace.recipe, workspace.store, now.planned.discovery, bags)]
+
+
+# --- recordings --------------------------------------------------------------------------
+
+
+def outcomes_of(
+    instance: dg.DagsterInstance, build: BuildLoop, made_ahead: Mapping[str, str], *, is_whole: bool
+) -> dict[str, BagOutcome]:
+    """Return recording -> its outcome, sorted, for those that the build was asked for, and others whose runs it followed.
+
+    Args:
+        instance: where the runs recorded what they made.
+        build: what was found and done.
+        made_ahead: recordings whose inventories were made ahead of their runs -> digest of their content.
+        is_whole: the build was asked for everything.
+    """
+    planned, bags = build.now.planned, build.now.plan.bags
+    ended = {key: one for key, one in build.ended.items() if key != DATASET}
+    # A run that made the datasets, too, has planned its recordings since they were recorded.
+    unknown = {ended[key].run_id for key in ended.keys() - planned.recorded.keys()} - {""}
+    made_by_run = {run_id: recordings_made(instance, run_id) for run_id in unknown}
+    found = {key: BagOutcome("hit", seconds=seconds) for key, seconds in build.unchanged.items()}
+    for key, one in ended.items():
+        was_made_ahead = key in bags and made_ahead.get(key) == bags[key].recorded.get("bag", "")
+        has_made = (
+            was_made_ahead
+            or key in made_by_run.get(one.run_id, ())
+            or any(
+                record.run_id == one.run_id and record.cached is False
+                for record in planned.recorded.get(key, {}).values()
+            )
+        )
+        found[key] = _of_run(one, has_made=has_made)
+    for key in build.before.chosen & bags.keys():
+        found[key] = _of_recording(bags[key], found.get(key), is_whole=is_whole)
+    return dict(sorted(found.items()))
+
+
+def _of_run(ended: EndedRun, *, has_made: bool) -> BagOutcome:
+    if ended.stopped:
+        return BagOutcome("stopped", "the build was interrupted; the next one carries on", ended.seconds)
+    if ended.problem is not None:
+        return BagOutcome("failed", ended.problem, ended.seconds)
+    return BagOutcome("built" if has_made else "hit", seconds=ended.seconds)
+
+
+def _of_recording(bag: BagPlan, ran: BagOutcome | None, *, is_whole: bool) -> BagOutcome:
+    """Return the outcome of a recording: of one without a run by its state; one with a run may have changed since."""
+    if ran is not None and ran.result not in {"built", "hit"}:
+        return ran
+    if ran is not None and bag.assets["bag"].state != "fresh":
+        reason = "it changed after it had been read; the next build carries on"
+        return BagOutcome("stopped", reason, ran.seconds)
+    if bag.skipped is not None:
+        return BagOutcome("skipped", bag.skipped, ran.seconds if ran else 0.0)
+    if ran is not None:
+        return ran
+    if bag.failed is not None:
+        hint = " (failed before; --retry-failed tries again)" if bag.can_be_retried else ""
+        return BagOutcome("failed", bag.failed + hint)
+    if bag.settled or not is_whole:
+        return BagOutcome("fresh")
+    waiting = next(one.reason for one in bag.assets.values() if not one.is_settled)
+    return BagOutcome("stopped", f"{waiting}; the next build carries on")
+
+
+# --- datasets ----------------------------------------------------------------------------
+
+
+def _of_datasets(ended: EndedRun | None) -> tuple[str, str]:
+    """Return what became of the datasets, and the problem; one run makes all of them."""
+    if ended is None:
+        return "fresh", ""
+    if ended.stopped:
+        return "stopped", ""
+    return ("updated", "") if ended.problem is None else ("failed", ended.problem)
+
+
+def _each_dataset(recipe: Recipe, now: PendingWork, outcome: str) -> dict[str, JsonMapping]:
+    """See `BuildReport.datasets`. If the run of all failed, some may be up to date."""
+    left = {*now.datasets}
+    # Where results are yet to come, nobody knows whether a dataset that is not behind is up to date.
+    is_waiting = any(one.state == "unknown" for one in now.states.values())
+    if outcome == "failed" or (outcome == "stopped" and not is_waiting):
+        left &= {asset for asset, one in now.states.items() if one.state in TO_MAKE}
+
+    def state(asset: str) -> str:
+        return outcome if asset in left else "fresh" if asset in now.datasets else "not selected"
+
+    folders = dataset_folders(recipe)
+    return {asset: {"path": str(folder), "state": state(asset)} for asset, folder in folders.items()}
+
+
+def _shares(locked: Mapping[str, JsonMapping]) -> dict[str, JsonObject]:
+    """Return the share of each split, and whether it is far from what the recipe asks for."""
+    shares = [SplitShare.from_json(name, value) for name, value in locked.items()]
+    return {share.name: {**share.as_json(), "is_far": share.is_far} for share in shares}

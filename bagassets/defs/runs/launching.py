@@ -1,0 +1,103 @@
+"""What a build and the sensor ask a run launcher beside what Dagster asks it.
+
+Dagster's `RunLauncher` launches, cancels and looks after runs. `Launching` is the rest, with the answers of a launcher that
+says nothing: so any launcher of Dagster's, or of a stranger, may stand in `dagster.yaml`. One of your own inherits
+`ConfiguredLauncher` and says where it differs; no other file needs to know of it.
+"""
+
+from collections.abc import Collection
+from pathlib import Path
+from typing import Any, Self
+
+import dagster as dg
+
+from bagassets.base.json_types import JsonMapping
+from bagassets.defs.dagster_private import (
+    ConfigurableClass,
+    ConfigurableClassData,
+    RunLauncher,
+    T_DagsterInstance,
+)
+from bagassets.defs.records.databases import read_settings
+from bagassets.defs.records.projects import configured_recipe
+
+__all__ = ["ConfiguredLauncher", "Launching", "launching_at", "launching_of"]
+
+
+class Launching:
+    """How a launcher deals with runs.
+
+    Attributes:
+        most_at_once: most runs that a build hands over before others have ended; None: as many as it has jobs.
+        recordings_per_run: most small recordings that share a run; None: as many as keep the jobs busy.
+        executes_here: processes of this machine execute the runs, forked from the server that makes inventories ahead.
+        names_workers: a run that it launched and that names no worker has none (see `orphaned_runs`).
+    """
+
+    most_at_once: int | None = None
+    recordings_per_run: int | None = None
+    executes_here: bool = False
+    names_workers: bool = False
+
+    def waiting_runs(self) -> Collection[str]:
+        """Return the ids of runs that go on without the build that launched them, such as those in a cluster's queue."""
+        return ()
+
+    def end_lost_runs(self) -> list[str]:
+        """Report runs that ended without anybody noticing, and return their ids; a build and the sensor ask for that."""
+        return []
+
+
+class ConfiguredLauncher(Launching, RunLauncher[T_DagsterInstance], ConfigurableClass):
+    """A launcher whose constructor takes what `dagster.yaml` gives, and whose runs may be checked by run monitoring.
+
+    Args:
+        inst_data: the configuration that it was made from.
+        recipe: recipe of the project, for code locations that name none; default: that of the environment.
+    """
+
+    def __init__(self, inst_data: ConfigurableClassData | None, recipe: str | None) -> None:
+        self._inst_data = inst_data
+        self._recipe = recipe
+        super().__init__()  # type: ignore[no-untyped-call]  # Dagster's mixin has no annotations
+
+    @property
+    def inst_data(self) -> ConfigurableClassData | None:
+        """Configuration that this object was made from."""
+        return self._inst_data
+
+    @classmethod
+    def from_config_value(cls, inst_data: ConfigurableClassData, config_value: JsonMapping) -> Self:
+        """Return the launcher that `dagster.yaml` describes."""
+        arguments: dict[str, Any] = {"inst_data": inst_data, **config_value}
+        return cls(**arguments)
+
+    @property
+    def supports_check_run_worker_health(self) -> bool:
+        """True: run monitoring of the daemon may check."""
+        return True
+
+    @property
+    def _recipe_file(self) -> Path | None:
+        found = configured_recipe(self._recipe)
+        return None if found is None else found.absolute()
+
+    def _refuse_to_cancel(self, run: dg.DagsterRun, why: str) -> bool:
+        """Say in the log of a run why it cannot be cancelled from here; return False, as `terminate` does then."""
+        message = f"The run cannot be cancelled from here, because {why}."
+        self._instance.report_engine_event(message, dagster_run=run, cls=self.__class__)
+        return False
+
+
+def launching_of(instance: dg.DagsterInstance) -> Launching:
+    """Return how the launcher of an instance deals with runs; of one that does not say it, the defaults."""
+    return _said_by(instance.run_launcher)
+
+
+def launching_at(home: Path) -> Launching:
+    """Return how the launcher that the `dagster.yaml` of a folder names deals with runs, without opening the instance."""
+    return _said_by(read_settings(home).run_launcher)
+
+
+def _said_by(launcher: object) -> Launching:
+    return launcher if isinstance(launcher, Launching) else Launching()
