@@ -5,6 +5,7 @@ import struct
 
 import pytest
 from mcap.stream_reader import MAGIC_SIZE
+from mcap.writer import Writer as McapWriter
 from rosbags.rosbag1 import Reader as Rosbag1Reader
 from rosbags.rosbag1 import Writer as Rosbag1Writer
 
@@ -29,6 +30,27 @@ def test_topics_and_messages_in_order_of_log_time(drive):
         read = [(m.topic, m.log_time_ns) for m in recording.messages(TOPICS)]
         assert len(read) == sum(info.count for info in recording.topics.values())
         assert [time for _, time in read] == sorted(time for _, time in read)
+
+
+@pytest.mark.parametrize("chunks", ["one", "several", "none"])
+def test_messages_of_an_mcap_that_were_written_late_come_in_order(tmp_path, chunks):
+    written = [(5, b"a"), (3, b"b"), (9, b"c"), (3, b"d"), (1, b"e"), (9, b"f"), (4, b"g")]
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as stream:
+        writer = McapWriter(
+            stream, chunk_size=1 if chunks == "several" else 1 << 20, use_chunking=chunks != "none"
+        )
+        writer.start("ros1")
+        schema = writer.register_schema("std_msgs/UInt8", "ros1msg", b"uint8 data\n")
+        channel = writer.register_channel("/late", "ros1", schema)
+        for time_ns, data in written:
+            writer.add_message(channel, time_ns, data, time_ns)
+        writer.finish()
+    with open_recording(path) as recording:
+        read = [(message.log_time_ns, bytes(message.data)) for message in recording.messages(["/late"])]
+    assert read == sorted(
+        written, key=lambda message: message[0]
+    )  # stable: those of one time as they were written
 
 
 def test_headers_are_read_without_decoding(drive):

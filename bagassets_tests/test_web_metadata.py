@@ -143,9 +143,8 @@ def test_reasons_are_a_list_whose_lines_wrap_and_not_a_table():
         "monday__cut.bag": f"{PATH}: its index is damaged; copy it again.",
         "other.bag": f"{PATH}: its index is damaged; copy it again.",
     }
-    inputs = DatasetInputs(
-        {}, {"short.bag": "1.0 s long, bags.min_duration_s asks for 2 s"}, {"nuscenes": why}
-    )
+    skipped = {"short.bag": "1.0 s long, bags.min_duration_s asks for 2 s"}
+    inputs = DatasetInputs({"nuscenes": ()}, skipped, {"nuscenes": why})
     found = inputs_metadata(inputs)
     assert list(found) == ["why_failed", "why_skipped", "recordings", "skipped", "failed"]
     assert found["why_failed"].value.splitlines() == [

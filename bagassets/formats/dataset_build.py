@@ -1,6 +1,6 @@
 """The datasets of a recipe: which recordings enter them, and building them."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from collections.abc import Set as AbstractSet
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -39,7 +39,6 @@ __all__ = [
     "deal_contents",
     "first_lock",
     "is_on_disk",
-    "left_behind",
     "made_from",
     "recordings_without_scenes",
     "select_inputs",
@@ -388,17 +387,6 @@ def dataset_code_versions(recipe: Recipe) -> dict[str, str]:
 def dataset_folders(recipe: Recipe) -> dict[str, Path]:
     """Return dataset asset -> output folder, for all datasets of a recipe."""
     return {asset: dataset.settings.output for asset, dataset in datasets_of(recipe).items()}
-
-
-def left_behind(recipe: Recipe) -> Iterator[str]:
-    """Yield a sentence about a dataset on disk that a former version made without being asked in the recipe."""
-    if DEFAULT_FORMAT not in recipe.dataset_settings:
-        root = Publication(recipe.state, f"{DEFAULT_FORMAT}_dataset").root
-        if root is not None and Path(root).is_dir():
-            yield (
-                f"{root}: this dataset is no longer brought up to date, because the recipe names other formats but not "
-                f"{DEFAULT_FORMAT}; add `{DEFAULT_FORMAT}: {{}}` to it, or remove the folder."
-            )
 
 
 def is_on_disk(recipe: Recipe, asset: str) -> bool:

@@ -1,17 +1,18 @@
-"""Datasets that hold nothing, although there are recordings, and the way out."""
+"""Datasets that hold nothing, although there are recordings, or that nothing asks for any more, and the way out."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 from bagassets.base.quantities import count_text
+from bagassets.engine.freshness.published import Publication
 from bagassets.formats.dataset_build import datasets_of
 from bagassets.formats.format import FACTS
-from bagassets.recipe.format_settings import section_at
+from bagassets.recipe.format_settings import DEFAULT_FORMAT, section_at
 from bagassets.recipe.load import where_in
 from bagassets.recipe.model import Recipe
 from bagassets.store.store import Store
 
-__all__ = ["why_empty"]
+__all__ = ["left_behind", "why_empty"]
 
 
 def why_empty(recipe: Recipe, recipe_file: Path, store: Store, chosen: Collection[str]) -> str:
@@ -42,3 +43,14 @@ def why_empty(recipe: Recipe, recipe_file: Path, store: Store, chosen: Collectio
             what = f"0 {next(iter(bags[0].counts))} from {count_text(len(bags), 'recording')}"
             sentences.append(f"{dataset.kind.name}: {what}: {why}.")
     return " ".join(sentences)
+
+
+def left_behind(recipe: Recipe) -> Iterator[str]:
+    """Yield a sentence about a dataset on disk that a former version made without being asked in the recipe."""
+    if DEFAULT_FORMAT not in recipe.dataset_settings:
+        root = Publication(recipe.state, f"{DEFAULT_FORMAT}_dataset").root
+        if root is not None and Path(root).is_dir():
+            yield (
+                f"{root}: this dataset is no longer brought up to date, because the recipe names other formats but not "
+                f"{DEFAULT_FORMAT}; add `{DEFAULT_FORMAT}: {{}}` to it, or remove the folder."
+            )

@@ -1,6 +1,6 @@
 """The user's own assets of a project, which of them a build brings up to date, and how they stand."""
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -235,26 +235,24 @@ class _Survey:
                 failure=(lambda: "") if retry_failed else partial(self._failure, asset, partition, now),
             )
             self.evidence[asset.name][partition] = evidence
-            self.states[asset.name][partition] = target_state(asset, evidence, self._above(asset, partition))
+            above = ((read, state) for read in asset.reads for state in self._above(read, partition))
+            self.states[asset.name][partition] = target_state(asset, evidence, above)
 
-    def _above(self, asset: OwnAsset, partition: str) -> Iterator[tuple[Read, AssetState]]:
-        """Yield what an asset reads that a build brings up to date, too, and its state."""
-        for read in asset.reads:
-            ours = self._names.asset_of(dg.AssetKey.from_user_string(read.name))
-            if read.name in self._project.wanted:
-                states = self.states[read.name]
-                one = partition if read.how == "same" else ""
-                yield from (
-                    (read, state) for state in (states.values() if read.how == "all" else [states[one]])
-                )
-            elif read.name in self._project.assets:
-                if self._versions.of(read, partition) is None:
-                    yield read, AssetState("blocked", f"{read.name} was never made")
-            elif ours is not None and read.how == "whole":
-                yield from ((read, state) for name, state in self._datasets.items() if name == ours)
-            elif ours is not None:
-                bags = [self._bags[partition]] if read.how == "same" else self._bags.values()
-                yield from ((read, state_as_read(bag, ours, read.name)) for bag in bags if ours in bag.assets)
+    def _above(self, read: Read, partition: str) -> Iterable[AssetState]:
+        """Return the states of something that is read, if a build brings it up to date, too; the rest is taken as it is."""
+        ours = self._names.asset_of(dg.AssetKey.from_user_string(read.name))
+        if read.name in self._project.wanted:
+            states = self.states[read.name]
+            return states.values() if read.how == "all" else [states[partition if read.how == "same" else ""]]
+        if read.name in self._project.assets:
+            is_there = self._versions.of(read, partition) is not None
+            return [] if is_there else [AssetState("blocked", f"{read.name} was never made")]
+        if read.how == "whole":
+            return [state for name, state in self._datasets.items() if name == ours]
+        bags = [self._bags[partition]] if read.how == "same" else self._bags.values()
+        return (
+            state_as_read(bag, ours, read.name) for bag in bags if ours is not None and ours in bag.assets
+        )
 
     def _recorded(self, asset: OwnAsset) -> dict[str, Recorded]:
         if asset.is_partitioned:

@@ -19,8 +19,8 @@ from bagassets.engine.splits import SplitShare, moves
 from bagassets.engine.targets import TO_MAKE
 from bagassets.formats.catalogue import problems_of
 from bagassets.formats.checking import remarks_on_record
-from bagassets.formats.dataset_build import dataset_folders, first_lock, left_behind, split_on_disk
-from bagassets.formats.emptiness import why_empty
+from bagassets.formats.dataset_build import dataset_folders, first_lock, split_on_disk
+from bagassets.formats.emptiness import left_behind, why_empty
 from bagassets.recipe.model import Recipe
 
 __all__ = ["checked_remarks", "outcomes_of", "report_of", "standing_remarks", "warnings"]

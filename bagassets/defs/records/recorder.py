@@ -94,7 +94,7 @@ class Recorder:
             self.run_id, self._job = context.run.run_id, context.job_name
             self._step = context.op_execution_context.op.name
         self._fence = Fence(instance, self.run_id) if context is not None else None
-        self._context, self._names = context, workspace.names
+        self._context, self._names, self._of = context, workspace.names, f" of {key}" if key else ""
         self._latest: dict[str, dg.EventLogRecord] = {}
 
     def record(self, made: Made) -> list[dg.MaterializeResult[None]]:
@@ -121,7 +121,9 @@ class Recorder:
             )
             verb = "Skipped" if is_skip(made.data_version) else "Materialized"
             kind = dg.DagsterEventType.ASSET_MATERIALIZATION
-            entry = self._log(kind, StepMaterializationData(event), f"{verb} {self._said(made.asset)}.")
+            message = f"{verb} {made.asset}{self._of}."
+            entry = self._entry(kind, StepMaterializationData(event), message)
+            self.instance.handle_new_event(entry)
             self._latest.pop(made.asset, None)
             storage_id = getattr(self.instance.event_log_storage, "last_asset_event_id", None)
             if storage_id is not None:  # other storages do not say it, and are asked
@@ -155,10 +157,9 @@ class Recorder:
                     passed.append(self._entry(kind, evaluation))
                     continue
                 outcome = "passed" if evaluation.passed else f"did not pass: {evaluation.description}"
-                asset = str(self._names.asset_of(evaluation.asset_key))
-                self._log(
-                    kind, evaluation, f"Check {evaluation.check_name} of {self._said(asset)} {outcome}."
-                )
+                asset = self._names.asset_of(evaluation.asset_key)
+                message = f"Check {evaluation.check_name} of {asset}{self._of} {outcome}."
+                self.instance.handle_new_event(self._entry(kind, evaluation, message))
         finally:  # also those before one that cannot be made
             if isinstance(storage, SqlEventLogStorage):
                 record_passed(storage, passed)
@@ -190,25 +191,18 @@ class Recorder:
             raise
 
     def _give_up(self, asset: str, why: str) -> None:
-        key, partition = self._names.key(asset), self.key or None
-        message = f"{self._said(asset)} was not made"
+        key, partition, kinds = self._names.key(asset), self.key or None, dg.DagsterEventType
+        message = f"{asset}{self._of} was not made"
         if not isinstance(self._context, dg.AssetExecutionContext):
             # By the end of the run, it has failed. Dagster records it beforehand of each asset of a step; here it would be a
             # tenth of what is kept of a recording.
             planned = AssetMaterializationPlannedData(key, partition=partition)
-            self._log(dg.DagsterEventType.ASSET_MATERIALIZATION_PLANNED, planned, f"{message}.")
+            entry = self._entry(kinds.ASSET_MATERIALIZATION_PLANNED, planned, f"{message}.")
+            self.instance.handle_new_event(entry)
         metadata = {NOT_MADE: dg.MetadataValue.text(why)}
         observed = dg.AssetObservation(key, description=why, partition=partition, metadata=metadata)
-        self._log(dg.DagsterEventType.ASSET_OBSERVATION, AssetObservationData(observed), f"{message}: {why}")
-
-    def _said(self, asset: str) -> str:
-        return f"{asset} of {self.key}" if self.key else asset
-
-    def _log(self, kind: dg.DagsterEventType, data: object, message: str) -> dg.EventLogEntry:
-        """Record an event, and return it."""
-        entry = self._entry(kind, data, message)
+        entry = self._entry(kinds.ASSET_OBSERVATION, AssetObservationData(observed), f"{message}: {why}")
         self.instance.handle_new_event(entry)
-        return entry
 
     def _entry(self, kind: dg.DagsterEventType, data: object, message: str | None = None) -> dg.EventLogEntry:
         """Return an event of the run, as its log has it; without one, it is in no log.
