@@ -9,8 +9,6 @@ import sys
 
 from bagassets.base.unread_pipe import outliving_reader
 
-__all__ = ["main", "run"]
-
 # Commands that only read, or may (`build --check`).
 _READING = ("build", "check", "explain", "status")
 

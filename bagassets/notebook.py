@@ -26,8 +26,6 @@ from bagassets.recipe.inline import parse_inline, write_inline
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.yaml_text import read_yaml
 
-__all__ = ["Report", "build"]
-
 # What an inline recipe is called in errors, in the current folder: its paths are relative to that.
 _INLINE = "<recipe>"
 

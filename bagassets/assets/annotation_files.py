@@ -37,8 +37,6 @@ from bagassets.recordings.inventory import Inventory
 from bagassets.recordings.recording import Recording
 from bagassets.store.canonical import digest_bytes
 
-__all__ = ["Labels", "add_labels", "labels_of"]
-
 Reader = Callable[[bytes], Iterator[Label]]
 
 

@@ -17,8 +17,6 @@ from bagassets.recipe.model_base import Clock, Vector3
 from bagassets.recordings.inventory import Inventory
 from bagassets.recordings.recording import Recording
 
-__all__ = ["BoxPlaces", "ReadingParams", "between_origins", "box_frames", "box_places", "frames_of_topic"]
-
 
 @dataclass(frozen=True)
 class ReadingParams:

@@ -36,24 +36,6 @@ from bagassets.store.artifact import Artifact, ArtifactWriter
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-__all__ = [
-    "AnyAsset",
-    "AnyUse",
-    "Asset",
-    "Facts",
-    "Inputs",
-    "StoredFacts",
-    "StoredInputs",
-    "Summary",
-    "Use",
-    "as_json",
-    "by_digest",
-    "for_messages",
-    "inlined",
-    "omitted",
-    "uses_of",
-]
-
 C = TypeVar("C")
 P = TypeVar("P")
 U = TypeVar("U")

@@ -30,8 +30,6 @@ from bagassets.recordings.recording import Recording
 from bagassets.store.artifact import Artifact, ArtifactWriter
 from bagassets.store.canonical import digest_bytes
 
-__all__ = ["CALIBRATION", "CalibrationParams", "CalibrationUse", "make_calibration", "use"]
-
 
 @dataclass(frozen=True)
 class CalibrationParams:

@@ -16,8 +16,6 @@ from bagassets.geometry.calibration_files.model import FilePose
 from bagassets.geometry.calibration_files.read import MOST_BYTES, read_calibration_file
 from bagassets.recipe.model_calibration import ExtrinsicsFile, IntrinsicsFile
 
-__all__ = ["FileContent", "intrinsics_in", "pose_in", "read_file", "short_names"]
-
 
 @dataclass(frozen=True)
 class FileContent:

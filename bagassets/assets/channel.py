@@ -20,15 +20,6 @@ if TYPE_CHECKING:
     import pyarrow as pa
     from _typeshed import DataclassInstance
 
-__all__ = [
-    "ChannelExtractor",
-    "Counts",
-    "channel_face",
-    "counted_in_channel",
-    "require_decoder",
-    "settings_of",
-]
-
 S = TypeVar("S", bound="DataclassInstance")
 _OF_PACKETS = {"incomplete revolution", "position packet"}
 

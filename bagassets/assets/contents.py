@@ -11,8 +11,6 @@ from bagassets.geometry.trajectory import Trajectory
 from bagassets.recordings.inventory import Inventory
 from bagassets.store.artifact import Artifact
 
-__all__ = ["Contents"]
-
 
 class Contents(ABC):
     """The contents of a recording's artifacts, each read when it is asked for, and once."""

@@ -10,8 +10,6 @@ from bagassets.store.artifact import Artifact
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["Face", "Loss", "Picture", "Table", "counts_table", "losses_of"]
-
 
 class Table(NamedTuple):
     """A table: the names of its columns, and rows of texts and numbers."""

@@ -17,8 +17,6 @@ from bagassets.base.errors import StoreError
 from bagassets.decode.image import Pixels
 from bagassets.recordings.model import RawMessage
 
-__all__ = ["GreySurvey"]
-
 _HEAD = Struct("<qQ")  # log time, number of bytes
 _VALUES = 1 << 16
 

@@ -24,8 +24,6 @@ from bagassets.recipe.model import GreyRange, Limits
 from bagassets.recipe.model_base import Clock
 from bagassets.recipe.model_calibration import PinholeIntrinsics
 
-__all__ = ["CameraSettings", "CameraUse", "EncodedImage", "ImageOutput", "intrinsic_matrix", "raw_pixels"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class CameraSettings:

@@ -24,8 +24,6 @@ from bagassets.geometry.se3 import SE3, quaternion_from_rotation
 from bagassets.recipe.model_calibration import Intrinsics, IntrinsicsFile
 from bagassets.recordings.recording import Recording
 
-__all__ = ["camera_intrinsics", "rounded"]
-
 # A smaller rotation between the camera and its rectified image is not noted.
 NOTED_DEG = 0.01
 # R, written with few digits, may be off a rotation by this much.

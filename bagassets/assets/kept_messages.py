@@ -7,8 +7,6 @@ from bagassets.decode.registry import bulk_types
 from bagassets.recordings.model import RawMessage
 from bagassets.recordings.topic import RefusedBytes
 
-__all__ = ["KeptMessages"]
-
 # Network packets are bulk if they are large (see `bulk_types`): a lidar's have 1200 bytes, a navigation system's 72.
 MOST_PACKET_BYTES = 512
 MOST_MEAN_BYTES = 64 * 1024

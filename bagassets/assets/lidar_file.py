@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from bagassets.base.errors import DatasetError
 
-__all__ = ["COLUMNS", "lidar_bytes", "read_lidar_file"]
-
 COLUMNS = ("x", "y", "z", "intensity", "ring")
 
 

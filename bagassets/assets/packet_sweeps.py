@@ -17,8 +17,6 @@ from bagassets.geometry.tf_tree import normalise_frame
 from bagassets.recordings.model import Message, RawMessage
 from bagassets.recordings.topic import Topic
 
-__all__ = ["PacketSweeps", "PacketUse"]
-
 # Messages are held until there are so many, or of so many bytes.
 _MOST_HELD = 256
 _MOST_HELD_BYTES = 1_000_000

@@ -19,8 +19,6 @@ from bagassets.geometry.wgs84 import LocalFrame
 from bagassets.recipe.model_poses import NavSatSource
 from bagassets.recordings.recording import Recording
 
-__all__ = ["poses_from_navsat"]
-
 # Course over ground is noise while the vehicle stands: below this the last heading holds.
 LEAST_STEP_M = 0.2
 

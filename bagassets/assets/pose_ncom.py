@@ -18,8 +18,6 @@ from bagassets.recipe.model_base import Clock
 from bagassets.recipe.model_poses import NcomSource
 from bagassets.recordings.recording import Recording
 
-__all__ = ["poses_from_ncom"]
-
 GPS_EPOCH_S = 315_964_800  # 1980-01-06 00:00 UTC
 MINUTE_MS = 60_000
 # A step back by more than half a minute is the start of a new minute.

@@ -6,8 +6,6 @@ from numpy.typing import NDArray
 from bagassets.geometry.se3 import Floats, rotate
 from bagassets.geometry.wgs84 import ecef
 
-__all__ = ["Mask", "Stamps", "overlaps", "strays", "trusted_fixes"]
-
 Mask = NDArray[np.bool_]
 Stamps = NDArray[np.int64]
 

@@ -19,8 +19,6 @@ from bagassets.recipe.model_base import Clock, Quaternion, Vector3
 from bagassets.recipe.model_poses import MovingPoseSource, TfSource
 from bagassets.recordings.model import RawMessage
 
-__all__ = ["Joint", "MovingRig", "PoseSamples", "counted_in_poses", "mounted", "stamp_of", "wgs84_origin"]
-
 
 class Joint(NamedTuple):
     """A fixed joint of a URDF file, `parent_SE3_child`."""

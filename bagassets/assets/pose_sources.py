@@ -29,8 +29,6 @@ from bagassets.recipe.model_poses import (
 from bagassets.recordings.model import Message
 from bagassets.recordings.recording import Recording
 
-__all__ = ["read_samples"]
-
 
 def read_samples(source: MovingPoseSource, rig: MovingRig, recording: Recording) -> PoseSamples:
     """Return the samples of a source.

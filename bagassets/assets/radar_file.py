@@ -21,8 +21,6 @@ from numpy.typing import NDArray
 
 from bagassets.base.errors import DatasetError
 
-__all__ = ["FIELDS", "radar_bytes", "read_radar_file"]
-
 # Name, numpy type and default value, in the order of the file.
 _LAYOUT: tuple[tuple[str, str, float], ...] = (
     ("x", "<f4", 0.0),

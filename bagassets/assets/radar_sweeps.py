@@ -17,8 +17,6 @@ from bagassets.decode.radar_fields import Side
 from bagassets.geometry.radar_motion import sensor_velocities
 from bagassets.recordings.model import Message, RawMessage
 
-__all__ = ["RadarSettings", "RadarSweeps", "RadarUse"]
-
 Targets = dict[str, NDArray[np.float64]]
 
 # An ESR sends its 64 tracks, one message each, every 50 ms; slower radars every 100 ms.

@@ -21,8 +21,6 @@ from numpy.typing import NDArray
 
 from bagassets.decode.velodyne import Packets
 
-__all__ = ["Revolution", "RevolutionCutter", "packet_times_ns"]
-
 MOST_MISSING_DEG = 20.0
 # Packets follow each other within 2 ms. If 20 ms more have passed than the lidar needs from one azimuth to the
 # next, whole turns may be missing, which azimuths do not show.

@@ -4,8 +4,6 @@ from bagassets.recipe.model import Recipe, Rig
 from bagassets.recordings.discover import matches
 from bagassets.recordings.inventory import Inventory
 
-__all__ = ["choose_rig", "present_channels", "skip_reason"]
-
 
 def choose_rig(recipe: Recipe, *names: str) -> Rig | None:
     """Return the first rig whose globs match the path of a recording below the bag root, or that of one of its parts."""

@@ -12,8 +12,6 @@ from bagassets.recipe.model_base import Transform
 from bagassets.recipe.model_calibration import CalibrationFile, ExtrinsicsFile, Intrinsics, IntrinsicsFile
 from bagassets.recordings.inventory import Inventory
 
-__all__ = ["CameraInfo", "Lens", "RecordedSensor", "Sensor", "camera_info_topic", "is_rectified"]
-
 F = TypeVar("F", bound=CalibrationFile)
 
 

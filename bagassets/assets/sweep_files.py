@@ -15,8 +15,6 @@ from bagassets.recipe.model import Limits
 from bagassets.recipe.model_base import Clock
 from bagassets.store.artifact import ArtifactWriter
 
-__all__ = ["LIDAR_SCHEMA", "Motion", "PointCounts", "SensorSettings", "SensorUse", "SweepFiles"]
-
 Motion = tuple[Trajectory, SE3]
 """The ego poses, and the pose of a sensor."""
 

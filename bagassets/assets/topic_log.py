@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from bagassets.base.json_types import JsonObject
 from bagassets.recordings.model import RawMessage
 
-__all__ = ["TopicLog"]
-
 GAP_FACTOR = 5
 MOST_GAPS = 20
 MOST_FRAMES = 5

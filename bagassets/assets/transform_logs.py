@@ -19,8 +19,6 @@ from bagassets.geometry.tf_tree import Edge, TfTree, TransformLog
 from bagassets.recipe.model_base import Clock
 from bagassets.recordings.recording import Recording
 
-__all__ = ["RigFrames", "read_transforms", "read_urdf"]
-
 # Sources that differ by more are noted.
 SAME_M = 0.01
 SAME_DEG = 0.5

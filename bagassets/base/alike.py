@@ -4,8 +4,6 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-__all__ = ["Told", "names_text", "told_once", "without_path"]
-
 _FEWEST = 4
 _MOST_NAMED = 3
 _SPACES = re.compile(r"(\s+)")

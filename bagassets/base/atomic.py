@@ -10,8 +10,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-__all__ = ["create_atomically", "replacing", "swap_in", "write_atomically"]
-
 _NO_HARD_LINK = {errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EACCES, errno.EMLINK}
 # Linux: arguments of renameat2, and its errors on file systems that cannot do what the flag says.
 _AT_FDCWD = -100

@@ -12,8 +12,6 @@ from hashlib import blake2b
 
 from bagassets.base.fingerprints import PlanNeeded, open_read_only
 
-__all__ = ["NAME", "Cache", "Changes"]
-
 NAME = "freshness.sqlite"
 _FORMAT = 2
 _BUSY_S = 10.0

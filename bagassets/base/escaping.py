@@ -6,8 +6,6 @@ Everything that shows them goes through here.
 
 import re
 
-__all__ = ["html", "markdown", "terminal", "visible", "yaml_scalar"]
-
 # Control characters, line breaks, characters without width or that set the direction of text, lone surrogates.
 _INVISIBLE = re.compile(
     "[\x00-\x1f\x7f-\x9f\xad\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb\ufffe\uffff"

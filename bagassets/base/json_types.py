@@ -3,8 +3,6 @@
 from collections.abc import Mapping
 from typing import Any
 
-__all__ = ["Json", "JsonMapping", "JsonObject"]
-
 Json = Any
 """Any JSON value. Typed in full, every step down into it would need a cast."""
 

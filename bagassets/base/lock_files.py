@@ -11,8 +11,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Self
 
-__all__ = ["RUN_LOCKS", "LockFile", "is_locked"]
-
 RUN_LOCKS = "locks"
 """Folder in the state folder of a project: the locks of recordings that a run works on."""
 

@@ -17,19 +17,6 @@ from bagassets.base.errors import PluginError
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
-__all__ = [
-    "ASSETS",
-    "FAMILIES",
-    "FORMATS",
-    "DecoderPlugin",
-    "Extension",
-    "Family",
-    "InstalledDecoders",
-    "announced",
-    "installed_decoders",
-    "installed_extensions",
-]
-
 ASSETS, DECODERS, FORMATS = "bagassets.assets", "bagassets.decoders", "bagassets.formats"
 
 Family = Literal["image", "cloud", "radar", "pose", "boxes"]

@@ -1,7 +1,5 @@
 """Numbers as people read them: with a noun in the singular or plural, or with a unit."""
 
-__all__ = ["clock_text", "count_text", "readable_bytes", "readable_length", "readable_time", "span_text"]
-
 
 def count_text(number: int, noun: str) -> str:
     """Return a number with its noun: `1 recording`, `2 recordings`, `2 boxes`."""

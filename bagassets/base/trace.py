@@ -13,8 +13,6 @@ from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
 
-__all__ = ["VARIABLE", "event", "name_process", "span"]
-
 VARIABLE = "BAGASSETS_TRACE"
 
 _NOTHING: AbstractContextManager[None] = nullcontext()

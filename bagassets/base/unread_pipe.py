@@ -12,8 +12,6 @@ from typing import TYPE_CHECKING, TextIO
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer
 
-__all__ = ["outliving_reader"]
-
 
 class _Pipe(io.FileIO):
     """A pipe that swallows what is written once nobody reads it any more."""

@@ -21,8 +21,6 @@ from bagassets.cli.terminal import echo, echo_json, echo_lines
 if TYPE_CHECKING:
     from bagassets.engine.build_report import BuildOptions, Event
 
-__all__ = ["build", "build_with_progress"]
-
 
 @click.command(
     epilog="""\b

@@ -16,8 +16,6 @@ from bagassets.cli.terminal import echo, echo_json, echo_lines
 if TYPE_CHECKING:
     from bagassets.formats.checking import Verdict
 
-__all__ = ["check"]
-
 _MOST_PROBLEMS = 5
 
 

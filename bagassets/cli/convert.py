@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from bagassets.propose.proposal import Proposal
     from bagassets.recipe.model import Bags, Recipe
 
-__all__ = ["convert"]
-
 
 @click.command(
     epilog="""\b

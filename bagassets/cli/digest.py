@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from bagassets.recordings.digest_record import DigestIndex
     from bagassets.recordings.model import RecordingFiles
 
-__all__ = ["digest"]
-
 
 @click.command(
     epilog="""\b

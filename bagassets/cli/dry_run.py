@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     from bagassets.defs.builds.own_states import OwnProject
     from bagassets.defs.builds.pending_work import PendingWork
 
-__all__ = ["dry_run_json", "dry_run_lines", "verdict"]
-
 _VERBS: dict[str, str] = {
     "missing": "run",
     "stale": "run",

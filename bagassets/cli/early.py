@@ -13,16 +13,6 @@ from bagassets.forkserver.client import Client, ServerStart
 from bagassets.forkserver.tasks import find_server, server_spec
 from bagassets.store.writable import require_writable
 
-__all__ = [
-    "GRACE_S",
-    "JOBS_PER_PROCESSOR",
-    "MOST_ROWS",
-    "HandedOver",
-    "begin_server",
-    "hand_over",
-    "submit_build",
-]
-
 # Twice the processors keeps them busy while some workers wait for the disk; more only costs memory.
 JOBS_PER_PROCESSOR = 2
 # Of the table that a build prints; beyond this number, only recordings where something happened are shown.

@@ -2,8 +2,6 @@
 
 from enum import IntEnum
 
-__all__ = ["ExitStatus"]
-
 
 class ExitStatus(IntEnum):
     """How a command ended if not with 0."""

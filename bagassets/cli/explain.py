@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from bagassets.engine.targets import Evidence, Target
     from bagassets.formats.dataset_build import DatasetContents
 
-__all__ = ["explain"]
-
 _LONGEST = 60
 _SHORT_DIGEST = 16
 

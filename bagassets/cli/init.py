@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from bagassets.propose.proposal import Proposal
     from bagassets.propose.summary import RecordingSummary
 
-__all__ = ["init"]
-
 
 @click.command(
     epilog="""\b

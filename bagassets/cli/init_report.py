@@ -13,8 +13,6 @@ from bagassets.propose.proposal import Proposal
 from bagassets.propose.sensors import shown_type
 from bagassets.propose.summary import USES, TopicUse
 
-__all__ = ["print_found", "print_next_steps", "print_questions"]
-
 _WIDEST = 110
 _LISTED = 20
 _LEFT_OUT_LISTED = 8

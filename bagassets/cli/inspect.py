@@ -7,8 +7,6 @@ import click
 from bagassets.base.escaping import visible
 from bagassets.cli.terminal import echo_lines
 
-__all__ = ["inspect"]
-
 
 @click.command(
     epilog="""\b

@@ -20,8 +20,6 @@ from bagassets.forkserver.client import Client, ServerRefusedError
 from bagassets.forkserver.process import ProcessId
 from bagassets.forkserver.tasks import find_server
 
-__all__ = ["COMMANDS", "answer", "run_on_server"]
-
 # Command -> its options without a value, and those with one.
 COMMANDS: dict[str, tuple[frozenset[str], frozenset[str]]] = {
     "build": (

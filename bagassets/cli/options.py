@@ -6,8 +6,6 @@ from typing import Any
 
 import click
 
-__all__ = ["index_option", "recipe_option"]
-
 recipe_option = click.option(
     "--recipe",
     type=click.Path(path_type=Path),

@@ -9,8 +9,6 @@ from bagassets.base.json_types import JsonObject
 from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.terminal import echo, echo_lines
 
-__all__ = ["decoders", "formats"]
-
 _json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print names, packages, versions and problems as JSON."
 )

@@ -14,8 +14,6 @@ from bagassets.engine.build_report import Event
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-__all__ = ["LinesProgress", "LiveProgress", "SilentProgress", "planning_shown", "progress_for"]
-
 _BAR_WIDTH, _SMALL_BAR_WIDTH = 30, 10
 _MOST_SHOWN = 12
 

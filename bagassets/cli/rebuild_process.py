@@ -18,8 +18,6 @@ from typing import Any
 from bagassets.base.errors import BagAssetsError
 from bagassets.base.json_types import JsonObject
 
-__all__ = ["other_environment", "rebuild_elsewhere"]
-
 # Builds encode with as many threads as Dagster leaves them, usually one.
 WORKERS = 3
 # The oldest kernels, which every processor of that architecture can run.

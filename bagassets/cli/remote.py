@@ -24,8 +24,6 @@ from bagassets.forkserver.tasks import find_server, server_spec
 if TYPE_CHECKING:
     from bagassets.recipe.model import Recipe
 
-__all__ = ["InterruptedBuildError", "build_on_server", "end_servers", "server_for"]
-
 # How long the jobs of a server that is ended have to stop; the server, which may be importing Dagster, has longer.
 _END_GRACE_S = 5.0
 _END_S = 60.0

@@ -9,8 +9,6 @@ from bagassets.base.quantities import count_text, readable_bytes
 from bagassets.cli.options import recipe_option
 from bagassets.cli.terminal import echo, echo_json
 
-__all__ = ["report"]
-
 
 @click.command(
     epilog="""\b

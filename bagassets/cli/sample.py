@@ -6,8 +6,6 @@ import click
 
 from bagassets.cli.terminal import echo
 
-__all__ = ["sample"]
-
 _FORMATS = {".bag": "ros1", ".mcap": "mcap", "": "ros2", ".db3": "ros2"}
 
 

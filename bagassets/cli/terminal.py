@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-__all__ = ["echo", "echo_json", "echo_lines", "print_lines", "quoted", "status_of_unwritten"]
-
 _FULL = {errno.ENOSPC, errno.EDQUOT}
 
 

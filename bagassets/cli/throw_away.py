@@ -18,8 +18,6 @@ from bagassets.formats.guard import GUARD
 from bagassets.recipe.format_settings import OUR_FORMATS
 from bagassets.recipe.model import Bags, Recipe
 
-__all__ = ["ThrowAwayProject", "signals_handled", "throw_away_project"]
-
 
 @dataclass(frozen=True)
 class ThrowAwayProject:

@@ -13,8 +13,6 @@ from bagassets.base.errors import BagAssetsError
 from bagassets.cli.options import recipe_option
 from bagassets.cli.terminal import echo
 
-__all__ = ["ui"]
-
 _POLL_S = 0.2
 _DEFAULT_PORT = 3000
 

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from bagassets.store.integrity import Damage
     from bagassets.store.store import Store
 
-__all__ = ["verify"]
-
 _MOST_SHOWN = 20
 
 

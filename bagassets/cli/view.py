@@ -13,8 +13,6 @@ from bagassets.cli.terminal import echo, echo_json, echo_lines
 if TYPE_CHECKING:
     from bagassets.recipe.model import Recipe
 
-__all__ = ["view"]
-
 
 @click.command(
     epilog="""\b

@@ -15,8 +15,6 @@ from bagassets.cli.terminal import echo_lines
 if TYPE_CHECKING:
     from bagassets.recordings.watch import WatchEvent
 
-__all__ = ["watch"]
-
 
 @click.command(
     epilog="""\b

@@ -10,8 +10,6 @@ from bagassets.decode.model import BoxReading
 from bagassets.geometry.se3 import SE3
 from bagassets.recordings.model import Message
 
-__all__ = ["AUTOWARE_OBJECTS", "BOUNDING_BOXES", "DERIVED_OBJECTS", "DETECTIONS", "MARKER", "MARKERS"]
-
 Size = tuple[float, float, float]
 """Width, length, height in metres."""
 

@@ -14,8 +14,6 @@ from bagassets.decode.model import BoxReading
 from bagassets.geometry.se3 import SE3
 from bagassets.recordings.model import Message
 
-__all__ = ["NO_EXTENT", "BoxDecoder", "box_around"]
-
 NO_EXTENT = "its object has a shape without an extent"
 
 

@@ -9,8 +9,6 @@ from bagassets.decode.fields import stamp_and_frame
 from bagassets.geometry.calibration import COEFFICIENTS, IDENTITY, CameraCalibration, RegionOfInterest
 from bagassets.recordings.model import Message
 
-__all__ = ["CameraInfoReading", "check_lens", "decode_camera_info", "named_distortion"]
-
 # Names in the wild -> names of the models this package knows.
 MODELS = {
     "plumb_bob": "plumb_bob",

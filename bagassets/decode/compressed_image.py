@@ -23,8 +23,6 @@ from bagassets.decode.image_structure import JPEG, PNG, check_jpeg, check_png
 from bagassets.decode.model import ImageReading
 from bagassets.recordings.model import Message
 
-__all__ = ["checked_size", "decode_compressed_image", "decode_pixels"]
-
 _BAYER = re.compile(r"bayer_[rgb]{4}(8|16)")
 _COLOUR = re.compile(r"\s*(rgb|bgr)a?(8|16)\s*;")
 

@@ -14,17 +14,6 @@ from bagassets.geometry.se3 import SE3
 from bagassets.geometry.tf_tree import normalise_frame
 from bagassets.recordings.model import Message
 
-__all__ = [
-    "Column",
-    "check_points",
-    "members",
-    "rigid_transform",
-    "stamp_and_frame",
-    "stamp_ns",
-    "unit_quaternion",
-]
-
-
 Column = NDArray[Any]
 """One field of many points, of whichever type of number the message has it in."""
 

@@ -13,8 +13,6 @@ import zlib
 from bagassets.base.errors import DecodeError
 from bagassets.geometry.kernels.markers import markers_from
 
-__all__ = ["JPEG", "PNG", "check_jpeg", "check_png"]
-
 JPEG, PNG = b"\xff\xd8\xff", b"\x89PNG\r\n\x1a\n"
 
 _START = b"\xff\xd8"

@@ -14,8 +14,6 @@ from bagassets.geometry.portable import sin_cos
 from bagassets.geometry.se3 import Floats
 from bagassets.recordings.model import Message
 
-__all__ = ["decode_laserscan"]
-
 # Rays may take slightly longer than `scan_time`, which some drivers measure and others set.
 _LONGEST_IN_SCANS = 1.5
 

@@ -25,8 +25,6 @@ from bagassets.decode.registry import (
 )
 from bagassets.recordings.model import Message
 
-__all__ = ["keyed_decoder", "load_built_in", "load_decoder", "own_decoder"]
-
 _A = ParamSpec("_A")
 _R = TypeVar("_R")
 _READINGS: Mapping[AnyFamily, type] = {

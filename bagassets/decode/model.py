@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 from bagassets.decode.point_times import RecordedTimes
 from bagassets.geometry.se3 import SE3
 
-__all__ = ["BoxReading", "CloudReading", "ImageReading", "PoseReading", "RadarReading"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImageReading:

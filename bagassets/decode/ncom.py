@@ -23,8 +23,6 @@ from struct import Struct
 
 from bagassets.base.errors import DecodeError
 
-__all__ = ["PACKET_SIZE", "NcomPose", "NcomReading", "decode_ncom", "holds_ncom"]
-
 PACKET_SIZE = 72
 _LAYOUT = Struct("<BH18sBBddf9s9sBB8sB")
 _SYNC = 0xE7

@@ -13,8 +13,6 @@ from bagassets.decode.fields import stamp_ns
 from bagassets.geometry.kernels.returns import ALL_AZIMUTHS, BANK_FLAGS, PACKET
 from bagassets.recordings.model import Message
 
-__all__ = ["PAYLOADS", "VELODYNE_PACKET_SIZE", "is_velodyne_packet", "packets_in", "payload", "sender"]
-
 VELODYNE_PACKET_SIZE = PACKET.itemsize
 _VELODYNE_HEAD = Struct("<HH")  # flag and azimuth, in hundredths of a degree, of the first block
 

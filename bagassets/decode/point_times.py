@@ -33,19 +33,6 @@ from bagassets.decode.fields import Column
 from bagassets.geometry.se3 import Floats
 from bagassets.recipe.model import PointTimes
 
-__all__ = [
-    "LONGEST_REVOLUTION_NS",
-    "MOST_APART",
-    "Moment",
-    "PointClock",
-    "RecordedTimes",
-    "point_times_ns",
-    "recorded_times",
-    "suffice",
-    "survey",
-    "time_of",
-]
-
 Moment = Literal["start", "middle", "end"]
 Unit = Literal["s", "ms", "us", "ns"]
 

@@ -10,16 +10,6 @@ from bagassets.decode.model import PoseReading
 from bagassets.geometry.tf_tree import normalise_frame
 from bagassets.recordings.model import Message
 
-__all__ = [
-    "FixReading",
-    "ImuReading",
-    "decode_imu",
-    "decode_navsat",
-    "decode_pose",
-    "decode_transform",
-    "transforms",
-]
-
 _NO_FIX = -1  # sensor_msgs/NavSatStatus STATUS_NO_FIX
 
 

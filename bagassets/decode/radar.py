@@ -29,8 +29,6 @@ from bagassets.decode.pointcloud2 import point_fields
 from bagassets.decode.radar_fields import TRACK_NUMBERS, Side, radar_reading
 from bagassets.recordings.model import Message
 
-__all__ = ["decode_radar", "is_single_track", "measures_relative", "track_number"]
-
 _PACKAGES_ANGLES_RIGHT = ("delphi_esr_msgs/", "delphi_srr_msgs/", "delphi_mrr_msgs/")
 # Types whose velocities are range rates as measured.
 _RELATIVE = (

@@ -19,8 +19,6 @@ from bagassets.decode.model import RadarReading
 from bagassets.geometry.portable import sin_cos
 from bagassets.geometry.se3 import Floats
 
-__all__ = ["TRACK_NUMBERS", "Side", "radar_reading"]
-
 Side = Literal["left", "right"]
 
 # In messages of objects the position may lie in a pose.

@@ -10,8 +10,6 @@ from bagassets.decode.image_structure import JPEG, PNG
 from bagassets.decode.model import BoxReading, CloudReading, ImageReading, PoseReading, RadarReading
 from bagassets.geometry.se3 import SE3
 
-__all__ = ["problem_of"]
-
 _MAGIC = {"jpeg": JPEG, "png": PNG}
 
 

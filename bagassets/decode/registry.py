@@ -16,21 +16,6 @@ from typing import Literal
 from bagassets.base.errors import PluginError
 from bagassets.base.plugins import DecoderPlugin, Family, installed_decoders
 
-__all__ = [
-    "BUILT_IN",
-    "AnyFamily",
-    "Decoder",
-    "advice",
-    "built_in_decoder",
-    "bulk_types",
-    "decoder_key",
-    "expected_types",
-    "families_of",
-    "find_decoder",
-    "own_types",
-    "types_of",
-]
-
 AnyFamily = Family | Literal["packets", "fix", "imu", "camera_info", "transforms"]
 """The kinds of results of decoders; packages may add decoders to the families in `bagassets.base.plugins.Family`."""
 

@@ -10,8 +10,6 @@ from itertools import combinations
 
 from bagassets.decode.registry import bulk_types, families_of
 
-__all__ = ["robot_of", "robots_of"]
-
 _TF = "tf"
 _MOST_SOURCES = 200  # each is compared with each
 

@@ -26,14 +26,6 @@ from bagassets.base.errors import DecodeError, RecipeError
 from bagassets.decode.velodyne_lasers import Head, all_azimuths, head_of
 from bagassets.geometry.kernels.returns import ALL_AZIMUTHS, BANK_FLAGS, PACKET, RETURNS, Angles, take_returns
 
-__all__ = [
-    "POSITION_PACKET_SIZE",
-    "PacketFilter",
-    "PacketPoints",
-    "Packets",
-    "RevolutionDecoder",
-]
-
 POSITION_PACKET_SIZE = 512  # NMEA sentences and temperatures, sent to another port of the same host
 
 # Packets decoded at a time: the times of their returns count from the first one, in single precision.

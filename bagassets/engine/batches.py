@@ -7,8 +7,6 @@ recorded as its own partition, and the failure of one is its own (see `defs.grap
 from collections.abc import Collection, Mapping, Sequence
 from heapq import heapify, heapreplace
 
-__all__ = ["DATASET", "SMALL_BYTES", "WORTH_STEPS_BYTES", "Batch", "batches", "without_steps"]
-
 DATASET = ""
 """Stands for the datasets among partition keys."""
 

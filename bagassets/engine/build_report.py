@@ -14,19 +14,6 @@ if TYPE_CHECKING:
     # Not imported: the command line only waits for the server, and should not import all of this.
     from bagassets.engine.plan import Plan
 
-__all__ = [
-    "BagOutcome",
-    "BuildOptions",
-    "BuildReport",
-    "Event",
-    "OwnOutcome",
-    "OwnResult",
-    "Remark",
-    "Result",
-    "SummaryRow",
-    "remark_lines",
-]
-
 Result = Literal["built", "hit", "fresh", "skipped", "failed", "stopped"]
 OwnResult = Literal["made", "fresh", "skipped", "failed", "not made", "stopped"]
 _MOST_REMARKS = 12

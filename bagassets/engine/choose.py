@@ -9,8 +9,6 @@ from pathlib import Path
 from bagassets.base.errors import BagAssetsError
 from bagassets.recordings.model import RecordingFiles
 
-__all__ = ["SelectionError", "choose_assets", "choose_recordings", "split_names"]
-
 
 class SelectionError(BagAssetsError):
     """A user named a recording or asset that does not exist."""

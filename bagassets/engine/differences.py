@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from bagassets.base.alike import names_text
 from bagassets.base.json_types import JsonMapping
 
-__all__ = ["Change", "compare_actions", "describe_changes", "flatten"]
-
 _MOST_CHARACTERS = 24
 _KINDS = ("topic", "channel", "msg", "labels", "calibration")  # of inputs
 

@@ -15,8 +15,6 @@ from bagassets.recipe.model import Recipe
 from bagassets.store.store import Store
 from bagassets.store.writable import nearest_existing
 
-__all__ = ["SpaceNeeded", "folders_written", "require_disk_space", "space_needed"]
-
 # Manifests list thousands of files; a few recordings tell as much as all of them.
 _MOST_COMPARED = 3
 # Recordings of one rig differ in what they hold: with half of the estimate free, a build may well succeed.

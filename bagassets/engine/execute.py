@@ -24,8 +24,6 @@ from bagassets.store.artifact import Artifact, ArtifactWriter
 from bagassets.store.lease import in_use
 from bagassets.store.store import Outcome, Pending, Store
 
-__all__ = ["AssetResult", "BuildFailure", "Skipped", "execute", "run_again", "run_pass"]
-
 
 @dataclass(frozen=True)
 class AssetResult:

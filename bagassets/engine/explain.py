@@ -12,8 +12,6 @@ from bagassets.recordings.model import RecordingFiles
 from bagassets.store.canonical import digest_json
 from bagassets.store.store import Store
 
-__all__ = ["explain_asset", "explanation"]
-
 _SHOWN = ("data_version", "code_version", "run_id", "cached")  # of what is recorded
 
 

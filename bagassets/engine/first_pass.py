@@ -28,8 +28,6 @@ from bagassets.store.canonical import digest_json
 from bagassets.store.lease import action_lock, in_use
 from bagassets.store.store import Outcome, Store
 
-__all__ = ["FirstPass", "first_pass", "only_reader"]
-
 
 @dataclass(frozen=True)
 class FirstPass:

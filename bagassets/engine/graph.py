@@ -32,8 +32,6 @@ from bagassets.store.action import Action, Step
 from bagassets.store.artifact import Artifact
 from bagassets.store.store import Outcome, Store
 
-__all__ = ["Graph", "Node"]
-
 BAG, SELECTION = "bag", "selection"
 _INDEX_VERSION = 1
 _UNCHANGED = AssetState("fresh", "size and time unchanged")

@@ -21,8 +21,6 @@ from bagassets.store.artifact import Artifact
 from bagassets.store.canonical import digest_file
 from bagassets.store.store import Store
 
-__all__ = ["RecordingInputs", "files_beside", "named_files", "not_materialized"]
-
 
 class RecordingInputs(Contents):
     """The artifacts of one recording as they become known, and facts read from them; see `assets.asset.Inputs`.

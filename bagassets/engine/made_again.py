@@ -8,8 +8,6 @@ from bagassets.engine.plan import Plan, Recorded
 from bagassets.engine.planner import Planner
 from bagassets.store.store import Store
 
-__all__ = ["made_again"]
-
 # What the others took is estimated from these, by their size.
 _MOST_COMPARED = 20
 _RUN_S = 1.0  # what a run takes beside its work

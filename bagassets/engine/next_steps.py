@@ -11,8 +11,6 @@ from typing import NamedTuple
 
 from bagassets.engine.batches import DATASET, WORTH_STEPS_BYTES, Batch, batches, without_steps
 
-__all__ = ["Rules", "State", "Steps", "Work", "next_steps"]
-
 
 class Work(NamedTuple):
     """What is to be made of a recording, or of the datasets, and what was done about just that so far.

@@ -14,17 +14,6 @@ if TYPE_CHECKING:
     from bagassets.store.artifact import Artifact
     from bagassets.store.store import Store
 
-__all__ = [
-    "AssetState",
-    "BagPlan",
-    "Plan",
-    "Recorded",
-    "State",
-    "is_skip",
-    "skip_version",
-    "version_as_input",
-]
-
 State = Literal["fresh", "record-only", "stale", "unknown", "blocked", "failed", "missing", "skipped"]
 _SKIPPED = "skipped:"
 

@@ -21,8 +21,6 @@ from bagassets.recordings.discover import Discovery
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.store import Store
 
-__all__ = ["Planner", "Planning"]
-
 Fetch = Callable[[Iterable[str], Iterable[str]], Mapping[str, Mapping[str, Recorded]]]
 
 # Records of so many recordings are fetched at a time: as Dagster makes them, those of a thousand need 40 MB.

@@ -7,8 +7,6 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 
-__all__ = ["encoder_threads", "encoders", "keep_freed_memory"]
-
 # One thread reads and converts lidar clouds; more encoders than this would wait for it.
 _MOST_ENCODERS = 8
 # An encoder that returns from OpenCV waits this long for a thread that computes in Python. With Python's

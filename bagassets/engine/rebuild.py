@@ -15,8 +15,6 @@ from bagassets.recordings.digest import DigestIndex, recording_stat, stored_dige
 from bagassets.recordings.discover import discover
 from bagassets.store.store import Outcome, Store
 
-__all__ = ["KnownAction", "Rebuilt", "known_actions", "rebuild"]
-
 
 @dataclass(frozen=True, order=True)
 class KnownAction:

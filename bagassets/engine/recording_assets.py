@@ -9,8 +9,6 @@ from bagassets.base.plugins import installed_decoders
 from bagassets.recipe.model import Recipe, Rig
 from bagassets.store.canonical import digest_json
 
-__all__ = ["RecordingAssets"]
-
 
 class RecordingAssets:
     """The assets of a recording under a recipe, in the order in which they are made; `bag` is not one of them.

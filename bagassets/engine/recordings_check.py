@@ -26,8 +26,6 @@ from bagassets.recordings.model import RecordingFiles
 from bagassets.store.artifact import Artifact
 from bagassets.store.store import Store
 
-__all__ = ["ChangedFile", "ChangedTopic", "CheckedRecording", "check_recordings"]
-
 
 @dataclass(frozen=True)
 class ChangedFile:

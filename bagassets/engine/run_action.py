@@ -14,8 +14,6 @@ from bagassets.store.action import Action
 from bagassets.store.artifact import ArtifactWriter
 from bagassets.store.store import Outcome, Store
 
-__all__ = ["run_action"]
-
 Make = Callable[[ArtifactWriter], JsonObject]
 
 

@@ -14,8 +14,6 @@ from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.recipe.model_splits import Splits
 from bagassets.store.canonical import canonical_json
 
-__all__ = ["SplitShare", "Ties", "deal", "moves", "shares_of"]
-
 _POSITIONS = 2**64
 # Chance decides as long as no boundary between splits is off by more than this share of the recordings.
 _LEEWAY = Fraction(1, 20)

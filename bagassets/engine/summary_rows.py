@@ -9,8 +9,6 @@ from bagassets.engine.plan import BagPlan
 from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.store.store import Store
 
-__all__ = ["summary_rows"]
-
 
 def summary_rows(
     report: BuildReport, store: Store, assets: RecordingAssets, *, most: int | None = None

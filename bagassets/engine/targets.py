@@ -11,17 +11,6 @@ from typing import Literal
 from bagassets.engine.plan import AssetState, BagPlan, Recorded, version_as_input
 from bagassets.store.canonical import digest_json
 
-__all__ = [
-    "TO_MAKE",
-    "Evidence",
-    "Read",
-    "Target",
-    "inputs_digest",
-    "read_before",
-    "state_as_read",
-    "target_state",
-]
-
 TO_MAKE = frozenset({"missing", "stale"})
 _TO_COME = TO_MAKE | {"unknown", "record-only"}
 

@@ -18,8 +18,6 @@ from bagassets.base.json_types import JsonObject
 from bagassets.base.trace import VARIABLE, event, name_process
 from bagassets.engine.build_report import Event
 
-__all__ = ["recorded_trace", "trace_recordings"]
-
 _PERIOD_S = 0.1
 _STAT = Path("/proc/stat")
 

@@ -16,8 +16,6 @@ from bagassets.recordings.recording import Recording
 from bagassets.store.artifact import Artifact
 from bagassets.store.store import Store
 
-__all__ = ["Track", "track_of"]
-
 
 @dataclass(frozen=True)
 class Track:

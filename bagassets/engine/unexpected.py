@@ -5,8 +5,6 @@ from pathlib import Path
 
 from bagassets.base.errors import BagAssetsError, MemoryShortageError, UnexpectedError, kind_and_text
 
-__all__ = ["explained_error"]
-
 _OPENCV_NO_MEMORY = -4  # cv2.Error.StsNoMem, as `cv2.error.code`
 _PACKAGE = Path(__file__).parents[1]
 

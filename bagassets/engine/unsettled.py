@@ -12,8 +12,6 @@ from bagassets.base.atomic import write_atomically
 from bagassets.engine.plan import Plan
 from bagassets.store.canonical import digest_bytes
 
-__all__ = ["Unsettled"]
-
 _FOLDER = "unsettled"
 
 

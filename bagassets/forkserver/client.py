@@ -20,8 +20,6 @@ from bagassets.forkserver.protocol import FirstJob, Lines, Message, encode
 from bagassets.forkserver.server_files import ServerFiles, last_lines
 from bagassets.forkserver.spec import SOURCE_CHANGED, ServerSpec
 
-__all__ = ["Client", "ServerRefusedError", "ServerStart"]
-
 _ANSWER_S = 15.0
 _GRACE_S = 30.0
 _RETRY_S = 0.05

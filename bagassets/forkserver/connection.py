@@ -6,8 +6,6 @@ from collections.abc import Callable
 
 from bagassets.forkserver.protocol import Lines, Message, encode
 
-__all__ = ["Connection"]
-
 
 class Connection:
     """Reads requests and writes answers without ever waiting for the client."""

@@ -15,8 +15,6 @@ from bagassets.forkserver.process import ProcessId
 from bagassets.forkserver.protocol import Lines, Message, encode
 from bagassets.forkserver.worker import run_job
 
-__all__ = ["Job"]
-
 _VMSTAT = Path("/proc/vmstat")
 
 

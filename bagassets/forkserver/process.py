@@ -14,8 +14,6 @@ from typing import NamedTuple, Self
 from bagassets.base.fingerprints import boot_id
 from bagassets.base.json_types import JsonObject
 
-__all__ = ["ProcessId"]
-
 _PROC = Path("/proc")
 
 

@@ -9,8 +9,6 @@ import socket
 
 from bagassets.base.json_types import JsonObject
 
-__all__ = ["FirstJob", "Lines", "Message", "encode"]
-
 Message = JsonObject
 # `module:function` and its arguments, run by a server while it starts.
 FirstJob = tuple[str, Message]

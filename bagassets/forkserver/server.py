@@ -25,8 +25,6 @@ from bagassets.forkserver.server_files import ServerFiles
 from bagassets.forkserver.spec import ServerSpec
 from bagassets.forkserver.worker import load_function
 
-__all__ = ["Server"]
-
 _LOG = logging.getLogger(__name__)
 _TICK_S = 0.5
 _AGE_CHECK_S = 5.0

@@ -10,8 +10,6 @@ from typing import NamedTuple
 
 from bagassets.base.errors import BagAssetsError
 
-__all__ = ["ServerFiles", "last_lines"]
-
 _SHORT_FOLDER = Path("/tmp")  # noqa: S108  (the folder below it is checked to be ours alone)
 _SOCKET_PATH_LIMIT = 100  # bytes; the system's limit is 108 on Linux and 104 elsewhere, with the final zero
 

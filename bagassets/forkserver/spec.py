@@ -21,8 +21,6 @@ from bagassets.base.errors import BagAssetsError
 from bagassets.base.fingerprints import code_fingerprint, digest_lines, recipe_fingerprint, site_folders
 from bagassets.base.json_types import JsonObject
 
-__all__ = ["IDLE_TIMEOUT_S", "SOURCE_CHANGED", "ServerSpec"]
-
 IDLE_TIMEOUT_S = 900.0
 SOURCE_CHANGED = 75  # exit status of a server whose stamp was outdated before it could serve
 

@@ -16,8 +16,6 @@ from bagassets.forkserver.client import Client
 from bagassets.forkserver.server_files import ServerFiles
 from bagassets.forkserver.spec import IDLE_TIMEOUT_S, ServerSpec
 
-__all__ = ["DEFINITIONS", "END_WORKER", "connect", "find_server", "server_spec", "submit_run"]
-
 DEFINITIONS = "bagassets.definitions"
 _WORKER = "bagassets.defs.launchers.run_worker"
 END_WORKER = f"{_WORKER}:end_worker"

@@ -23,8 +23,6 @@ from bagassets.base.errors import BagAssetsError
 from bagassets.base.json_types import JsonMapping
 from bagassets.forkserver.protocol import Lines, Message, encode
 
-__all__ = ["cancel_requested", "load_function", "note", "run_job"]
-
 
 class _Channel:
     """The worker's end of the socket to the server; does nothing if there is no server."""

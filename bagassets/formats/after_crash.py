@@ -26,8 +26,6 @@ from bagassets.store.artifact import MANIFEST, Artifact
 from bagassets.store.integrity import artifact_damage
 from bagassets.store.store import Store
 
-__all__ = ["WINDOW_S", "noted_build", "repair_last_writes"]
-
 # Every 5 s, Linux writes back what is older than 30 s; a slow disk takes longer.
 WINDOW_S = 120.0
 # The clock may be set a little while a machine boots.

@@ -29,8 +29,6 @@ from bagassets.recipe.model_splits import Splits
 from bagassets.store.canonical import digest_bytes, digest_file, digest_json
 from bagassets.store.store import Store
 
-__all__ = ["DatasetSummary", "assemble", "remove_files", "without_copies"]
-
 S = TypeVar("S", bound=DatasetSettings)
 
 

@@ -28,18 +28,6 @@ from bagassets.formats.format import AnyFormat
 from bagassets.recipe.format_settings import OUR_FORMATS
 from bagassets.recipe.model import Recipe
 
-__all__ = [
-    "Catalogue",
-    "catalogue",
-    "format_of",
-    "formats",
-    "formats_of",
-    "installed_format",
-    "known_assets",
-    "problems_of",
-    "recording_assets",
-]
-
 OURS: tuple[AnyFormat, ...] = tuple(
     getattr(import_module(f"bagassets.formats.{name}.format"), name.upper()) for name in OUR_FORMATS
 )

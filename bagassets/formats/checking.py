@@ -22,17 +22,6 @@ from bagassets.recordings.discover import Discovery
 from bagassets.store.artifact import Artifact
 from bagassets.store.store import Store
 
-__all__ = [
-    "Verdict",
-    "check_bag",
-    "check_dataset",
-    "check_datasets",
-    "dataset_checks",
-    "quick_findings",
-    "remarks_on_record",
-    "render_checks",
-]
-
 
 @dataclass(frozen=True)
 class Verdict:

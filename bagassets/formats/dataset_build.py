@@ -27,24 +27,6 @@ from bagassets.store.canonical import digest_file, digest_json
 from bagassets.store.lease import in_use
 from bagassets.store.store import Store
 
-__all__ = [
-    "Dataset",
-    "DatasetContents",
-    "DatasetInputs",
-    "build_dataset",
-    "dataset_code_versions",
-    "dataset_contents",
-    "dataset_folders",
-    "datasets_of",
-    "deal_contents",
-    "first_lock",
-    "is_on_disk",
-    "made_from",
-    "recordings_without_scenes",
-    "select_inputs",
-    "split_on_disk",
-]
-
 
 @dataclass(frozen=True)
 class Dataset:

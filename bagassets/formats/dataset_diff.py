@@ -12,8 +12,6 @@ from bagassets.formats.dataset_lock import DatasetLock, LockedBag
 from bagassets.formats.format import AnyFormat
 from bagassets.store.store import Store
 
-__all__ = ["BagDiff", "DatasetDiff", "SceneDiff", "diff_datasets"]
-
 _V = TypeVar("_V")
 _LEFT_OUT = ("skipped", "failed", "duplicates")
 

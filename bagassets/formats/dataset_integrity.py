@@ -25,8 +25,6 @@ from bagassets.store.artifact import Artifact, FileEntry
 from bagassets.store.canonical import digest_file
 from bagassets.store.store import Store
 
-__all__ = ["DatasetDamage", "find_damage", "remove_changed_sources", "remove_damaged"]
-
 
 @dataclass(frozen=True)
 class DatasetDamage:

@@ -14,8 +14,6 @@ from typing import NamedTuple
 from bagassets.base.errors import DatasetError
 from bagassets.base.json_types import JsonMapping
 
-__all__ = ["LOCK", "DatasetLock", "LockedBag", "load_lock", "locked_artifacts", "read_lock"]
-
 LOCK = "dataset.lock.json"
 FORMAT = 2
 

@@ -15,8 +15,6 @@ from bagassets.store.canonical import digest_bytes
 from bagassets.store.lease import in_use
 from bagassets.store.store import Store
 
-__all__ = ["default_output", "missing_recordings", "restore_dataset"]
-
 
 def default_output(lock: DatasetLock, recipe: Recipe) -> Path:
     """Return where to restore a dataset: in place if the lock is in one, else beside the recipe's output."""

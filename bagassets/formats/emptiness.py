@@ -12,8 +12,6 @@ from bagassets.recipe.load import where_in
 from bagassets.recipe.model import Recipe
 from bagassets.store.store import Store
 
-__all__ = ["left_behind", "why_empty"]
-
 
 def why_empty(recipe: Recipe, recipe_file: Path, store: Store, chosen: Collection[str]) -> str:
     """Return a sentence about each dataset on disk that has recordings, and nothing of them; "" if there is none.

@@ -20,8 +20,6 @@ from bagassets.recipe.model_checks import Checks
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-__all__ = ["Enabled", "checked_asset", "checked_format"]
-
 _CALLABLE = ("join", "links", "counts", "duration_s", "folder", "row", "why_empty")
 _CALLABLE_OR_NONE = ("fills_split", "samples", "select", "check")
 _A = ParamSpec("_A")

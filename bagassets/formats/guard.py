@@ -8,8 +8,6 @@ from pathlib import Path
 from bagassets.base.errors import DatasetError
 from bagassets.base.lock_files import LockFile
 
-__all__ = ["GUARD", "guarded", "refuse_unexpected"]
-
 GUARD = ".bagassets.lock"
 
 

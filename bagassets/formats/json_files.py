@@ -9,16 +9,6 @@ from blake3 import blake3
 
 from bagassets.store.canonical import digest_bytes
 
-__all__ = [
-    "column_texts",
-    "json_bytes",
-    "row_blocks",
-    "rows_bytes",
-    "rows_text",
-    "write_hashed",
-    "write_joined",
-]
-
 _BLOCK_BYTES = 1 << 20
 
 

@@ -11,8 +11,6 @@ from pathlib import Path
 from bagassets.base.atomic import replacing
 from bagassets.base.errors import DatasetError
 
-__all__ = ["Linker"]
-
 FICLONE = 0x40049409  # linux/fs.h: make a file share the blocks of another
 # Hard links do not cross file systems; some file systems have none, or limit their number per file.
 _NO_HARD_LINK = {errno.EXDEV, errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EACCES}

@@ -33,8 +33,6 @@ from bagassets.store.artifact import Artifact
 from bagassets.store.canonical import digest_bytes
 from bagassets.store.store import Outcome, Store
 
-__all__ = ["build_map", "make_map_shell", "map_path", "report_data", "report_path", "track_on_record"]
-
 _NO_SPLIT = "not in the dataset"
 
 

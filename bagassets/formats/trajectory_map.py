@@ -12,8 +12,6 @@ from bagassets.store.action import Action, Step
 from bagassets.store.artifact import Artifact, ArtifactWriter
 from bagassets.store.canonical import digest_json
 
-__all__ = ["MAP", "SHELL_STEP", "STEP", "action", "make", "make_shell"]
-
 STEP = Step("trajectory_map", 5)
 SHELL_STEP = Step("map_shell", 3, ("folium", "branca"))
 MAP, SHELL = "trajectory_map.html", "shell.html"

@@ -12,19 +12,6 @@ from pydantic import TypeAdapter
 from bagassets.base.json_types import JsonMapping
 from bagassets.geometry.se3 import SE3
 
-__all__ = [
-    "COEFFICIENTS",
-    "IDENTITY",
-    "CalibratedCamera",
-    "CalibratedSensor",
-    "Calibration",
-    "CameraCalibration",
-    "CameraLens",
-    "Mount",
-    "Mounts",
-    "RegionOfInterest",
-]
-
 IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 """A (3, 3) matrix, row by row."""
 COEFFICIENTS: Mapping[str, tuple[int, ...]] = {

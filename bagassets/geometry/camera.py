@@ -14,8 +14,6 @@ from bagassets.geometry.calibration import CameraLens
 from bagassets.geometry.portable import arctan_unit, sin_cos
 from bagassets.geometry.se3 import Floats
 
-__all__ = ["CameraModel"]
-
 # OpenCV's maps count 32nds of a pixel (INTER_BITS).
 _STEP_BITS = 5
 _STEPS = 1 << _STEP_BITS

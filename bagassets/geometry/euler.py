@@ -7,8 +7,6 @@ import numpy as np
 from bagassets.geometry.portable import sin_cos
 from bagassets.geometry.se3 import Floats, Number
 
-__all__ = ["of_half_angles", "quaternions_from_rpy"]
-
 
 def quaternions_from_rpy(rpy_rad: Floats) -> Floats:
     """Return (..., 4) quaternions w, x, y, z of (..., 3) roll, pitch and yaw in radians."""

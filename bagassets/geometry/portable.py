@@ -15,16 +15,6 @@ import numpy as np
 
 from bagassets.geometry.se3 import Floats
 
-__all__ = [
-    "arctan2",
-    "arctan_unit",
-    "arctanh_small",
-    "sin_cos",
-    "sin_cos_deg",
-    "sinc",
-    "sinh_cosh_small",
-]
-
 # (-1)^k / (2k + 1)!  and  (-1)^k / (2k)!
 _SINC = list(accumulate(range(1, 12), lambda last, k: -last / ((2 * k) * (2 * k + 1)), initial=1.0))
 _COS = list(accumulate(range(1, 12), lambda last, k: -last / ((2 * k - 1) * (2 * k)), initial=1.0))

@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 from bagassets.geometry.se3 import SE3, Floats, quaternion_multiply, rotate
 from bagassets.geometry.trajectory import Trajectory
 
-__all__ = ["Velocities", "sensor_velocities", "what_velocities_are"]
-
 Velocities = Literal["relative", "over_ground"]
 
 # Shorter, and the noise of poses would show (2 cm are 0.14 m/s); longer, and braking would.

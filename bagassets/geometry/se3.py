@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Number = TypeVar("Number", float, Floats)
 
-__all__ = ["SE3", "Floats", "quaternion_from_rotation", "quaternion_multiply", "rotate"]
-
 IDENTITY_QUATERNION = (1.0, 0.0, 0.0, 0.0)
 
 

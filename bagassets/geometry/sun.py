@@ -3,8 +3,6 @@
 from datetime import UTC, datetime
 from math import asin, cos, degrees, pi, radians, sin
 
-__all__ = ["daylight", "sun_elevation_deg"]
-
 # Below this the sun gives hardly any light (end of civil twilight).
 NIGHT_DEG = -6.0
 _FIRST_GNSS_NS = 631_152_000 * 1_000_000_000  # 1990-01-01

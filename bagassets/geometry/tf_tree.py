@@ -15,8 +15,6 @@ from bagassets.base.errors import CalibrationError
 from bagassets.geometry.se3 import SE3, Floats, quaternion_multiply, rotate
 from bagassets.geometry.trajectory import Trajectory
 
-__all__ = ["Edge", "TfTree", "TransformLog", "normalise_frame"]
-
 # Edges that stay within this of their first value are fixed joints: publishers repeat them
 # bit for bit or with the noise of single precision.
 FIXED_M = 1e-6

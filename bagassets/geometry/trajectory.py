@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 from bagassets.geometry.portable import arctan_unit, sinc
 from bagassets.geometry.se3 import SE3, Floats, quaternion_multiply
 
-__all__ = ["Trajectory", "slerp"]
-
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:

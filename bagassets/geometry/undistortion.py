@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.kernels.bilinear import BilinearLookup
 
-__all__ = ["Undistortion", "undistort"]
-
 Pixels = NDArray[Any]
 """uint8 or uint16: OpenCV takes both, and its type hints cannot tell them apart."""
 

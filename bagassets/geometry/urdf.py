@@ -16,8 +16,6 @@ from bagassets.geometry.euler import quaternions_from_rpy
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.tf_tree import Edge, normalise_frame
 
-__all__ = ["urdf_edges"]
-
 
 @dataclass
 class _Joint:

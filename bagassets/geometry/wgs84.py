@@ -12,8 +12,6 @@ import numpy as np
 from bagassets.geometry.portable import arctan2, arctanh_small, sin_cos, sin_cos_deg, sinh_cosh_small
 from bagassets.geometry.se3 import SE3, Floats, quaternion_multiply
 
-__all__ = ["LocalFrame", "UtmTrack", "ecef", "ecef_Q_enu", "utm_track"]
-
 # NIMA TR8350.2, "Department of Defense World Geodetic System 1984".
 SEMI_MAJOR_M = 6_378_137.0
 FLATTENING = 1 / 298.257223563

@@ -13,8 +13,6 @@ from bagassets.geometry.calibration_files.model import CalibrationFile
 from bagassets.geometry.calibration_files.read import MOST_BYTES, read_calibration_file
 from bagassets.propose.naming import sensor_of, tokens
 
-__all__ = ["FoundCalibration", "ProposedCalibration", "calibration_of", "find_calibrations"]
-
 _ENDINGS = (".yaml", ".yml")
 _HINT = re.compile(rb"camera_matrix|camera_model")
 _DEPTH = 3

@@ -4,8 +4,6 @@ from dataclasses import dataclass
 
 from bagassets.base.escaping import visible
 
-__all__ = ["Question", "Sheet"]
-
 _WIDTH = 110
 
 

@@ -13,16 +13,6 @@ from bagassets.propose.naming import tokens, word_list
 from bagassets.propose.sensors import Sensor
 from bagassets.propose.summary import Edge, RecordingSummary, TopicSummary
 
-__all__ = [
-    "EgoFrame",
-    "connected",
-    "contradiction",
-    "global_frame_of",
-    "is_optical",
-    "mounting",
-    "propose_ego_frame",
-]
-
 _GLOBAL_FRAMES = ("map", "world", "odom", "earth", "local", "global", "enu", "utm")
 _EGO_FRAMES = word_list(
     "base_link base_footprint ego_vehicle ego vehicle vehicle_link base base_frame base_stabilized chassis "

@@ -12,8 +12,6 @@ from bagassets.propose.sensors import find_sensors, modality_of
 from bagassets.propose.summary import RecordingSummary, merge_recordings
 from bagassets.recordings.globs import literal_glob, matches
 
-__all__ = ["Group", "group_recordings", "match_globs"]
-
 _ENOUGH_IN_COMMON = 0.5
 
 

@@ -5,19 +5,6 @@ from collections.abc import Collection, Iterable
 from itertools import chain, count
 from typing import Literal
 
-__all__ = [
-    "channel_name",
-    "direction",
-    "free_name",
-    "is_derived",
-    "is_radar_list",
-    "is_sensor_type",
-    "sensor_of",
-    "tokens",
-    "word_list",
-    "word_set",
-]
-
 Modality = Literal["camera", "lidar", "radar"]
 
 PREFIX: dict[str, str] = {"camera": "CAM", "lidar": "LIDAR", "radar": "RADAR"}

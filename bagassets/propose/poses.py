@@ -8,8 +8,6 @@ from bagassets.propose.frames import connected, global_frame_of, is_optical
 from bagassets.propose.naming import tokens, word_set
 from bagassets.propose.summary import RecordingSummary, TopicSummary
 
-__all__ = ["PoseProposal", "SourceKey", "lonely_poses", "odometry_of", "pose_candidates", "propose_pose"]
-
 _ODOMETRY = "nav_msgs/msg/Odometry"  # names the frame whose pose it gives, and so is a source of its own
 _COMMANDS = word_set("clicked cmd command desired goal initialpose plan set setpoint target waypoint")
 _FUSED = word_set(

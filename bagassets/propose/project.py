@@ -18,8 +18,6 @@ from bagassets.base.atomic import write_atomically
 from bagassets.base.errors import RecipeError
 from bagassets.recipe.model import Recipe
 
-__all__ = ["FILES", "dagster_files", "dagster_home", "write_project"]
-
 FILES = ("recipe.yaml", "dagster.yaml", "workspace.yaml", ".env")
 """What every project folder holds."""
 

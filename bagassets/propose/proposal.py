@@ -17,8 +17,6 @@ from bagassets.propose.sensors import find_sensors, lacks_definition, shown_type
 from bagassets.propose.summary import RecordingSummary, TopicUse
 from bagassets.recipe.model import Scenes
 
-__all__ = ["Bare", "Proposal", "propose_recipe"]
-
 _LISTED = 20
 
 

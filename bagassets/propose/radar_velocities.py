@@ -16,8 +16,6 @@ from bagassets.geometry.wgs84 import ecef
 from bagassets.recordings.model import RawMessage
 from bagassets.recordings.recording import Recording
 
-__all__ = ["velocities_of"]
-
 # Vehicles stand before they drive; then a few seconds are enough.
 _LONGEST_S, _STEP_S, _MOST_READINGS = 60.0, 0.2, 30
 _HALF_WINDOW_S = 0.25

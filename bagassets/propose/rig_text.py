@@ -14,8 +14,6 @@ from bagassets.propose.summary import transform_topics
 from bagassets.recipe.model import Rig
 from bagassets.recordings.globs import literal_glob
 
-__all__ = ["urdf_name", "write_rig"]
-
 _USUAL_TF = (*Rig.model_fields["tf"].default, *Rig.model_fields["tf_static"].default)
 
 

@@ -15,8 +15,6 @@ from bagassets.propose.poses import PoseProposal, odometry_of, propose_pose
 from bagassets.propose.sensors import Sensor, find_sensors
 from bagassets.propose.summary import USES, RecordingSummary, TopicUse, transform_topics
 
-__all__ = ["ClockProposal", "RigProposal", "boxes_in", "propose_rig", "uses_of"]
-
 _LARGE_OFFSET_S = 1.0
 _MARKERS = "visualization_msgs/"  # for whatever somebody wants to see in three dimensions, seldom for boxes
 _TRUTH = word_set("annotation annotations gt ground groundtruth label labels labelled truth")

@@ -36,8 +36,6 @@ from bagassets.recordings.model import Message, RawMessage
 from bagassets.recordings.recording import Recording
 from bagassets.recordings.topic import ForeignBytes, Topic
 
-__all__ = ["point_time_notes", "scan_recording"]
-
 Decode = Callable[..., Any]
 Facts = dict[str, Any]
 """Fields of a `TopicSummary` that one message gives."""

@@ -14,8 +14,6 @@ from bagassets.propose.naming import (
 )
 from bagassets.propose.summary import RecordingSummary, TopicSummary, TopicUse
 
-__all__ = ["Sensor", "find_sensors", "lacks_definition", "modality_of", "shown_type"]
-
 _BY_FAMILY: dict[AnyFamily, Modality] = {"image": "camera", "cloud": "lidar", "radar": "radar"}
 # Carries packets of Velodyne lidars only; other types may carry any packets.
 _VELODYNE_SCAN = "velodyne_msgs/msg/VelodyneScan"

@@ -8,17 +8,6 @@ from bagassets.decode.point_times import PointClock
 from bagassets.decode.registry import types_of
 from bagassets.geometry.se3 import SE3
 
-__all__ = [
-    "USES",
-    "Edge",
-    "RecordingSummary",
-    "TopicSummary",
-    "TopicUse",
-    "merge_recordings",
-    "merge_topics",
-    "transform_topics",
-]
-
 Edge = tuple[str, str]
 """Parent and child frame, without leading slash."""
 

@@ -13,8 +13,6 @@ from bagassets.recipe.model_poses import FixedPose, NavSatSource, TfSource
 from bagassets.recipe.problems import Problem, value_at
 from bagassets.recipe.schema import closest, suggestion
 
-__all__ = ["paths_in", "problems_in"]
-
 _COEFFICIENTS = {"plumb_bob": (0, 4, 5), "rational_polynomial": (0, 8, 12, 14), "equidistant": (0, 4)}
 """Model -> possible numbers of distortion coefficients in OpenCV and ROS."""
 

@@ -15,16 +15,6 @@ from bagassets.base.json_types import JsonMapping
 from bagassets.base.plugins import FORMATS, Extension, installed_extensions
 from bagassets.recipe.model_base import DatasetSettings, Model
 
-__all__ = [
-    "DEFAULT_FORMAT",
-    "OUR_FORMATS",
-    "asked_formats",
-    "section_at",
-    "section_model",
-    "settings_model",
-    "with_our_sections",
-]
-
 OUR_FORMATS = {"nuscenes": "NuScenes", "vision": "Vision"}
 """Folder in `formats/` -> model of the section, which is in its `settings.py`; in the order in which formats are listed."""
 

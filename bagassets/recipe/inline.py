@@ -9,8 +9,6 @@ from bagassets.base.json_types import JsonObject
 from bagassets.recipe.load import parse_recipe
 from bagassets.recipe.model import Recipe
 
-__all__ = ["parse_inline", "write_inline"]
-
 
 def parse_inline(text: str, place: Path) -> Recipe:
     """Return the recipe in a text, with absolute paths.

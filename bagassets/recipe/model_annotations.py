@@ -7,20 +7,6 @@ from pydantic import AfterValidator, Field
 
 from bagassets.recipe.model_base import FrameName, Model, TopicName, not_empty
 
-__all__ = [
-    "AnnotationFiles",
-    "AnnotationTopic",
-    "BoxFiles",
-    "FileTimes",
-    "FrameTimes",
-    "KittiLabels",
-    "KittiTracklets",
-    "NameTimes",
-    "NuScenesTables",
-    "SustechFolder",
-    "TopicTimes",
-]
-
 _PATH = (
     "Relative to the recording's folder; `{stem}` (file name without suffix), `{name}` and `{key}` are replaced by those "
     "of the recording."

@@ -11,22 +11,6 @@ if TYPE_CHECKING:
     from bagassets.base.json_types import Json
     from bagassets.recipe.model import Recipe
 
-__all__ = [
-    "CameraName",
-    "ChannelName",
-    "Clock",
-    "DatasetSettings",
-    "FieldValueError",
-    "FrameName",
-    "Model",
-    "Quaternion",
-    "Slug",
-    "TopicName",
-    "Transform",
-    "Vector3",
-    "not_empty",
-]
-
 Clock = Literal["header", "log"]
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]

@@ -8,17 +8,6 @@ from pydantic import Discriminator, Field, Tag
 
 from bagassets.recipe.model_base import CameraName, FrameName, Model, Transform
 
-__all__ = [
-    "CalibrationFile",
-    "CameraExtrinsics",
-    "CameraIntrinsics",
-    "ExtrinsicsFile",
-    "Intrinsics",
-    "IntrinsicsFile",
-    "LensModel",
-    "PinholeIntrinsics",
-]
-
 LensModel = Literal["plumb_bob", "rational_polynomial", "equidistant"]
 
 

@@ -8,8 +8,6 @@ from pydantic import AfterValidator, Field, model_validator
 
 from bagassets.recipe.model_base import FieldValueError, Model, Slug
 
-__all__ = ["NamedDataset", "moment_ns"]
-
 LatLon = tuple[float, float]
 
 

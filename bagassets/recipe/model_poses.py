@@ -7,17 +7,6 @@ from pydantic import AfterValidator, Field
 
 from bagassets.recipe.model_base import FrameName, Model, TopicName, Transform
 
-__all__ = [
-    "FixedPose",
-    "MovingPoseSource",
-    "NavSatSource",
-    "NcomSource",
-    "OdometrySource",
-    "PoseSource",
-    "PoseTopicSource",
-    "TfSource",
-]
-
 
 def _sender(text: str) -> str:
     match = re.fullmatch(r"(\d{1,3})\.(\d{1,3})\.(\d{1,3})\.(\d{1,3})(?::(\d{1,5}))?", text)

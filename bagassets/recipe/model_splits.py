@@ -6,8 +6,6 @@ from pydantic import Field, model_validator
 
 from bagassets.recipe.model_base import FieldValueError, Model, Slug
 
-__all__ = ["Splits"]
-
 
 class Splits(Model):
     """How recordings are dealt to train, val and other splits, for all datasets alike.

@@ -13,15 +13,6 @@ from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_base import FieldValueError, Transform
 from bagassets.recipe.schema import closest, describe, enter, plain, suggestion, tag_field, variants
 
-__all__ = [
-    "Problem",
-    "explain",
-    "open_questions",
-    "undecided",
-    "value_at",
-    "with_stand_ins",
-]
-
 Problem = tuple[tuple[str | int, ...], str]
 """A location in the recipe (field names, keys, indices), and what is wrong there, without full stop."""
 

@@ -11,8 +11,6 @@ from pydantic_core import PydanticUndefined, to_jsonable_python
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.schema import describe, is_tag, limits, models_in, plain, tag_field, variants
 
-__all__ = ["render_reference"]
-
 _INTRODUCTION = """\
 # The recipe
 

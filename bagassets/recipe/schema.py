@@ -12,19 +12,6 @@ from pydantic.fields import FieldInfo
 from bagassets.base.json_types import Json
 from bagassets.recipe.model_base import ChannelName, Quaternion, Slug, Transform, Vector3
 
-__all__ = [
-    "closest",
-    "describe",
-    "enter",
-    "is_tag",
-    "limits",
-    "models_in",
-    "plain",
-    "suggestion",
-    "tag_field",
-    "variants",
-]
-
 
 def plain(annotation: object) -> object:
     """Return the type without `Annotated` and without `| None`."""

@@ -15,8 +15,6 @@ import yaml
 from bagassets.base.errors import RecipeError
 from bagassets.base.json_types import Json, JsonObject
 
-__all__ = ["Place", "read_yaml"]
-
 _TAG = "tag:yaml.org,2002:"
 # A text has fewer values than characters; aliases may add up to this many.
 _PLENTY = 100_000

@@ -5,8 +5,6 @@ from collections.abc import Callable
 from bagassets.recordings.damage import DamageError
 from bagassets.recordings.sizes import GIGABYTE
 
-__all__ = ["LatestChunks", "detached"]
-
 # Chunks overlap with their neighbours; recorders fill them to a megabyte or a few.
 _KEPT_CHUNKS = 4
 # A pass decompresses each chunk once, some twice. A forged index could demand it for every message.

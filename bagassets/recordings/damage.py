@@ -6,8 +6,6 @@ from pathlib import Path
 
 from bagassets.base.errors import RecordingError
 
-__all__ = ["DamageError", "advice_for", "refuse_pointer", "unreadable"]
-
 _ADVICE = {
     ".bag": "expected a finished ROS 1 bag; try `rosbag reindex` on a copy, or copy it again from where it was recorded",
     ".mcap": "expected a finished MCAP; try `mcap recover`, or copy it again from where it was recorded",

@@ -15,8 +15,6 @@ from bagassets.recordings.journals import without_journals
 from bagassets.recordings.model import Definition, OnRead
 from bagassets.recordings.topic import RefusedBytes, TopicSource, is_transient_local, normalise_msgtype
 
-__all__ = ["Database", "serialization_problem"]
-
 _GENERATED = (2, 3)  # `hidden` in `PRAGMA table_xinfo`
 _PAGE_BYTES = 4092  # without the link to the next page
 _ROW_BYTES = 30  # what a small message takes besides its payload, its place in the index included

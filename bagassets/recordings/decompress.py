@@ -11,8 +11,6 @@ from bagassets.recordings.damage import DamageError
 from bagassets.recordings.model import OnRead
 from bagassets.recordings.sizes import Sizes
 
-__all__ = ["TooLargeError", "decompress", "decompress_file"]
-
 _PIECE_BYTES = 1024 * 1024
 
 

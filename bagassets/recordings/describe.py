@@ -7,8 +7,6 @@ from bagassets.base.escaping import visible
 from bagassets.base.json_types import JsonMapping
 from bagassets.base.quantities import count_text, readable_bytes
 
-__all__ = ["describe_inventory"]
-
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _FORMATS = {"ros1": "ROS 1 bag", "ros2": "ROS 2 bag", "mcap": "MCAP"}
 _COLUMNS = ("topic", "type", "count", "Hz", "max gap", "clock offset", "frames", "problem")

@@ -14,8 +14,6 @@ from bagassets.base.errors import DecodeError
 from bagassets.recordings.known_types import FieldType, Types
 from bagassets.recordings.model import Serialization
 
-__all__ = ["SIZES", "announced_elements", "check_elements", "fewest_bytes_of"]
-
 SIZES = {
     **dict.fromkeys(("bool", "byte", "char", "octet", "int8", "uint8"), 1),
     **dict.fromkeys(("int16", "uint16"), 2),

@@ -3,8 +3,6 @@
 import re
 from functools import cache
 
-__all__ = ["literal_glob", "matches", "may_match_within"]
-
 
 def matches(pattern: str, relative: str) -> bool:
     """Tell whether a glob matches a path with `/`.

@@ -15,8 +15,6 @@ from bagassets.base.json_types import JsonMapping
 from bagassets.base.quantities import count_text
 from bagassets.recordings.model import Definition, Format
 
-__all__ = ["Gap", "GnssFix", "HeaderOffset", "Inventory", "TopicRecord"]
-
 Daylight = Literal["day", "night", "twilight"]
 
 

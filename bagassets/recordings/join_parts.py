@@ -11,8 +11,6 @@ from bagassets.recipe.model import Bags
 from bagassets.recordings.model import RecordingFiles
 from bagassets.recordings.series import Candidate, Part, Verdict, candidates, judge, odd_number
 
-__all__ = ["FOR_NOW", "Joined", "join_parts"]
-
 FOR_NOW = "cannot be read for now"
 """Says of a part why its series is left out at the moment."""
 

@@ -18,8 +18,6 @@ from bagassets.base.errors import RecordingError, ScratchError
 from bagassets.base.quantities import readable_bytes
 from bagassets.recordings.damage import DamageError
 
-__all__ = ["journals_of", "scratch_folder", "without_journals"]
-
 _LOG, _JOURNAL = "-wal", "-journal"
 # The header of a log; frames follow. A journal begins with a header of 28 bytes.
 _HEADER_BYTES = 32

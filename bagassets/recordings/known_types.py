@@ -15,8 +15,6 @@ from typing import Any
 from rosbags.interfaces.typing import Constdefs, Fielddefs, Typesdict
 from rosbags.typesys import get_types_from_msg
 
-__all__ = ["FieldType", "Types", "known_versions"]
-
 Types = Mapping[str, tuple[Constdefs, Fielddefs]]
 """Type -> constants and fields, as rosbags has it."""
 

@@ -28,14 +28,6 @@ from bagassets.recordings.known_types import FieldType, Types, known_versions
 from bagassets.recordings.model import Definition, Message, Serialization
 from bagassets.store.canonical import digest_json
 
-__all__ = [
-    "TF_NAMES",
-    "Choice",
-    "Layout",
-    "choice_of",
-    "compile_common_types",
-]
-
 # Missing from the ROS 1 type store, yet in most ROS 1 bags; `tf/tfMessage` is the older name.
 _TF = "geometry_msgs/TransformStamped[] transforms\n"
 TF_NAMES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")

@@ -15,19 +15,6 @@ from bagassets.recordings.damage import DamageError
 from bagassets.recordings.decompress import TooLargeError, decompress
 from bagassets.recordings.sizes import Sizes
 
-__all__ = [
-    "MESSAGE_HEADER",
-    "RECORD_HEADER",
-    "ChecksumError",
-    "Place",
-    "chunk_head",
-    "in_order",
-    "kept_places",
-    "load_chunk",
-    "messages_in",
-    "records_in",
-]
-
 # Opcode and length before the fields of a record.
 RECORD_HEADER = Struct("<BQ")
 # Channel, sequence number, log time and publish time before the payload of a message.

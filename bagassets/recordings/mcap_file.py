@@ -33,8 +33,6 @@ from bagassets.recordings.recording import FileRecording, merged
 from bagassets.recordings.sizes import Sizes
 from bagassets.recordings.topic import UNKNOWN, TopicSource, is_transient_local, normalise_msgtype
 
-__all__ = ["McapFile", "McapRecording"]
-
 _FORMATS = {"ros1msg": "msg", "ros2msg": "msg", "ros2idl": "idl", "omgidl": "idl"}
 # Waiting messages in chunks that overlap in time; their places take a few hundred megabytes.
 _MOST_WAITING = 10_000_000

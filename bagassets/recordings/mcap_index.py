@@ -21,8 +21,6 @@ from bagassets.recordings.damage import DamageError
 from bagassets.recordings.mcap_chunk import RECORD_HEADER, chunk_head, load_chunk, records_in
 from bagassets.recordings.sizes import Sizes
 
-__all__ = ["ChunkPlace", "McapIndex", "read_index", "walk"]
-
 # Start of the summary, start of its offsets, checksum.
 _FOOTER_BYTES = RECORD_HEADER.size + 8 + 8 + 4
 

@@ -12,18 +12,6 @@ OnRead = Callable[[Path, int, bytes], None]
 
 Where these are not at hand, they are empty, and the position is rough."""
 
-__all__ = [
-    "METADATA",
-    "Definition",
-    "Format",
-    "Message",
-    "OnRead",
-    "RawMessage",
-    "RecordingFiles",
-    "Serialization",
-    "SkimmedPacket",
-]
-
 METADATA = "metadata.yaml"
 """The file that makes a folder a ROS 2 bag."""
 

@@ -15,8 +15,6 @@ from bagassets.recordings.rosbag1 import IndexReader
 from bagassets.recordings.rosbag2 import Rosbag2Recording
 from bagassets.recordings.series_recording import SeriesRecording
 
-__all__ = ["open_recording"]
-
 
 def open_recording(
     recording: RecordingFiles | Path,

@@ -6,8 +6,6 @@ import struct
 from functools import lru_cache
 from pathlib import Path
 
-__all__ = ["VIEW_LIBRARY", "is_view_file"]
-
 VIEW_LIBRARY = "bagassets view"
 """What an MCAP file of ours names as its writer, before the version."""
 

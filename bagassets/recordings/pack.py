@@ -14,8 +14,6 @@ from bagassets.recordings.recording import Recording
 from bagassets.recordings.topic import TopicSource, merge_topics
 from bagassets.store.artifact import ArtifactWriter
 
-__all__ = ["PACK_FILE", "PACK_SCHEMA", "PackedRecording", "write_pack"]
-
 PACK_FILE = "messages.parquet"
 
 _BATCH = 4096  # messages in memory at a time

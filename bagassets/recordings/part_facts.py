@@ -23,8 +23,6 @@ from bagassets.recordings.rosbag1 import IndexReader, SummaryReader
 from bagassets.recordings.series import PartFacts, periods_matter
 from bagassets.recordings.topic import latched_topics
 
-__all__ = ["ForNow", "facts_of_parts", "part_facts"]
-
 _KIND = "series 2"
 # Fewer messages may be events, of which periods say nothing.
 _REGULAR = 10

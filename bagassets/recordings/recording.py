@@ -15,8 +15,6 @@ from bagassets.recordings.damage import DamageError, unreadable
 from bagassets.recordings.model import Format, Message, RawMessage
 from bagassets.recordings.topic import ForeignBytes, RefusedBytes, Topic, TopicSource, merge_topics
 
-__all__ = ["FileRecording", "Recording", "RestrictedRecording", "merged"]
-
 _BYTES = (bytes, memoryview, bytearray)
 _FIRST_NS, _LAST_NS = -(2**63), 2**63 - 1
 

@@ -28,8 +28,6 @@ from bagassets.recordings.model import Definition, OnRead
 from bagassets.recordings.sizes import Sizes
 from bagassets.recordings.topic import TopicSource, normalise_msgtype
 
-__all__ = ["IndexReader", "SummaryReader"]
-
 _SIZE = Struct("<I")
 _TIME = Struct("<II")
 _ENTRY = np.dtype([("seconds", "<u4"), ("nanoseconds", "<u4"), ("offset", "<u4")])

@@ -23,8 +23,6 @@ from bagassets.recordings.recording import Recording
 from bagassets.recordings.sizes import Sizes
 from bagassets.recordings.topic import UNKNOWN, RefusedBytes, TopicSource, merge_topics, normalise_msgtype
 
-__all__ = ["Rosbag2Recording"]
-
 _NEWEST_VERSION = 9
 _MOST_METADATA_BYTES = 16_000_000
 # The parser recurses into nested values; recorders write six levels.

@@ -11,18 +11,6 @@ from typing import NamedTuple
 
 from bagassets.base.alike import names_text
 
-__all__ = [
-    "Candidate",
-    "Part",
-    "PartFacts",
-    "Verdict",
-    "candidates",
-    "judge",
-    "odd_number",
-    "periods_matter",
-    "whole_of",
-]
-
 _NUMBERED = re.compile(r"(?s)(.+)_([0-9]{1,6})(\.bag|\.mcap|\.db3)")
 _DATED = re.compile(r"(?s)(.*?)_?[0-9]{4}(?:-[0-9]{2}){5}")
 _SECOND_NS = 1_000_000_000

@@ -12,8 +12,6 @@ from bagassets.recordings.recording import Recording, merged
 from bagassets.recordings.topic import TopicSource, latched_topics, merge_topics
 from bagassets.store.canonical import digest_bytes
 
-__all__ = ["SeriesRecording"]
-
 # Recorders repeat latched messages before anything else that they write to a new file.
 _HEAD_NS = 1_000_000_000
 # The indexes of so many parts are read once, those of others whenever their messages are due: there may be thousands.

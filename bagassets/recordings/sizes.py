@@ -6,8 +6,6 @@ from bagassets.base.errors import SizeLimitError
 from bagassets.base.quantities import readable_bytes
 from bagassets.recipe.model import Limits
 
-__all__ = ["GIGABYTE", "Sizes"]
-
 GIGABYTE = 1_000_000_000
 
 

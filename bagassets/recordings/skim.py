@@ -17,8 +17,6 @@ from bagassets.recordings.known_types import FieldType
 from bagassets.recordings.layouts import Layout
 from bagassets.recordings.model import SkimmedPacket
 
-__all__ = ["HEADER", "PacketSkimmer", "SkimmedPackets", "packet_skimmer"]
-
 HEADER = "std_msgs/msg/Header"
 _HEADER_FIELDS = ["seq", "stamp", "frame_id"]
 _FIRST = Struct("<4xiII")  # after the sequence number: seconds, nanoseconds, length of the frame id

@@ -22,18 +22,6 @@ from bagassets.recordings.layouts import TF_NAMES, Choice, Layout, choice_of
 from bagassets.recordings.model import Definition, Message, Serialization, SkimmedPacket
 from bagassets.recordings.skim import HEADER, PacketSkimmer, SkimmedPackets, packet_skimmer
 
-__all__ = [
-    "UNKNOWN",
-    "ForeignBytes",
-    "RefusedBytes",
-    "Topic",
-    "TopicSource",
-    "is_transient_local",
-    "latched_topics",
-    "merge_topics",
-    "normalise_msgtype",
-]
-
 UNKNOWN = "unknown"
 """The type of a channel without a schema."""
 

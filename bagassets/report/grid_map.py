@@ -6,8 +6,6 @@ from math import cos, floor, log10, radians
 
 from bagassets.base.escaping import html
 
-__all__ = ["COLOURS", "NamedRoute", "colour_of_split", "grid_map", "legend", "thinned"]
-
 METRES_PER_DEGREE = 111_320.0  # of latitude, and of longitude at the equator; good enough for a picture
 COLOURS = ("#2f7ed8", "#d9822b", "#2ca05a", "#b04ac0", "#c0392b", "#16868e")
 _MARGIN_PX = 34

@@ -7,8 +7,6 @@ only inserts data.
 from collections.abc import Iterator
 from typing import Any
 
-__all__ = ["FALLBACK_MARK", "WAYS_MARK", "map_shell"]
-
 WAYS_MARK, FALLBACK_MARK = "@@WAYS@@", "@@FALLBACK@@"
 # Only Leaflet is needed; every other script is one more that may fail to load.
 _NEEDED = ("leaflet", "leaflet_css")

@@ -6,8 +6,6 @@ from pathlib import Path
 
 from bagassets.engine.splits import SplitShare
 
-__all__ = ["Gaps", "Problem", "RecordingFacts", "ReportData"]
-
 
 @dataclass(frozen=True)
 class Gaps:

@@ -16,8 +16,6 @@ from bagassets.report.grid_map import colour_of_split, grid_map, legend
 from bagassets.report.model import RecordingFacts, ReportData
 from bagassets.report.style import LEGEND_SCRIPT, PAGE_CSS, TABLE_SCRIPT
 
-__all__ = ["PICTURE_BYTES", "report_json", "report_page"]
-
 # Total size of the pictures on a page, before base64 makes four bytes of three.
 PICTURE_BYTES = 2_700_000
 _MOST_GAPS = 5

@@ -1,7 +1,5 @@
 """Style and script of the pages; nothing is loaded from the network."""
 
-__all__ = ["LEGEND_SCRIPT", "MAP_CSS", "PAGE_CSS", "TABLE_SCRIPT"]
-
 MAP_CSS = """
 .gridmap{width:100%;border:1px solid #d8dad4}
 .gridmap polyline{fill:none;stroke-width:2.5;stroke-linejoin:round;stroke-linecap:round;opacity:.85}

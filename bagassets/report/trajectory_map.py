@@ -13,8 +13,6 @@ from bagassets.report.grid_map import NamedRoute, grid_map, legend, thinned
 from bagassets.report.map_shell import FALLBACK_MARK, WAYS_MARK
 from bagassets.report.style import LEGEND_SCRIPT, MAP_CSS
 
-__all__ = ["MapRoute", "trajectory_map_page"]
-
 # All routes together have about this many points, and each has at most its share of them.
 MOST_POINTS = 60_000
 LEAST_ROUTE_POINTS = 20

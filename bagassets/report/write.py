@@ -5,8 +5,6 @@ from pathlib import Path
 from bagassets.base.atomic import write_atomically
 from bagassets.base.errors import DatasetError
 
-__all__ = ["write_page"]
-
 
 def write_page(path: Path, page: str) -> int:
     """Write a page, and return its size in bytes.

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from bagassets.geometry.se3 import Floats
 from bagassets.sample.world import Thing
 
-__all__ = ["Hits", "cast"]
-
 
 @dataclass(frozen=True)
 class Hits:

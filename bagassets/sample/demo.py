@@ -10,8 +10,6 @@ from pathlib import Path
 
 from bagassets.sample.drive import Target, write_recordings
 
-__all__ = ["missing_drives", "write_drives"]
-
 # The number of a drive is its seed; compressions are the common ones.
 _TARGETS = (
     Target(Path("drive_1.bag"), "ros1"),

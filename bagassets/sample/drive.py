@@ -19,8 +19,6 @@ from bagassets.sample.throughput import throughput_cameras, throughput_events
 from bagassets.sample.truth import Truth
 from bagassets.sample.world import World
 
-__all__ = ["PROFILES", "Profile", "Target", "drive_start_ns", "write_recordings"]
-
 # The first drive begins on Sunday, 15 June 2025, 15:06:40 UTC; each further seed begins an hour later.
 FIRST_START_NS, HOUR_NS = 1_750_000_000_000_000_000, 3_600_000_000_000
 

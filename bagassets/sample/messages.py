@@ -13,8 +13,6 @@ from bagassets.recordings.model import Message
 from bagassets.sample.rig import Camera
 from bagassets.sample.truth import TruthBox
 
-__all__ = ["Messages", "typestore"]
-
 # Types that rosbags lacks in one or both ROS versions.
 _DEFINITIONS = {
     "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms\n",

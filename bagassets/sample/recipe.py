@@ -4,8 +4,6 @@ from bagassets.base.escaping import yaml_scalar
 from bagassets.sample.rig import Camera, cameras
 from bagassets.sample.throughput import throughput_cameras
 
-__all__ = ["sample_recipe"]
-
 
 def sample_recipe(
     *,

@@ -18,8 +18,6 @@ from bagassets.base.errors import RecordingError
 from bagassets.recordings.model import Message
 from bagassets.sample.messages import Messages
 
-__all__ = ["COMPRESSIONS", "Compression", "Recorder", "RecordingFormat", "open_recorder"]
-
 RecordingFormat = Literal["ros1", "ros2", "mcap"]
 Compression = Literal["none", "lz4", "bz2", "zstd"]
 

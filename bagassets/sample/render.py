@@ -13,8 +13,6 @@ from bagassets.sample.cast import Hits, cast
 from bagassets.sample.rig import EGO_SE3_LIDAR, EGO_SE3_RADAR, LIDAR, RADAR, Camera
 from bagassets.sample.world import RADIUS_M, World
 
-__all__ = ["CameraView", "cast_from", "lidar_points", "radar_targets", "rays_of"]
-
 SKY = np.array([205, 220, 235], np.float32)
 # Brightness of the faces of a box: front and back, sides, top.
 _FACE_LIGHT = np.array([0.72, 0.86, 1.0])

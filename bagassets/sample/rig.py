@@ -7,8 +7,6 @@ import numpy as np
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.se3 import SE3, quaternion_from_rotation
 
-__all__ = ["EGO_SE3_LIDAR", "EGO_SE3_RADAR", "LIDAR", "RADAR", "Camera", "Lidar", "cameras", "rear_camera"]
-
 
 @dataclass(frozen=True)
 class Camera:

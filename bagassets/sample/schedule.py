@@ -23,20 +23,6 @@ from bagassets.sample.rig import EGO_SE3_LIDAR, EGO_SE3_RADAR, LIDAR, RADAR, Cam
 from bagassets.sample.truth import Truth
 from bagassets.sample.world import RADIUS_M
 
-__all__ = [
-    "CAMERA_LATENCY_NS",
-    "GEODETIC_ORIGIN",
-    "MAP_SE3_ODOM",
-    "Event",
-    "Make",
-    "camera_image",
-    "drive_events",
-    "event",
-    "merged",
-    "mosaic",
-    "motion_events",
-]
-
 Make = Callable[[Messages], Message]
 
 # Where the frame `odom` of seed 0 lies on Earth; x is east, y north.

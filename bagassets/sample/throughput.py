@@ -28,8 +28,6 @@ from bagassets.sample.schedule import CAMERA_LATENCY_NS, Event, event, merged, m
 from bagassets.sample.truth import Truth
 from bagassets.sample.world import World
 
-__all__ = ["packets_of_revolution", "throughput_cameras", "throughput_events"]
-
 _CYCLE = 5  # different images per camera, different revolutions
 _RENDER_SCALE = 4  # rendered at a quarter of the size, then enlarged
 _NOISE = 4.0  # standard deviation, grey values

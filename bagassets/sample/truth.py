@@ -8,8 +8,6 @@ from bagassets.geometry.se3 import SE3
 from bagassets.sample.rig import EGO_SE3_LIDAR, EGO_SE3_RADAR, Camera
 from bagassets.sample.world import World
 
-__all__ = ["Truth", "TruthBox"]
-
 
 @dataclass(frozen=True)
 class TruthBox:

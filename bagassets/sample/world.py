@@ -13,8 +13,6 @@ import numpy as np
 
 from bagassets.geometry.se3 import SE3, Floats, quaternion_multiply
 
-__all__ = ["Ego", "Thing", "World"]
-
 # Labels surround an object without cutting into it.
 LABEL_MARGIN_M = 0.02
 # Radius of the ego car's lane; the centre of the circle is (0, RADIUS_M).

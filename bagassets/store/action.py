@@ -8,8 +8,6 @@ from importlib.metadata import version
 from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.store.canonical import digest_json
 
-__all__ = ["Action", "Step"]
-
 _version = cache(version)
 
 

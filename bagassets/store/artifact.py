@@ -17,8 +17,6 @@ from bagassets.store.canonical import canonical_json, digest_bytes
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["Artifact", "ArtifactWriter", "FileEntry", "writing"]
-
 MANIFEST = "manifest.json"
 
 

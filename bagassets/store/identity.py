@@ -9,8 +9,6 @@ from uuid import uuid4
 
 from bagassets.base.atomic import create_atomically
 
-__all__ = ["id_of_store", "identify"]
-
 _FILE = "store.id"
 
 

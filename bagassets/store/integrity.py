@@ -12,8 +12,6 @@ from bagassets.store.artifact import MANIFEST, Artifact
 from bagassets.store.canonical import digest_bytes, digest_file, digest_json
 from bagassets.store.store import Store
 
-__all__ = ["Damage", "artifact_damage", "check_store"]
-
 # Files above this are hashed block by block, not read at once.
 _WHOLE_BYTES = 32 << 20
 

@@ -31,8 +31,6 @@ from bagassets.store.action import Action
 from bagassets.store.artifact import MANIFEST, Artifact, ArtifactWriter, writing
 from bagassets.store.lease import action_lock
 
-__all__ = ["Outcome", "Pending", "Store"]
-
 # Errors of a file system where a folder of that name exists and is not empty.
 _TAKEN = {errno.ENOTEMPTY, errno.EEXIST}
 _ATTEMPTS = 5

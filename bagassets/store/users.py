@@ -14,8 +14,6 @@ from bagassets.base.atomic import write_atomically
 from bagassets.base.errors import StoreError
 from bagassets.store.canonical import digest_json
 
-__all__ = ["User", "forget_user", "note_user", "users_of"]
-
 _FOLDER = "users"
 
 

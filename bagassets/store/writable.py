@@ -5,8 +5,6 @@ from pathlib import Path
 
 from bagassets.base.errors import StoreError
 
-__all__ = ["nearest_existing", "require_writable"]
-
 # Files that every command writes in Dagster's part of the state folder; they may belong to another user.
 _WRITTEN = ("opening.lock", "history/runs.db", "history/runs/index.db")
 

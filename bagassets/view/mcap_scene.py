@@ -27,8 +27,6 @@ from bagassets.recordings.own_files import VIEW_LIBRARY
 from bagassets.view import messages
 from bagassets.view.scene import DatasetScene
 
-__all__ = ["write_scene"]
-
 Fix = tuple[int, float, float]
 TimedMessage = tuple[str, int, Message]
 

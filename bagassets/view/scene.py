@@ -12,8 +12,6 @@ from bagassets.formats.nuscenes.table_file import read_table
 from bagassets.formats.reader.nuscenes import pose_in, reading_in
 from bagassets.formats.reader.source import Reading
 
-__all__ = ["DatasetScene", "load_scene", "scene_names"]
-
 Row = JsonMapping
 
 

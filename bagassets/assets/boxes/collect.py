@@ -14,8 +14,6 @@ from bagassets.base.errors import DecodeError
 from bagassets.base.json_types import JsonObject
 from bagassets.decode.model import BoxReading
 
-__all__ = ["UNKNOWN_FRAME", "BoxCollector", "BoxCounts", "Place", "SourceRules"]
-
 NO_POSE = "no ego pose at its time"
 UNKNOWN_FRAME = "its frame is not known"
 OUTSIDE = "its time is outside the recording"

@@ -13,8 +13,6 @@ from bagassets.geometry.se3 import SE3, Floats, quaternion_multiply, rotate
 from bagassets.geometry.tf_tree import TfTree
 from bagassets.geometry.trajectory import Trajectory
 
-__all__ = ["DATASET_FRAME", "BoxFrames"]
-
 # The global frame of the dataset: local metres, after the origin was subtracted.
 DATASET_FRAME = "@dataset"
 

@@ -23,8 +23,6 @@ from bagassets.assets.boxes.tracks import Track
 from bagassets.assets.timeline.keyframes import Stamps, nearest
 from bagassets.geometry.se3 import Floats
 
-__all__ = ["MotionRule", "has_attributes", "motion_attributes", "speeds_of"]
-
 _CYCLES = frozenset({"vehicle.bicycle", "vehicle.motorcycle"})
 # Classes that nuscenes-devkit detects as pedestrians; somebody in a wheelchair never stands.
 _PERSONS = frozenset(

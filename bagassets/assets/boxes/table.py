@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from bagassets.geometry.se3 import Floats
 
-__all__ = ["SCHEMA", "BoxTable"]
-
 SCHEMA = pa.schema(
     [
         ("stamp_ns", pa.int64()),

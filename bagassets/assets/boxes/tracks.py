@@ -15,8 +15,6 @@ from bagassets.assets.timeline.keyframes import Stamps, nearest, partner_reading
 from bagassets.geometry.se3 import Floats
 from bagassets.geometry.trajectory import Trajectory
 
-__all__ = ["Messages", "Track", "TrackBoxes", "messages_of", "tracks_of"]
-
 
 @dataclass(frozen=True, eq=False)
 class TrackBoxes:

@@ -9,8 +9,6 @@ import numpy as np
 from bagassets.assets.pictures.canvas import ACCENT, DIM, FAINT, Image, blank, colour_of, text, turbo
 from bagassets.geometry.se3 import SE3, Floats
 
-__all__ = ["BoxAt", "birds_eye"]
-
 # Up to a range, the distance between rings.
 _RINGS_M = ((5, 1), (10, 2), (20, 5), (60, 10), (float("inf"), 50))
 _CAR_M, _MOST_SHARE = 2.2, 0.09

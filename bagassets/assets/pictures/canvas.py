@@ -11,26 +11,6 @@ from numpy.typing import NDArray
 from bagassets.base.errors import DatasetError
 from bagassets.geometry.se3 import Floats
 
-__all__ = [
-    "ACCENT",
-    "BACKGROUND",
-    "DIM",
-    "FAINT",
-    "TEXT",
-    "WARNING",
-    "Image",
-    "blank",
-    "colour_of",
-    "jpeg",
-    "jpeg_within",
-    "read_image",
-    "read_reduced",
-    "scaled_to",
-    "text",
-    "text_width",
-    "turbo",
-]
-
 Image = NDArray[np.uint8]
 Colour = tuple[int, int, int]
 

@@ -15,8 +15,6 @@ from bagassets.geometry.se3 import SE3, Floats
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.store.artifact import Artifact
 
-__all__ = ["CameraImages", "Clouds", "View"]
-
 NEAREST_M = 0.5
 
 

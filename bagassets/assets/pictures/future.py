@@ -7,8 +7,6 @@ from bagassets.assets.pictures.canvas import ACCENT, TEXT, Image, scaled_to, tex
 from bagassets.assets.pictures.channels import View
 from bagassets.geometry.se3 import Floats, rotate
 
-__all__ = ["future_trajectory"]
-
 HALF_TRACK_M = 0.9
 _OPACITY = 0.45
 # Of band and picture; in single precision, rounded once, as where the processor multiplies and adds in one step. Elsewhere

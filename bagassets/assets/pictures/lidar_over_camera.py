@@ -10,8 +10,6 @@ from bagassets.assets.pictures.canvas import TEXT, Image, scaled_to, text, text_
 from bagassets.assets.pictures.channels import View
 from bagassets.geometry.se3 import Floats
 
-__all__ = ["lidar_over_camera"]
-
 MOST_POINTS = 40_000
 SPARSE_POINTS = 8_000  # fewer are drawn larger
 NEAR_M, FAR_M = 3.0, 60.0

@@ -7,8 +7,6 @@ from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.base.quantities import count_text
 from bagassets.recordings.inventory import Inventory, TopicRecord
 
-__all__ = ["timeline", "timeline_facts"]
-
 MOST_TOPICS = 48
 ROW_PX = 18
 TOP_PX = 30

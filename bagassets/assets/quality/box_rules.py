@@ -10,8 +10,6 @@ from bagassets.assets.quality.finding import Finding, clock
 from bagassets.base.json_types import JsonMapping
 from bagassets.recipe.model_checks import BoxesCheck
 
-__all__ = ["boxes_plausible"]
-
 
 def boxes_plausible(counts: JsonMapping, table: BoxTable, check: BoxesCheck) -> Finding:
     """Check the boxes of one recording.

@@ -11,8 +11,6 @@ from bagassets.geometry.se3 import SE3
 from bagassets.recipe.model import Rig
 from bagassets.recipe.model_checks import CalibrationCheck
 
-__all__ = ["calibration_plausible"]
-
 STEPS = 200
 
 

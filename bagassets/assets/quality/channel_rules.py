@@ -8,8 +8,6 @@ from bagassets.base.json_types import JsonMapping
 from bagassets.base.quantities import count_text
 from bagassets.recipe.model_base import Clock
 
-__all__ = ["channels_complete"]
-
 _DUPLICATE = "duplicate stamp"
 # Reasons that are not clauses, as texts after `because`; messages of errors are clauses.
 _BECAUSE = {

@@ -10,8 +10,6 @@ from bagassets.recipe.model_checks import Checks, Severity
 if TYPE_CHECKING:
     from bagassets.assets.quality.evidence import Evidence
 
-__all__ = ["RecordingCheck", "severity_of"]
-
 
 @dataclass(frozen=True)
 class RecordingCheck:

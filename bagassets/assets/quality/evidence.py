@@ -16,8 +16,6 @@ from bagassets.recipe.model_checks import Checks
 from bagassets.store.artifact import Artifact
 from bagassets.store.store import Store
 
-__all__ = ["Evidence"]
-
 T = TypeVar("T")
 
 

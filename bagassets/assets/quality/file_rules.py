@@ -7,8 +7,6 @@ from bagassets.base.errors import StoreError
 from bagassets.base.json_types import JsonMapping
 from bagassets.store.artifact import Artifact
 
-__all__ = ["files_match"]
-
 
 def files_match(
     sample_data: Sequence[JsonMapping],

@@ -7,8 +7,6 @@ from datetime import UTC, datetime
 from bagassets.base.json_types import JsonMapping
 from bagassets.recipe.model_checks import Severity
 
-__all__ = ["Finding", "clock"]
-
 
 @dataclass(frozen=True)
 class Finding:

@@ -10,8 +10,6 @@ from bagassets.base.json_types import JsonMapping
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.recipe.model_checks import PosesCheck
 
-__all__ = ["poses_complete", "poses_cover_sensors"]
-
 
 def poses_cover_sensors(
     trajectory: Trajectory, stamps_ns: Mapping[str, Stamps], check: PosesCheck, losses: Iterable[str] = ()

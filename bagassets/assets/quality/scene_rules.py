@@ -10,8 +10,6 @@ from bagassets.assets.timeline.keyframes import Stamps
 from bagassets.base.json_types import JsonMapping
 from bagassets.base.quantities import count_text
 
-__all__ = ["enough_s", "keyframes_complete", "scenes_made", "too_short_s"]
-
 # Number of channels named in one sentence.
 _MOST_CHANNELS = 3
 # A channel starts late or stops early only if more than this many of its periods are missing: a slow one may not be due.

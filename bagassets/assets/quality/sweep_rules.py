@@ -24,8 +24,6 @@ from bagassets.geometry.trajectory import Trajectory
 from bagassets.recipe.model import LidarChannel, Rig
 from bagassets.recipe.model_checks import SweepTimesCheck
 
-__all__ = ["RadarReadings", "Sweeps", "radar_velocities", "sweeps_timed"]
-
 MOST_PAIRS, LEAST_PAIRS = 5, 3
 # Pairs are chosen from those of this many sweeps.
 MOST_FIRSTS = 200

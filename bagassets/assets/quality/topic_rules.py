@@ -6,8 +6,6 @@ from bagassets.recipe.model import Rig
 from bagassets.recipe.model_checks import ChannelsCheck, StampsCheck, TopicLimits, TopicsCheck
 from bagassets.recordings.inventory import Inventory, TopicRecord
 
-__all__ = ["channels_present", "stamps_monotonic", "topic_rates", "watched_topics"]
-
 
 def watched_topics(rig: Rig) -> dict[str, str]:
     """Return topic -> channel or `ego_pose`, for the topics that a dataset of this rig needs."""

@@ -8,15 +8,6 @@ from numpy.typing import NDArray
 
 Stamps = NDArray[np.int64]
 
-__all__ = [
-    "Stamps",
-    "choose_keyframes",
-    "match_readings",
-    "nearest",
-    "owning_keyframe",
-    "partner_readings",
-]
-
 
 def choose_keyframes(
     readings_ns: Stamps, start_ns: int, end_ns: int, period_ns: int, partners: NDArray[np.intp] | None = None

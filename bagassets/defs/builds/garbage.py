@@ -23,8 +23,6 @@ from bagassets.recipe.model import Recipe
 from bagassets.store.store import Store
 from bagassets.store.users import User, forget_user, users_of
 
-__all__ = ["KEPT_LOCKS", "Roots", "find_roots", "locks_of", "recorded_versions"]
-
 KEPT_LOCKS = "kept-locks"
 """Folder in the state folder: copies of locks whose datasets must stay restorable."""
 

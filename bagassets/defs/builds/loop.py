@@ -31,8 +31,6 @@ from bagassets.engine.next_steps import Rules, State, Work, next_steps
 from bagassets.engine.planner import Planning
 from bagassets.engine.unsettled import Unsettled
 
-__all__ = ["BuildLoop"]
-
 
 class BuildLoop:
     """Brings our recordings and datasets up to date.

@@ -35,8 +35,6 @@ from bagassets.recordings.discover import discover
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.store import Store
 
-__all__ = ["make_ahead", "make_first_inventories", "make_inventories", "making_ahead"]
-
 _LOG = logging.getLogger(__name__)
 # For a larger recording the second saved is nothing, and an interrupted build must not leave a reader running for long.
 _LARGEST_BYTES = 4_000_000_000

@@ -14,8 +14,6 @@ from bagassets.defs.records.partitions import DATASET, PARTITION_TAG
 from bagassets.formats.dataset_build import dataset_code_versions
 from bagassets.recipe.model import Recipe
 
-__all__ = ["delete_runs", "superseded_runs"]
-
 _PAGE = 1000
 _BUSY_S = 60.0
 

@@ -22,8 +22,6 @@ from bagassets.engine.build_report import BuildOptions, Event, OwnOutcome, OwnRe
 from bagassets.engine.plan import AssetState
 from bagassets.engine.targets import TO_MAKE
 
-__all__ = ["OwnBuild"]
-
 _SAID = {"failed", "not made", "stopped"}  # results with a reason
 
 

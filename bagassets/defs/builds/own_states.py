@@ -24,8 +24,6 @@ from bagassets.engine.targets import TO_MAKE, Evidence, Read, state_as_read, tar
 from bagassets.formats.dataset_build import dataset_code_versions
 from bagassets.propose.project import dagster_home
 
-__all__ = ["OwnProject", "load_own"]
-
 _MANUAL = "only with --select"
 
 

@@ -32,8 +32,6 @@ from bagassets.formats.dataset_integrity import remove_changed_sources
 from bagassets.recipe import load_recipe
 from bagassets.store.store import Store
 
-__all__ = ["build_project", "build_project_in_worker"]
-
 
 def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) -> BuildReport:
     """Bring all recordings and datasets up to date, and return a report.

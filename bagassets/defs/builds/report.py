@@ -23,8 +23,6 @@ from bagassets.formats.dataset_build import dataset_folders, first_lock, split_o
 from bagassets.formats.emptiness import left_behind, why_empty
 from bagassets.recipe.model import Recipe
 
-__all__ = ["checked_remarks", "outcomes_of", "report_of", "standing_remarks", "warnings"]
-
 
 def report_of(
     instance: dg.DagsterInstance,

@@ -19,8 +19,6 @@ from bagassets.propose.project import dagster_home
 from bagassets.recipe.load import paths_written
 from bagassets.recordings.join_parts import FOR_NOW
 
-__all__ = ["Snapshot"]
-
 
 class Snapshot:
     """The fingerprints of all inputs, taken before a plan is made, and saved if the plan has nothing to do.

@@ -20,8 +20,6 @@ from bagassets.formats.catalogue import recording_assets
 from bagassets.recipe.model import Recipe
 from bagassets.recordings.model import RecordingFiles
 
-__all__ = ["recording_definitions"]
-
 _BAG = """A recording: a ROS 1 bag, a ROS 2 bag or an MCAP file.
 
 Its data version is the digest of its content; each file is hashed once. Touching a file does not change it."""

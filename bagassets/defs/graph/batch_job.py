@@ -26,8 +26,6 @@ from bagassets.engine.unsettled import Unsettled
 from bagassets.formats.dataset_build import dataset_code_versions
 from bagassets.recordings.model import RecordingFiles
 
-__all__ = ["batch_job"]
-
 _MOST_NAMED = 3
 
 

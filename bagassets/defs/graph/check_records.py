@@ -10,8 +10,6 @@ from bagassets.defs.records.workspace import Workspace
 from bagassets.engine.build_report import Remark
 from bagassets.report.model import Problem
 
-__all__ = ["findings_on_record", "remarks_of_runs"]
-
 _SUCCEEDED, _FAILED = "SUCCEEDED", "FAILED"  # as Dagster's `AssetCheckExecutionRecordStatus` has them
 _BATCH = 500
 

@@ -38,15 +38,6 @@ from bagassets.recipe.model import Recipe
 from bagassets.report.page import report_page
 from bagassets.report.write import write_page
 
-__all__ = [
-    "dataset_assets",
-    "dataset_is_current",
-    "dataset_states",
-    "make_dataset",
-    "record_inputs",
-    "write_report",
-]
-
 TRAJECTORY_MAP = trajectory_map.STEP.name
 INPUTS_CODE_VERSION = "1"
 _READS = (Read(DATASET_INPUTS, "whole", "its recordings changed since it was made"),)

@@ -19,8 +19,6 @@ from bagassets.defs.records.workspace import Workspace
 from bagassets.defs.runs.exclusive import RecordingLock
 from bagassets.recipe import load_recipe
 
-__all__ = ["build_definitions", "note_without_recipe"]
-
 
 def build_definitions(
     recipe_file: Path,

@@ -23,8 +23,6 @@ from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.recordings.digest import recording_digest, recording_stat
 from bagassets.recordings.model import RecordingFiles
 
-__all__ = ["dependencies", "make_assets", "make_recording", "read_bag"]
-
 
 def dependencies(assets: RecordingAssets, asset: str) -> list[str]:
     """Return the upstream assets that Dagster knows of an asset.

@@ -19,8 +19,6 @@ from bagassets.formats.dataset_build import dataset_code_versions
 from bagassets.recipe.model import Recipe
 from bagassets.store.canonical import digest_json
 
-__all__ = ["FOLLOWS", "OwnAsset", "Versions", "find_own_assets", "inputs_tag", "sensor_tags", "told_inputs"]
-
 FOLLOWS = "bagassets/follows"
 """Metadata of a sensor of `follow_recordings`: the asset that it runs."""
 _LONGEST = 63  # characters of a tag's name

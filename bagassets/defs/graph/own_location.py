@@ -26,8 +26,6 @@ from bagassets.defs.records.instances import dotenv_variables
 from bagassets.defs.records.naming import parse_prefix
 from bagassets.defs.runs.execution import CodeLocation
 
-__all__ = ["Locations", "code_digest", "files_of", "home_of", "know_installed_modules", "load_locations"]
-
 _OURS = CodeLocation().module
 _WORKSPACE = "workspace.yaml"
 _PACKAGE = str(Path(__file__).resolve().parent.parent)

@@ -20,8 +20,6 @@ from bagassets.defs.records.projects import require_own_keys
 from bagassets.defs.records.reporting import errors_explained
 from bagassets.defs.records.workspace import Workspace
 
-__all__ = ["KEY_PREFIX", "RECIPE", "recordings_sensor"]
-
 RECIPE, KEY_PREFIX = "bagassets/recipe", "bagassets/key_prefix"
 """Metadata of the sensor."""
 

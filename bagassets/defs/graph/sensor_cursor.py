@@ -8,8 +8,6 @@ from typing import NamedTuple
 from bagassets.recordings.digest import RecordingStat
 from bagassets.store.canonical import digest_json
 
-__all__ = ["Cursor", "Request"]
-
 
 class Request(NamedTuple):
     """A run that was requested.

@@ -36,8 +36,6 @@ from bagassets.recordings.digest import RecordingStat, recording_stat
 from bagassets.recordings.discover import Discovery
 from bagassets.store.canonical import digest_json
 
-__all__ = ["RULES", "Scan"]
-
 # Creating a hundred runs takes longer than a tick may, and thousands in the queue make everything slow; the rest
 # is requested when some have ended. The launcher may say how many recordings share one.
 RULES = Rules(

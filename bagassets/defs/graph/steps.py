@@ -25,16 +25,6 @@ from bagassets.store.action import Step
 from bagassets.store.artifact import Artifact, ArtifactWriter
 from bagassets.store.canonical import digest_json
 
-__all__ = [
-    "all_recordings",
-    "channels",
-    "follow_recordings",
-    "per_recording",
-    "publish",
-    "recipe_beside",
-    "skipped",
-]
-
 
 def recipe_beside(file: str | Path) -> Recipe:
     """Return the recipe in the folder of a file; pass `__file__` in the definitions of a project.

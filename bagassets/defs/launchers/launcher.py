@@ -59,8 +59,6 @@ from bagassets.forkserver.spec import ServerSpec
 from bagassets.forkserver.tasks import DEFINITIONS, END_WORKER, connect, server_spec, submit_run
 from bagassets.recipe import load_recipe
 
-__all__ = ["BagAssetsRunLauncher"]
-
 _LOG = logging.getLogger(__name__)
 _DEBUG_LINES = 30
 _LOCAL_HOSTS = ANY_HOST | {"localhost", "127.0.0.1", "::1"}

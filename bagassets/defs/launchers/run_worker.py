@@ -40,8 +40,6 @@ from bagassets.geometry.kernels.machine_code import compile_all
 from bagassets.recordings.layouts import compile_common_types
 from bagassets.store.lease import HOLDERS
 
-__all__ = ["end_worker", "execute", "preload", "recover", "report_lost"]
-
 _POLL_S = 0.5
 _UNTIL_IDLE = (True,)  # a step after which the server waits until no job is at work
 

@@ -12,8 +12,6 @@ from bagassets.formats.report_data import map_path, report_path
 from bagassets.recipe import load_recipe
 from bagassets.store.store import Store
 
-__all__ = ["PAGES", "PICTURES", "page_file", "page_link", "picture_file", "picture_link"]
-
 PICTURES = "/bagassets/artifacts"
 """Address below which the web server of a project serves pictures: digest of the artifact, then the file."""
 PAGES = "/bagassets/pages"

@@ -10,8 +10,6 @@ import dagster as dg
 from bagassets.defs.records.naming import BATCH_JOB, BATCH_OP, Naming
 from bagassets.engine.batches import Batch
 
-__all__ = ["batch_config", "batch_of"]
-
 
 def batch_config(batch: Batch, names: Naming) -> dict[str, Any]:
     """Return the run config of the job of batches."""

@@ -16,8 +16,6 @@ from sqlalchemy.pool import Pool
 
 from bagassets.defs.records.events import event_database
 
-__all__ = ["Commits", "pool_connections"]
-
 _NO_TIMEOUT = 0
 _RECYCLE_S = 1800
 _MORE_CONNECTIONS = 20  # for a moment, beside the one of each storage that is kept

@@ -32,17 +32,6 @@ from bagassets.defs.dagster_private import (
     SqlEventLogStorageMetadata,
 )
 
-__all__ = [
-    "EVENTS",
-    "RUNS",
-    "SCHEDULES",
-    "are_files",
-    "database_errors_explained",
-    "make_whole",
-    "read_settings",
-    "storage_folder",
-]
-
 _LOCK = "opening.lock"
 _NEW = "new-"
 # What Dagster keeps in SQLite, below the folder of the storage.

@@ -12,8 +12,6 @@ import dagster as dg
 
 from bagassets.base.errors import RunEndedError
 
-__all__ = ["Fence", "refuse_if_ended", "run_has_ended"]
-
 # Before a run is given up, nothing is heard of its worker for many seconds: no need to ask for each record.
 _ALIVE_S = 2.0
 # It goes on while the process, or the machine, is stopped.

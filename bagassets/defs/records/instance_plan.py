@@ -20,17 +20,6 @@ from bagassets.formats.dataset_build import DatasetInputs, select_inputs
 from bagassets.recordings.discover import Discovery
 from bagassets.recordings.model import RecordingFiles
 
-__all__ = [
-    "InstancePlan",
-    "Touched",
-    "begin_planning",
-    "plan_in_run",
-    "plan_instance",
-    "recorded_assets",
-    "replan_instance",
-    "workspace_fingerprint",
-]
-
 
 @dataclass(frozen=True)
 class InstancePlan:

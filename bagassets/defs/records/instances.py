@@ -9,8 +9,6 @@ from bagassets.defs.dagster_private import InstanceRef, get_env_var_dict
 from bagassets.defs.records.connections import pool_connections
 from bagassets.defs.records.databases import make_whole, read_settings, storage_folder
 
-__all__ = ["dotenv_variables", "location_variables", "open_instance", "pack_instance"]
-
 
 def pack_instance(instance: dg.DagsterInstance) -> str:
     """Return text from which another process opens the same instance."""

@@ -12,17 +12,6 @@ import dagster as dg
 
 from bagassets.base.errors import RecipeError
 
-__all__ = [
-    "BATCH_JOB",
-    "BATCH_OP",
-    "DATASET_INPUTS",
-    "INPUT_PREFIX",
-    "AssetName",
-    "Naming",
-    "checked_prefix",
-    "parse_prefix",
-]
-
 AssetName = str | dg.AssetKey
 """An asset of the project by its name, as `frames`, or any asset by its key."""
 

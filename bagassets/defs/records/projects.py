@@ -19,19 +19,6 @@ from bagassets.defs.records.instances import location_variables, pack_instance
 from bagassets.defs.records.naming import Naming, parse_prefix
 from bagassets.store.canonical import digest_json
 
-__all__ = [
-    "configured_recipe",
-    "forget_other_prefixes",
-    "instances_of",
-    "note_instance",
-    "note_project",
-    "noted_prefix",
-    "recipe_of_assets",
-    "recipe_of_location",
-    "recipes_of",
-    "require_own_keys",
-]
-
 _KEY = "bagassets/projects"
 _RECIPE, _HOME = "recipe", "home"
 _INSTANCES = "instances"

@@ -34,8 +34,6 @@ from bagassets.engine.execute import BuildFailure
 from bagassets.engine.plan import is_skip, version_as_input
 from bagassets.store.artifact import Artifact
 
-__all__ = ["Made", "Recorder", "record_passed"]
-
 # What Dagster itself records of an input that was never materialized.
 _NO_VERSION, _NO_RECORD = "INITIAL", "NULL"
 _SUCCEEDED = "SUCCEEDED"  # as Dagster's `AssetCheckExecutionRecordStatus` has it

@@ -26,18 +26,6 @@ from bagassets.recordings.digest import RecordingDigest, RecordingStat
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.artifact import Artifact
 
-__all__ = [
-    "BAG_CODE_VERSION",
-    "Metadata",
-    "bag_metadata",
-    "code_link",
-    "dataset_metadata",
-    "errors_explained",
-    "inputs_metadata",
-    "result_metadata",
-    "skip_metadata",
-]
-
 Metadata = dict[str, Any]
 """What Dagster shows of a materialization: its `MetadataValue`, or what it makes one of."""
 

@@ -37,8 +37,6 @@ from bagassets.defs.dagster_private import (
 )
 from bagassets.defs.records.databases import EVENTS, RUNS, SCHEDULES, make_whole
 
-__all__ = ["ProjectEventLogStorage", "ProjectStorage", "ShardedStorage"]
-
 _COMMON = "index"
 _BUSY_S = 30.0  # as Dagster has it for events
 

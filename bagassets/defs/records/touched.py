@@ -32,8 +32,6 @@ from bagassets.recordings.digest import (
 )
 from bagassets.recordings.model import RecordingFiles
 
-__all__ = ["record_touched"]
-
 _SHOW_EVERY_S = 0.5
 _SHARE_A_PROCESSOR = 4
 

@@ -23,8 +23,6 @@ from bagassets.store.artifact import Artifact
 from bagassets.store.store import Store
 from bagassets.store.users import note_user
 
-__all__ = ["Workspace"]
-
 T = TypeVar("T")
 
 

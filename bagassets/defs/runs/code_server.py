@@ -30,8 +30,6 @@ from bagassets.defs.records.instances import pack_instance
 from bagassets.defs.runs.execution import CodeLocation
 from bagassets.forkserver.server_files import last_lines
 
-__all__ = ["LaunchWorkspace"]
-
 _START_S = 120.0
 _POLL_S = 0.05
 _HEARTBEAT_S = 5.0

@@ -16,8 +16,6 @@ from pydantic import PrivateAttr
 from bagassets.base.lock_files import LockFile
 from bagassets.defs.records.fence import refuse_if_ended, run_has_ended
 
-__all__ = ["ASKS_PER_LOOK", "RecordingLock", "exclusive", "holder_has_ended"]
-
 _POLL_S = 0.2
 ASKS_PER_LOOK = 5
 """How many calls of `keep_waiting` there are in a second, in which one look into the database will do."""

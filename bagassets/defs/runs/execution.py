@@ -37,19 +37,6 @@ from bagassets.defs.dagster_private import (
 )
 from bagassets.defs.records.fence import Fence
 
-__all__ = [
-    "CodeLocation",
-    "RunOutcome",
-    "StepError",
-    "create_job_run",
-    "create_run",
-    "execute_run",
-    "fail_if_lost",
-    "failure_of",
-    "mark_canceling",
-    "preload_definitions",
-]
-
 _TAIL = "tail_to_stream"  # what `compute_logs` starts the processes with
 _WRAPPERS = ("Dagster", "RetryRequested")
 _BAD_ENDS = {dg.DagsterEventType.PIPELINE_FAILURE, dg.DagsterEventType.PIPELINE_CANCELED}

@@ -21,8 +21,6 @@ from bagassets.defs.dagster_private import (
 from bagassets.defs.records.databases import read_settings
 from bagassets.defs.records.projects import configured_recipe
 
-__all__ = ["ConfiguredLauncher", "Launching", "launching_at", "launching_of"]
-
 
 class Launching:
     """How a launcher deals with runs.

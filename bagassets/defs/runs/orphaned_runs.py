@@ -19,8 +19,6 @@ from bagassets.defs.dagster_private import GRPC_INFO_TAG
 from bagassets.defs.runs.launching import launching_of
 from bagassets.defs.runs.worker_tag import RunWorker
 
-__all__ = ["UNTAKEN_S", "end_orphaned_runs", "report_ended"]
-
 UNTAKEN_S = 300.0
 _BEFORE_START = (dg.DagsterRunStatus.NOT_STARTED, dg.DagsterRunStatus.STARTING)
 # Queued runs are not orphaned: the daemon launches them once it is back.

@@ -30,8 +30,6 @@ from bagassets.defs.runs.worker_tag import WHERE_TAG
 from bagassets.engine.batches import Batch
 from bagassets.engine.build_report import Event
 
-__all__ = ["EndedRun", "Listener", "RunPool"]
-
 _CANCEL_GRACE_S = 35.0  # our own launcher kills after 30 s, and the command waits for 40 s
 _HEALTH_S = 5.0
 # The end of a run is noticed late by at most 2 % of its duration, and of a long one sooner where it costs nothing to ask

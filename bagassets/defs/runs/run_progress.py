@@ -9,8 +9,6 @@ import dagster as dg
 from bagassets.defs.dagster_private import EngineEventData
 from bagassets.engine.source import Progress, progress_told
 
-__all__ = ["RunProgress", "note_begun", "note_ended", "readings_noted"]
-
 _RECORDING, _STATE, _PROBLEM, _SHARE = "recording", "state", "problem", "share"
 _DATASETS = "datasets"  # whose key is empty
 _BEGUN, _DONE, _FAILED, _READING = "begun", "done", "failed", "reading"

@@ -12,8 +12,6 @@ import dagster as dg
 
 from bagassets.forkserver.process import ProcessId
 
-__all__ = ["WHERE_TAG", "WORKER_TAG", "RunWorker"]
-
 # Dagster hides tags with this prefix in its list of runs, where nobody wants to read JSON.
 WORKER_TAG = ".dagster/bagassets_worker"
 WHERE_TAG = "bagassets/where"

@@ -6,8 +6,6 @@ Dagster's own looks every 30 seconds, twice for a *Materialize all*: before its 
 from bagassets.defs.dagster_private import cli, controller
 from bagassets.defs.ui.parent import end_with_parent
 
-__all__ = ["BACKFILL_POLL_S", "main"]
-
 BACKFILL_POLL_S = 5
 _INTERVAL = "DEFAULT_DAEMON_INTERVAL_SECONDS"
 

@@ -23,8 +23,6 @@ from bagassets.defs.dagster_private import ProxyServerManager, WorkspaceFileTarg
 from bagassets.defs.ui.parent import end_with_parent
 from bagassets.defs.ui.webserver import web_server
 
-__all__ = ["main"]
-
 _LOG = logging.getLogger("dagster")
 _OUR_LOCATION = "load_from: [{python_module: bagassets.definitions}]\n"
 _POLL_S = 1.0

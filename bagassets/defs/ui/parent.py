@@ -4,8 +4,6 @@ import os
 import signal
 import threading
 
-__all__ = ["end_with_parent"]
-
 _STDIN = 0
 
 

@@ -5,15 +5,6 @@ from http.client import HTTPConnection, HTTPException
 
 from bagassets.base.errors import BagAssetsError
 
-__all__ = [
-    "ANY_HOST",
-    "answers",
-    "free_port",
-    "reachable",
-    "refuse_taken_port",
-    "url_of",
-]
-
 ANY_HOST = frozenset({"0.0.0.0", "::"})  # noqa: S104  (compared with, not bound to)
 """A server on such a host listens at every address of this machine."""
 

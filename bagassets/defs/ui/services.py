@@ -23,8 +23,6 @@ from bagassets.forkserver.tasks import connect, server_spec
 from bagassets.propose.project import dagster_home
 from bagassets.recipe import load_recipe
 
-__all__ = ["Services", "end_servers"]
-
 _POLL_S = 0.2
 _START_S = 120.0
 _STOP_S = 60.0

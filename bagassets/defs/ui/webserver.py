@@ -21,8 +21,6 @@ from bagassets.defs.dagster_private import (
 from bagassets.defs.records.artifact_files import PAGES, PICTURES, page_file, picture_file
 from bagassets.defs.ui.guard import Guard, own_names
 
-__all__ = ["page", "styled", "web_server"]
-
 # The defaults of `dagster-webserver`.
 _STATEMENT_TIMEOUT_MS, _POOL_RECYCLE_S, _POOL_MAX_OVERFLOW = 15_000, 3600, 20
 _POLL_MS = 2000

@@ -14,8 +14,6 @@ from hashlib import blake2b
 
 from bagassets.base.fingerprints import PlanNeeded, Signature, signature
 
-__all__ = ["Group", "artifacts_fingerprint", "check_groups", "groups_of", "packed"]
-
 # No more artifacts than about this are checked at a time.
 MOST_CHECKED = 10_000
 _SIZE = 32

@@ -30,17 +30,6 @@ from bagassets.base.fingerprints import (
 from bagassets.engine.freshness.artifacts import Group, check_groups, groups_of, packed
 from bagassets.engine.freshness.published import Publication
 
-__all__ = [
-    "BuildLog",
-    "Places",
-    "fingerprints_of",
-    "forget_note",
-    "note_nothing_to_do",
-    "nothing_to_do",
-    "plain_build",
-    "state_folder",
-]
-
 _STATE = ".bagassets"
 _WORTH_A_FORK = 32 * 1000  # bytes of the list, 32 for each artifact
 _SETTLED, _ARTIFACTS, _BUILD, _LAST = "settled", "artifacts", "build", "last"

@@ -13,8 +13,6 @@ from bagassets.base.cache import Cache, Changes
 from bagassets.base.fingerprints import PlanNeeded, digest_lines, signature
 from bagassets.engine.freshness.artifacts import artifacts_fingerprint, packed
 
-__all__ = ["CachedPlan", "PlanCache", "RecordingFingerprint", "recording_fingerprint"]
-
 _KIND = "recording"
 
 

@@ -18,8 +18,6 @@ from typing import TypedDict
 from bagassets.base.cache import Cache, Changes
 from bagassets.base.fingerprints import PlanNeeded, Signature, signature
 
-__all__ = ["Publication"]
-
 _HEAD, _LINKS = "published", "links"
 # Lists of links are stored in pieces of about this size, some six hundred links, which are checked in a millisecond.
 _PIECE_BYTES = 1 << 16

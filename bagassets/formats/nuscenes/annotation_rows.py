@@ -25,8 +25,6 @@ from bagassets.formats.nuscenes.tokens import (
 )
 from bagassets.formats.nuscenes.visibility import CameraView, share_in_images, share_open, visibility_levels
 
-__all__ = ["AnnotationRows", "annotation_rows"]
-
 _SPEED_WINDOW_NS = 1_000_000_000
 # No lidar takes longer for one revolution, however far apart its readings are.
 _LONGEST_REVOLUTION_S = 0.2

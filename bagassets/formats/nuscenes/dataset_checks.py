@@ -19,8 +19,6 @@ from bagassets.formats.nuscenes.table_integrity import (
     sentence,
 )
 
-__all__ = ["CHECKS", "check", "dataset_files_match", "dataset_references_intact", "dataset_tokens_unique"]
-
 
 def dataset_references_intact(rows: DatasetRows) -> Finding:
     """Check that every token refers to a row, that chains are closed, and that counts are true."""

@@ -21,8 +21,6 @@ from bagassets.formats.nuscenes.schema import RECORDING_TABLES, SHARED_TABLES, T
 from bagassets.formats.nuscenes.subset import rows_of_scenes
 from bagassets.formats.nuscenes.table_file import errors_explained, read_table
 
-__all__ = ["DatasetRows", "file_sizes", "read_dataset", "repeated_tokens"]
-
 # Rows take about eight times as much memory as disk space.
 MOST_BYTES = 128 * 1024 * 1024
 # A row begins with {"token":"; this many hex digits tell 10^8 tokens apart.

@@ -13,8 +13,6 @@ from bagassets.assets.quality.finding import Finding
 from bagassets.formats.nuscenes.dataset_rows import DatasetRows
 from bagassets.formats.nuscenes.schema import DEVKIT_SPLITS, SPLITS, Row
 
-__all__ = ["devkit_ready"]
-
 _FORMATS = ("jpg", "png", "pcd")
 _PNG = b"\x89PNG\r\n\x1a\n"
 _LIDAR_POINT_BYTES = 20

@@ -23,8 +23,6 @@ from bagassets.recipe.model import Recipe
 from bagassets.store.artifact import Artifact
 from bagassets.store.canonical import digest_json
 
-__all__ = ["NUSCENES"]
-
 
 def _why_no_scenes(recordings: Sequence[JsonMapping], recipe: Recipe, recipe_file: Path) -> str:
     """Return why recordings, given by the facts of their tables, have no scene, and what to set where so that they have one."""

@@ -23,8 +23,6 @@ from bagassets.formats.nuscenes.tokens import (
     visibility_token,
 )
 
-__all__ = ["blank_png", "join"]
-
 MAP_SIZE_PX = 64
 
 

@@ -27,8 +27,6 @@ from bagassets.geometry.se3 import SE3, Floats
 from bagassets.recipe.model import LidarChannel, RadarChannel
 from bagassets.store.artifact import Artifact
 
-__all__ = ["PART_CHECKS"]
-
 PART = "nuscenes_tables"
 # The work of a check does not grow with the recording.
 MOST_RADAR_READINGS = 60

@@ -7,8 +7,6 @@ from numpy.typing import NDArray
 
 from bagassets.geometry.se3 import SE3, Floats, rotate
 
-__all__ = ["Hits", "count_points", "hits_of"]
-
 # Largest error of a point due to float32 and two transformations.
 ROUNDING_M = 1e-3
 # A return farther in front of a box is another object; a nearer one may be a mirror, a coupling, or a tight box.

@@ -13,8 +13,6 @@ from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.store.artifact import Artifact
 
-__all__ = ["ChannelReadings", "load_readings"]
-
 
 @dataclass(frozen=True, eq=False)
 class ChannelReadings:

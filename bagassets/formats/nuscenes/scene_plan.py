@@ -21,19 +21,6 @@ from bagassets.assets.timeline.keyframes import (
 )
 from bagassets.recipe.model import Scenes
 
-__all__ = [
-    "ChannelPlan",
-    "RecordingPlan",
-    "SceneCuts",
-    "SceneParams",
-    "ScenePlan",
-    "SceneSpan",
-    "Shortage",
-    "cut_scenes",
-    "plan_scenes",
-    "stretches",
-]
-
 # A reference is silent for this long only if it was off, however long scenes are; of one that is slow, three readings
 # may be missing.
 _LONGEST_PAUSE_NS = 3_600_000_000_000

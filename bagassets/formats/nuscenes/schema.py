@@ -6,17 +6,6 @@ from types import MappingProxyType
 
 from bagassets.base.json_types import JsonMapping
 
-__all__ = [
-    "DEVKIT_SPLITS",
-    "RECORDING_TABLES",
-    "SHARED_TABLES",
-    "SPLITS",
-    "TABLES",
-    "Row",
-    "Table",
-    "devkit_split_name",
-]
-
 SPLITS = "splits.json"
 """File beside the tables that names the scenes of each split."""
 # Names that nuscenes-devkit answers itself, with the scenes of nuScenes.

@@ -37,16 +37,6 @@ from bagassets.store.action import Step
 from bagassets.store.artifact import Artifact, ArtifactWriter
 from bagassets.store.store import Store
 
-__all__ = [
-    "FACTS_STEP",
-    "SUBSET_STEP",
-    "inside",
-    "require_own_scenes",
-    "scene_facts",
-    "select",
-    "unmet_condition",
-]
-
 FACTS_STEP = Step("scene_facts", 2)
 SUBSET_STEP = Step("scene_subset", 1)
 

@@ -10,8 +10,6 @@ from bagassets.formats.nuscenes.scene_plan import ScenePlan
 from bagassets.formats.nuscenes.table_file import quaternion, rounded
 from bagassets.formats.nuscenes.tokens import RecordingTokens, filename, sensor_token
 
-__all__ = ["SensorRows", "microseconds", "sensor_rows"]
-
 NS_PER_US = 1000
 
 

@@ -11,8 +11,6 @@ from bagassets.recipe.model_base import DatasetSettings, Model, Slug
 if TYPE_CHECKING:
     from bagassets.recipe.model import Recipe
 
-__all__ = ["AttributesByMotion", "NamedText", "NuScenes"]
-
 
 class NamedText(Model):
     """A category or attribute with its description."""

@@ -7,8 +7,6 @@ from typing import TypeVar
 from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.formats.nuscenes.tokens import attribute_token, category_token
 
-__all__ = ["rows_of_scenes", "subset_facts", "subset_tables"]
-
 Rows = Sequence[JsonMapping]
 _R = TypeVar("_R", bound=JsonMapping)
 

@@ -18,15 +18,6 @@ from bagassets.base.json_types import JsonObject
 from bagassets.formats.json_files import rows_bytes
 from bagassets.formats.nuscenes.schema import TABLES, Row
 
-__all__ = [
-    "errors_explained",
-    "quaternion",
-    "read_table",
-    "rounded",
-    "table_bytes",
-]
-
-
 METRE_DIGITS = 6
 QUATERNION_DIGITS = 9
 

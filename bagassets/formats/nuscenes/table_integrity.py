@@ -13,15 +13,6 @@ from pathlib import Path
 from bagassets.formats.nuscenes.schema import TABLES, Row
 from bagassets.formats.nuscenes.table_file import read_table
 
-__all__ = [
-    "broken_references",
-    "check_dataset_files",
-    "check_files",
-    "duplicate_tokens",
-    "repeated_tokens_sentence",
-    "sentence",
-]
-
 Tables = Mapping[str, Sequence[Row]]
 NOT_ON_DISK = "{} files|file of the tables are|is not on disk"
 

@@ -16,17 +16,6 @@ from blake3 import blake3
 
 from bagassets.store.canonical import canonical_json
 
-__all__ = [
-    "RecordingTokens",
-    "attribute_token",
-    "category_token",
-    "filename",
-    "recording_of",
-    "sensor_token",
-    "token",
-    "visibility_token",
-]
-
 HEX_DIGITS = 32  # as in nuScenes
 VISIBILITY_LEVELS = ("v0-40", "v40-60", "v60-80", "v80-100")
 

@@ -28,8 +28,6 @@ from bagassets.formats.nuscenes.points import Hits
 from bagassets.formats.nuscenes.tokens import VISIBILITY_LEVELS
 from bagassets.geometry.se3 import SE3, Floats, rotate
 
-__all__ = ["CameraView", "share_in_images", "share_open", "visibility_levels"]
-
 STEPS = 5
 NEAREST_M = 0.1
 _AXIS = np.arange(STEPS) / (STEPS - 1) - 0.5

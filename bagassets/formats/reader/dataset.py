@@ -24,8 +24,6 @@ from bagassets.formats.reader.table_folder import LOCK, TableFolder
 from bagassets.formats.reader.vision import VisionSource
 from bagassets.geometry.se3 import Floats
 
-__all__ = ["Dataset", "Sample", "Scene", "Sweep", "open_dataset"]
-
 T = TypeVar("T")
 Source = NuScenesSource | VisionSource
 """The content of a dataset of one format, offered alike; tables are read when they are first needed."""

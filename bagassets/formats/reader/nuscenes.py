@@ -14,8 +14,6 @@ from bagassets.formats.reader.source import Reading, SceneRow
 from bagassets.formats.reader.table_folder import TableFolder
 from bagassets.geometry.se3 import SE3
 
-__all__ = ["NuScenesSource", "pose_in", "reading_in"]
-
 _OPTIONAL = {"map"}  # not read here
 
 

@@ -11,8 +11,6 @@ from bagassets.formats.reader.source import Reading
 from bagassets.formats.reader.table_folder import TableFolder
 from bagassets.geometry.se3 import SE3
 
-__all__ = ["Points", "read_image", "read_points"]
-
 _LIDAR_FIELDS: tuple[str, ...] = ("x", "y", "z", "intensity", "ring")
 _TRIES = 3
 _PCD_KINDS = {"F": "f", "I": "i", "U": "u"}

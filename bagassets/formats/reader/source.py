@@ -6,8 +6,6 @@ from pathlib import Path
 
 from bagassets.geometry.se3 import SE3
 
-__all__ = ["Reading", "SceneRow"]
-
 
 @dataclass(frozen=True)
 class Reading:

@@ -16,8 +16,6 @@ from pathlib import Path
 from bagassets.base.errors import DatasetError
 from bagassets.base.json_types import Json, JsonObject
 
-__all__ = ["LOCK", "TableFolder"]
-
 LOCK = "dataset.lock.json"
 # So often in a row, a folder may be swapped while it is being opened.
 _TRIES = 20

@@ -12,8 +12,6 @@ from bagassets.formats.reader.table_folder import LOCK, TableFolder
 from bagassets.geometry.euler import of_half_angles
 from bagassets.geometry.se3 import SE3
 
-__all__ = ["VisionSource"]
-
 _MANIFEST = ".manifest.json"
 
 

@@ -19,8 +19,6 @@ from bagassets.formats.json_files import json_bytes, rows_text, write_hashed, wr
 from bagassets.formats.vision.recording_part import FILES, SEQUENCES, VISION_SEQUENCES
 from bagassets.formats.vision.settings import Vision
 
-__all__ = ["RECORDINGS", "VISION", "join"]
-
 RECORDINGS = "recordings"
 ONE_FILE = "all"
 # What a manifest says of a recording, besides its names.

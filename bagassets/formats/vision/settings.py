@@ -13,8 +13,6 @@ from bagassets.recipe.schema import suggestion
 if TYPE_CHECKING:
     from bagassets.recipe.model import Recipe
 
-__all__ = ["FramePair", "Vision"]
-
 
 def _pair(text: str) -> str:
     sensor, colon, reference = (part.strip().lstrip("/") for part in text.partition(":"))

@@ -12,8 +12,6 @@ from bagassets.base.json_types import Json
 from bagassets.geometry.calibration_files.model import CalibrationFile, Fields, FileLens, FilePose
 from bagassets.geometry.se3 import SE3
 
-__all__ = ["CamchainFile", "is_camchain"]
-
 _CAMERA = re.compile(r"cam(\d+)")
 # Kalibr's names of distortion models -> those of sensor_msgs/CameraInfo, and their numbers of coefficients.
 _MODELS = {"radtan": ("plumb_bob", 4), "equidistant": ("equidistant", 4), "none": ("", 0)}

@@ -10,8 +10,6 @@ from bagassets.base.errors import CalibrationError
 from bagassets.geometry.calibration_files.model import CalibrationFile, FileLens, FilePose, finite
 from bagassets.geometry.se3 import SE3
 
-__all__ = ["KaptureFile", "is_kapture"]
-
 # Model -> which of f, fx, fy, cx, cy and coefficients follow width and height, and the distortion model of CameraInfo.
 _MODELS = {
     "SIMPLE_PINHOLE": (("f", "cx", "cy"), ""),

@@ -14,8 +14,6 @@ from bagassets.base.quantities import count_text
 from bagassets.geometry.calibration import COEFFICIENTS
 from bagassets.geometry.calibration_files.model import CalibrationFile, Fields, FileLens
 
-__all__ = ["MatrixFile"]
-
 # As `cv::calibrateCamera` orders them.
 _BY_LENGTH = {
     number: model for model in ("plumb_bob", "rational_polynomial") for number in COEFFICIENTS[model]

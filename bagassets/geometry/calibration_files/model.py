@@ -11,8 +11,6 @@ from bagassets.base.errors import CalibrationError
 from bagassets.base.json_types import Json
 from bagassets.geometry.se3 import SE3, Floats, quaternion_from_rotation
 
-__all__ = ["CalibrationFile", "Fields", "FileLens", "FilePose", "finite"]
-
 # Files are written with as few as four digits.
 ROTATION_TOLERANCE = 1e-3
 

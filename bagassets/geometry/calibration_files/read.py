@@ -12,8 +12,6 @@ from bagassets.geometry.calibration_files.kapture import KaptureFile, is_kapture
 from bagassets.geometry.calibration_files.matrices import MatrixFile
 from bagassets.geometry.calibration_files.model import CalibrationFile
 
-__all__ = ["MOST_BYTES", "read_calibration_file"]
-
 MOST_BYTES = 1_000_000
 """Size of the largest calibration file that is read: no real one comes near it."""
 

@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 
 from bagassets.geometry.kernels.machine_code import Ir, MachineCode, begin_function, counting
 
-__all__ = ["BilinearLookup"]
-
 _LANES = 8  # pixels that are computed together
 _AHEAD = 48  # groups of pixels between the prefetch of a pixel and its use
 _FAR_AHEAD = 128  # likewise for the maps: a page of one of them

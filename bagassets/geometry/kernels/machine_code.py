@@ -10,8 +10,6 @@ from contextlib import contextmanager
 from threading import Lock
 from typing import Any
 
-__all__ = ["Ir", "MachineCode", "begin_function", "compile_all", "counting", "everywhere"]
-
 _LOG = logging.getLogger(__name__)
 _LOCK = Lock()
 

@@ -6,8 +6,6 @@ import numpy as np
 
 from bagassets.geometry.kernels.machine_code import Ir, MachineCode, begin_function, counting, everywhere
 
-__all__ = ["markers_from"]
-
 _LANES = 32  # bytes that are compared together
 _MOST = 4096  # markers that are found by one call
 _WINDOW = 1 << 17  # bytes that are looked into at once

@@ -5,8 +5,6 @@ from numpy.typing import NDArray
 
 from bagassets.geometry.kernels.machine_code import Ir, MachineCode, begin_function, counting
 
-__all__ = ["KNOT_NS", "move_points"]
-
 KNOT_NS = 1_000_000
 """Time from one knot to the next."""
 _ENTRIES = 12  # of a 3x4 matrix

@@ -15,18 +15,6 @@ from numpy.typing import NDArray
 
 from bagassets.geometry.kernels.machine_code import Ir, MachineCode, begin_function, counting
 
-__all__ = [
-    "ALL_AZIMUTHS",
-    "BANK_FLAGS",
-    "DUAL",
-    "LASERS",
-    "PACKET",
-    "RETURNS",
-    "Angles",
-    "Lasers",
-    "take_returns",
-]
-
 _BLOCK = np.dtype(
     [("flag", "<u2"), ("azimuth", "<u2"), ("returns", [("distance", "<u2"), ("intensity", "u1")], 32)]
 )

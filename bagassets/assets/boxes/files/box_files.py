@@ -14,8 +14,6 @@ from bagassets.assets.boxes.files.label import (
 )
 from bagassets.base.json_types import Json, JsonMapping
 
-__all__ = ["FORMAT", "VERSION", "read_json_boxes", "read_parquet_boxes"]
-
 FORMAT = "bagassets-boxes"
 VERSION = 1
 

@@ -14,8 +14,6 @@ from bagassets.recipe.model_annotations import AnnotationFiles, FileTimes, NuSce
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.canonical import digest_bytes
 
-__all__ = ["TIMES", "LabelSet", "expand", "find_labels", "label_paths"]
-
 TIMES = "times"
 _ENDINGS = {
     "boxes": (".json", ".parquet"),

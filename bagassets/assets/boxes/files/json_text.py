@@ -8,8 +8,6 @@ from json.decoder import JSONDecoder
 from bagassets.assets.boxes.files.label import UnreadableLabelsError
 from bagassets.base.json_types import Json
 
-__all__ = ["entries", "parse"]
-
 _SPACE = re.compile(r"[ \t\r\n]*")
 
 

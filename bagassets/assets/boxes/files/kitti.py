@@ -25,8 +25,6 @@ from bagassets.assets.boxes.files.label import (
     compose,
 )
 
-__all__ = ["read_kitti_labels", "read_kitti_tracklets"]
-
 _OBJECT_COLUMNS = 15
 # The box's x (front), y (left), z (up) at rotation_y 0 are the camera's x, z and -y.
 _HALF = sqrt(0.5)

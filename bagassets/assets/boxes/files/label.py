@@ -12,18 +12,6 @@ from bagassets.decode.model import BoxReading
 from bagassets.geometry.portable import sin_cos
 from bagassets.geometry.se3 import SE3, quaternion_multiply
 
-__all__ = [
-    "Label",
-    "LabelFile",
-    "UnreadableLabelsError",
-    "as_text",
-    "axis_rotation",
-    "box_label",
-    "compose",
-    "is_number",
-]
-
-
 _GREATEST = 10**300
 
 

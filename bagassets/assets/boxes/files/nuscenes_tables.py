@@ -9,8 +9,6 @@ from bagassets.assets.boxes.files.label import Label, UnreadableLabelsError, as_
 from bagassets.base.json_types import Json, JsonMapping, JsonObject
 from bagassets.geometry.se3 import SE3
 
-__all__ = ["TABLES", "TableSet", "read_tables"]
-
 TABLES = (
     "sample_annotation.json",
     "sample.json",

@@ -20,8 +20,6 @@ from bagassets.assets.boxes.files.label import (
 )
 from bagassets.base.json_types import Json
 
-__all__ = ["read_sustechpoints"]
-
 
 def read_sustechpoints(data: bytes) -> Iterator[Label]:
     """Yield the boxes of one cloud; their time is that of the file.

@@ -8,8 +8,6 @@ from pathlib import PurePath
 
 from bagassets.assets.boxes.files.label import UnreadableLabelsError, as_text
 
-__all__ = ["FrameClock", "named_frames", "numbered_frames", "read_times"]
-
 _DIGITS = {"ns": 0, "us": 3, "ms": 6, "s": 9}
 _MOST_DIGITS = 19
 # `12`, `1700000000.25`, and either with the endings of the cloud, as in `12.pcd.bin`.

@@ -8,8 +8,6 @@ from pathlib import Path
 
 from bagassets.base.errors import BagAssetsError
 
-__all__ = ["JobState", "SlurmError", "cancel_job", "job_states", "submit_job"]
-
 _ANSWER_S = 60.0
 # What the commands print when trying again later makes sense.
 _TEMPORARY = (

@@ -23,8 +23,6 @@ from bagassets.defs.runs.worker_tag import WHERE_TAG
 from bagassets.forkserver.job import Job
 from bagassets.forkserver.worker import load_function
 
-__all__ = ["main"]
-
 _LOG = logging.getLogger("bagassets.slurm")
 _LOOK_S = 1.0
 _IDLE_LOOK_S = 0.2

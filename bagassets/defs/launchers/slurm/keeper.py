@@ -25,8 +25,6 @@ from bagassets.defs.runs.orphaned_runs import report_ended
 from bagassets.defs.runs.worker_tag import WHERE_TAG
 from bagassets.forkserver.server_files import last_lines
 
-__all__ = ["Keeper", "Packing"]
-
 _LOG = logging.getLogger(__name__)
 # A job that Slurm does not know, and that left no record: the file system may show it late.
 _FORGOTTEN_S = 15.0

@@ -70,8 +70,6 @@ from bagassets.recordings.discover import discover
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.identity import identify
 
-__all__ = ["SlurmRunLauncher"]
-
 _LOG = logging.getLogger(__name__)
 _PARTITION_TAG = "dagster/partition"
 _DEBUG_LINES = 30

@@ -13,8 +13,6 @@ from bagassets.defs.launchers.slurm.spool import JobSpec
 from bagassets.recordings.discover import find_one
 from bagassets.store.identity import id_of_store
 
-__all__ = ["problem_of_node", "versions_here"]
-
 _OURS = "bagassets"
 
 

@@ -9,17 +9,6 @@ import dagster as dg
 from bagassets.base.errors import BagAssetsError
 from bagassets.base.json_types import JsonMapping, JsonObject
 
-__all__ = [
-    "JOB_TAG",
-    "LOG_TAG",
-    "NODE_TAG",
-    "JobOptions",
-    "Rule",
-    "options_for",
-    "options_schema",
-    "rule_schema",
-]
-
 _TAG_PREFIX = "slurm/"
 # Where a run is.
 JOB_TAG, NODE_TAG, LOG_TAG = f"{_TAG_PREFIX}job", f"{_TAG_PREFIX}node", f"{_TAG_PREFIX}log"

@@ -20,8 +20,6 @@ from uuid import uuid4
 from bagassets.base.atomic import write_atomically
 from bagassets.base.json_types import JsonMapping, JsonObject
 
-__all__ = ["JobFolder", "JobSpec", "Spool", "SpooledRun"]
-
 _JOB, _SUBMITTED, _ENDED = "job.json", "submitted.json", "ended.json"
 
 
