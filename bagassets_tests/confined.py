@@ -5,13 +5,15 @@ and OpenCV, whose own code opens files. A step that reads more either fails or, 
 makes other bytes.
 """
 
+import sys
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
 
-from bagassets.engine import execute, run_action
+from bagassets.engine import execute
+from bagassets.engine.run_action import run_action
 from bagassets.store.store import Store
 
 
@@ -24,14 +26,14 @@ def confined(inventory: str, recording: Path, others: Iterable[Path]) -> Iterato
         recording: the recording; there for the passes over it only.
         others: files and folders that no step may read.
     """
-    make_action, run_pass = run_action._make, execute.run_pass
+    run_pass = execute.run_pass
 
-    def run_confined(store, action, make, subject):
+    def run_confined(store, action, make, subject=None):
         def make_confined(out):
             with nothing_but(store, {*action.inputs.values(), inventory}, [recording, *others]):
                 return make(out)
 
-        return make_action(store, action, make_confined, subject)
+        return run_action(store, action, make_confined, subject)
 
     def pass_confined(graph, opened, nodes, *rest):
         declared = {digest for node in nodes for digest in node.action.inputs.values()}
@@ -39,7 +41,9 @@ def confined(inventory: str, recording: Path, others: Iterable[Path]) -> Iterato
             return run_pass(graph, opened, nodes, *rest)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(run_action, "_make", run_confined)
+        for module in [*sys.modules.values()]:
+            if getattr(module, "run_action", None) is run_action:
+                patch.setattr(module, "run_action", run_confined)
         patch.setattr(execute, "run_pass", pass_confined)
         yield
 

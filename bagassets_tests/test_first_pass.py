@@ -68,7 +68,7 @@ class Disk:
                     self.cache.popitem(last=False)
 
     def watch_hashing(self, monkeypatch, file):
-        disk, real = self, canonical.FileHasher.step
+        disk, real = self, canonical.FileHasher.read_block
 
         def step(self, *most):
             read = real(self, *most)
@@ -76,7 +76,7 @@ class Disk:
                 disk.give(self.position - read, self.position)
             return read
 
-        monkeypatch.setattr(canonical.FileHasher, "step", step)
+        monkeypatch.setattr(canonical.FileHasher, "read_block", step)
 
     def watch_messages(self, monkeypatch):
         """See where in the file the messages are that readers return, or the compressed chunks that hold them."""
@@ -187,7 +187,7 @@ def test_a_bag_compressed_as_a_whole_is_hashed_while_it_is_unpacked(tmp_path, mo
     monkeypatch.setattr(canonical, "_READ_BYTES", 1 << 12)
     monkeypatch.setattr(digest, "_FOLLOW_BYTES", 1)
     monkeypatch.setattr(digest, "_MOST_BEHIND_BYTES", 0)
-    hashed, step, decompress_file = [0], canonical.FileHasher.step, rosbag2.decompress_file
+    hashed, step, decompress_file = [0], canonical.FileHasher.read_block, rosbag2.decompress_file
 
     def count(self, *most):
         read = step(self, *most)
@@ -198,7 +198,7 @@ def test_a_bag_compressed_as_a_whole_is_hashed_while_it_is_unpacked(tmp_path, mo
         decompress_file(*args)
         hashed.append(0)
 
-    monkeypatch.setattr(canonical.FileHasher, "step", count)
+    monkeypatch.setattr(canonical.FileHasher, "read_block", count)
     monkeypatch.setattr(rosbag2, "decompress_file", unpack)
     made, _ = passed(recipe)
     assert made.inventory is not None
@@ -266,7 +266,7 @@ def test_a_disk_that_fails_is_reported_as_when_hashing_alone(project, monkeypatc
         raise OSError(5, "Input/output error")
 
     monkeypatch.setattr(canonical, "_READ_BYTES", 1 << 12)
-    monkeypatch.setattr(canonical.FileHasher, "step", fail)
+    monkeypatch.setattr(canonical.FileHasher, "read_block", fail)
     with pytest.raises(BagAssetsError, match=r"a\.bag: cannot be read \(Input/output error\)"):
         passed(project)
     assert left_in(project) == ([], [])
