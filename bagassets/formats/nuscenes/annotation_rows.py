@@ -13,10 +13,11 @@ from bagassets.assets.lidar_file import read_lidar_file
 from bagassets.assets.radar_file import read_radar_file
 from bagassets.assets.timeline.keyframes import Stamps
 from bagassets.base.json_types import JsonObject
-from bagassets.formats.nuscenes.points import count_points, hits_of
+from bagassets.formats.json_files import rounded
+from bagassets.formats.nuscenes.points import hits_of
 from bagassets.formats.nuscenes.readings import ChannelReadings
 from bagassets.formats.nuscenes.scene_plan import SceneParams, ScenePlan
-from bagassets.formats.nuscenes.table_file import quaternion, rounded
+from bagassets.formats.nuscenes.table_file import quaternion
 from bagassets.formats.nuscenes.tokens import (
     RecordingTokens,
     attribute_token,
@@ -240,14 +241,18 @@ def _measure(
             if channel.intrinsic:
                 k = np.array(channel.intrinsic, dtype=np.float64)
                 views.append(CameraView(global_SE3_sensor, k, *channel.sizes_px[reading]))
-        elif channel.modality == "lidar":
+            continue
+        if channel.modality == "lidar":
             xyz = read_lidar_file(channel.path(reading))[:, :3]
-            moves = speeds * _period_s(channel.stamps_ns, reading)
-            lidar_hits.append(hits_of(xyz, global_SE3_sensor, centers, rotations, sizes, moves))
         else:
             targets = read_radar_file(channel.path(reading))
             xyz = np.stack([targets[axis] for axis in "xyz"], axis=1)
-            radar_points += count_points(xyz, global_SE3_sensor, centers, rotations, sizes)
+        moves = speeds * _period_s(channel.stamps_ns, reading)
+        hits = hits_of(xyz, global_SE3_sensor, centers, rotations, sizes, moves)
+        if channel.modality == "lidar":
+            lidar_hits.append(hits)
+        else:
+            radar_points += hits.inside
     lidar_points = sum((hits.inside for hits in lidar_hits), np.zeros(len(annotations), np.int64))
     levels = visibility_levels(
         share_in_images(views, centers, rotations, sizes) if views else None,

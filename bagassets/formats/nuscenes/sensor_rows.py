@@ -5,9 +5,10 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 
 from bagassets.base.json_types import JsonMapping, JsonObject
+from bagassets.formats.json_files import rounded
 from bagassets.formats.nuscenes.readings import ChannelReadings
 from bagassets.formats.nuscenes.scene_plan import ScenePlan
-from bagassets.formats.nuscenes.table_file import quaternion, rounded
+from bagassets.formats.nuscenes.table_file import quaternion
 from bagassets.formats.nuscenes.tokens import RecordingTokens, filename, sensor_token
 
 NS_PER_US = 1000
