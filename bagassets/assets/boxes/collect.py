@@ -119,9 +119,7 @@ class BoxCollector:
         self.unknown_frames: dict[str, set[str]] = {source: set() for source in rules}
         self.frames = frames
         self._rules = dict(rules)
-        self._boxes: list[BoxReading] = []
-        self._places: list[Place] = []
-        self._messages: list[int | None] = []
+        self._boxes: list[tuple[BoxReading, Place, int | None]] = []  # with place and message, as added
         self._seen: set[tuple[str, int, str]] = set()
 
     def limit(self, source: str, span_ns: tuple[int, int] | None) -> None:
@@ -157,9 +155,8 @@ class BoxCollector:
         category = rules.categories.get(box.category, box.category)
         recorded = (rules.attribute_names.get(name, name) for name in box.attributes)
         attributes = dict.fromkeys((*filter(None, recorded), *rules.attributes.get(category, ())))
-        self._boxes.append(replace(box, category=category, attributes=tuple(attributes)))
-        self._places.append(place)
-        self._messages.append(message)
+        box = replace(box, category=category, attributes=tuple(attributes))
+        self._boxes.append((box, place, message))
 
     def lose_undecoded(self, source: str, reason: str, place: Place = NOWHERE) -> None:
         """Count a box that could not be decoded.
@@ -172,11 +169,9 @@ class BoxCollector:
 
     def finish(self) -> BoxTable:
         """Transform all boxes to the global frame; those without an ego pose at their time are counted as lost."""
-        centers, rotations, valid = self.frames.place(self._boxes)
+        centers, rotations, valid = self.frames.place([box for box, _, _ in self._boxes])
         kept, numbers = [], []
-        for box, place, message, has_pose in zip(
-            self._boxes, self._places, self._messages, valid.tolist(), strict=True
-        ):
+        for (box, place, message), has_pose in zip(self._boxes, valid.tolist(), strict=True):
             counts = self.counts[box.source]
             if has_pose:
                 counts.written += 1

@@ -135,20 +135,16 @@ class Pictures:
             )
         return view
 
-    def _revolution(self) -> tuple[Clouds, int]:
-        if self.clouds is None:
-            raise CannotDrawError("there is no lidar")
-        moment_ns = self.moment_ns
-        index = None if moment_ns is None else reading_at(self.clouds.stamps_ns, moment_ns, TOLERANCE_NS)
-        if index is None:
-            raise CannotDrawError(f"{self.clouds.channel} has no revolution near the image")
-        return self.clouds, index
-
     @cached_property
     def _points(self) -> Floats:
         """The revolution of the single pictures, in the global frame."""
-        clouds, revolution = self._revolution()
-        points = clouds.points_global(revolution, self.trajectory)
+        clouds, moment_ns = self.clouds, self.moment_ns
+        if clouds is None:
+            raise CannotDrawError("there is no lidar")
+        index = None if moment_ns is None else reading_at(clouds.stamps_ns, moment_ns, TOLERANCE_NS)
+        if index is None:
+            raise CannotDrawError(f"{clouds.channel} has no revolution near the image")
+        points = clouds.points_global(index, self.trajectory)
         if points is None:
             raise CannotDrawError(f"there is no ego pose at the time of {clouds.channel}")
         return points

@@ -135,7 +135,9 @@ class _Builder:
         instance = self._tokens.track("instance", *name, int(scene.keyframes_ns[0]))
         self._add_instance_row(instance, category, tokens)
         times_ns = scene.keyframes_ns[found.at]
-        by_motion = self._by_motion(track, category, times_ns)
+        by_motion = [""] * len(times_ns)
+        if self._motion is not None:
+            by_motion = motion_attributes(category, track, times_ns, self._motion)
         speeds = np.nan_to_num(speeds_of(track, times_ns, _SPEED_WINDOW_NS, self._params.box_gap_ns))
         self.speeds_mps |= dict(zip(tokens, speeds.tolist(), strict=True))
         for position, (sample, row) in enumerate(zip(found.at.tolist(), observations, strict=True)):
@@ -196,12 +198,6 @@ class _Builder:
                 "last_annotation_token": annotations[-1],
             }
         )
-
-    def _by_motion(self, track: Track, category: str, times_ns: Stamps) -> list[str]:
-        """Return the attribute at each time according to the motion of a track, or an empty name."""
-        if self._motion is None:
-            return [""] * len(times_ns)
-        return motion_attributes(category, track, times_ns, self._motion)
 
     def _attributes(self, row: int, category: str, by_motion: str) -> list[str]:
         """Return the attribute tokens of a box: those from its source, else the one by motion."""
