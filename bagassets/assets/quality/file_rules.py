@@ -1,8 +1,8 @@
 """Rules about files: those in the tables are whole in the store, and no others are listed."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
-from bagassets.assets.quality.finding import Finding
+from bagassets.assets.quality.finding import Finding, counted
 from bagassets.base.errors import StoreError
 from bagassets.base.json_types import JsonMapping
 from bagassets.store.artifact import Artifact
@@ -24,10 +24,8 @@ def files_match(
     listed = {entry["filename"] for entry in files}
     nowhere = sorted(set(named) - listed)
     unnamed = sorted(listed - set(named))
-    problems = _sentence(
-        "file of sample_data is in no artifact", "files of sample_data are in no artifact", nowhere
-    )
-    problems += _sentence("listed file is not in sample_data", "listed files are not in sample_data", unnamed)
+    problems = counted("{} files|file of sample_data are|is in no artifact", nowhere)
+    problems += counted("{} listed files|file are|is not in sample_data", unnamed)
     artifacts: dict[str, tuple[Artifact, dict[str, int]]] = {}
     lost: dict[str, str] = {}
     missing, torn = [], []
@@ -53,17 +51,7 @@ def files_match(
         expected = sizes.get(entry["file"])
         if size != expected:
             torn.append(f"{entry['filename']} ({size} bytes instead of {expected})")
-    problems += _sentence("file is not in the store", "files are not in the store", missing)
-    problems += _sentence(
-        "file does not have the size in its artifact's manifest",
-        "files do not have the sizes in their artifacts' manifests",
-        torn,
-    )
+    problems += counted("{} files|file are|is not in the store", missing)
+    whose = "their|its artifacts'|artifact's manifests|manifest"
+    problems += counted(f"{{}} files|file do|does not have the sizes|size in {whose}", torn)
     return Finding(problems, {"files": len(files), "bytes": total})
-
-
-def _sentence(one: str, several: str, offenders: Iterable[str]) -> list[str]:
-    names = list(offenders)
-    if len(names) == 1:
-        return [f"1 {one}: {names[0]}"]
-    return [f"{len(names)} {several}, the first is {names[0]}"] if names else []

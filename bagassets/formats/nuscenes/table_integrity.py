@@ -3,13 +3,13 @@
 A sentence counts the offending rows or files and names the first.
 """
 
-import re
 from collections import Counter
 from collections.abc import Container, Iterable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from operator import itemgetter
 from pathlib import Path
 
+from bagassets.assets.quality.finding import counted
 from bagassets.formats.nuscenes.schema import TABLES, Row
 from bagassets.formats.nuscenes.table_file import read_table
 
@@ -81,17 +81,8 @@ def check_dataset_files(dataroot: Path, version: str, tables: Tables, sizes: Map
 
 
 def sentence(text: str, offenders: Sequence[str]) -> list[str]:
-    """Return the sentence with the number of offenders and the first one; none without any.
-
-    Args:
-        text: with `{}` for the number; of two words as in `are|is`, the second is for a single offender.
-        offenders: their names.
-    """
-    if not offenders:
-        return []
-    is_single = len(offenders) == 1
-    words = re.sub(r"(\w+)\|(\w+)", r"\2" if is_single else r"\1", text).format(len(offenders))
-    return [f"{words}{':' if is_single else ', the first is'} {offenders[0]}."]
+    """Return what `counted` does, with a full stop."""
+    return [f"{one}." for one in counted(text, offenders)]
 
 
 def repeated_tokens_sentence(table: str, tokens: Sequence[str]) -> list[str]:
