@@ -49,19 +49,6 @@ class SceneSpan:
         return (self.end_ns - self.start_ns) / 1e9
 
 
-@dataclass(frozen=True, slots=True)
-class SceneCuts:
-    """The scenes of a stretch of a recording, in order.
-
-    Attributes:
-        scenes: spans whose windows do not overlap.
-        remainder_ns: time at the end that is too short for a scene; 0 if there is none.
-    """
-
-    scenes: tuple[SceneSpan, ...]
-    remainder_ns: int
-
-
 def stretches(
     stamps_ns: Stamps, length_ns: int, period_ns: int, breaks_ns: Sequence[int] = ()
 ) -> list[tuple[int, int]]:
@@ -84,7 +71,9 @@ def stretches(
     return [(int(part[0]), int(part[-1])) for part in parts]
 
 
-def cut_scenes(first_ns: int, last_ns: int, length_ns: int, min_length_ns: int, period_ns: int) -> SceneCuts:
+def cut_scenes(
+    first_ns: int, last_ns: int, length_ns: int, min_length_ns: int, period_ns: int
+) -> tuple[list[SceneSpan], int]:
     """Cut the time from the first to the last reference reading of a stretch into scenes.
 
     Scenes follow each other without gaps. The remainder at the end becomes a shorter scene if it
@@ -99,6 +88,10 @@ def cut_scenes(first_ns: int, last_ns: int, length_ns: int, min_length_ns: int, 
         length_ns: length of a scene, > 0.
         min_length_ns: least length of the remainder.
         period_ns: time between keyframes, > 0.
+
+    Returns:
+        The scenes in order, whose windows do not overlap, and the time at the end that is too short for a scene; 0 if there
+        is none.
     """
     half_ns = period_ns // 2
     whole, remainder_ns = divmod(last_ns - first_ns, length_ns)
@@ -108,10 +101,10 @@ def cut_scenes(first_ns: int, last_ns: int, length_ns: int, min_length_ns: int, 
         for start in starts
     ]
     if remainder_ns < min_length_ns or (remainder_ns == 0 and scenes):
-        return SceneCuts(tuple(scenes), remainder_ns)
+        return scenes, remainder_ns
     start = first_ns + length_ns * whole
     scenes.append(SceneSpan(start, last_ns, start - half_ns, last_ns + half_ns + 1))
-    return SceneCuts(tuple(scenes), 0)
+    return scenes, 0
 
 
 @dataclass(frozen=True)
@@ -246,10 +239,10 @@ def plan_scenes(
         return plan
     parts = stretches(reference, params.length_ns, params.period_ns, breaks_ns)
     cuts = [cut_scenes(*part, params.length_ns, params.min_length_ns, params.period_ns) for part in parts]
-    plan.remainder_s = sum(cut.remainder_ns for cut in cuts) / 1e9
-    plan.longest_remainder_s = max(cut.remainder_ns for cut in cuts) / 1e9
+    plan.remainder_s = sum(remainder_ns for _, remainder_ns in cuts) / 1e9
+    plan.longest_remainder_s = max(remainder_ns for _, remainder_ns in cuts) / 1e9
     edges_ns = [-(2**63), *breaks_ns, 2**63 - 1]
-    for span in (_between(edges_ns, span) for cut in cuts for span in cut.scenes):
+    for span in (_between(edges_ns, span) for scenes, _ in cuts for span in scenes):
         scene = _plan_scene(span, stamps_ns, params, plan)
         if scene is None:
             plan.empty_scenes += 1

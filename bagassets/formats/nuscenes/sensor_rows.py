@@ -64,18 +64,16 @@ def sensor_rows(
         for scene in scenes:
             _add_readings(rows, tokens, readings, scene)
         if rows.keyframes[name] or rows.sweeps[name]:
-            rows.tables["calibrated_sensor"].append(_calibrated_sensor(tokens, readings))
+            rows.tables["calibrated_sensor"].append(
+                {
+                    "token": tokens.row("calibrated_sensor", name),
+                    "sensor_token": sensor_token(name, readings.modality),
+                    "translation": rounded(readings.ego_SE3_sensor.translation),
+                    "rotation": quaternion(readings.ego_SE3_sensor.rotation),
+                    "camera_intrinsic": readings.intrinsic,
+                }
+            )
     return rows
-
-
-def _calibrated_sensor(tokens: RecordingTokens, readings: ChannelReadings) -> JsonObject:
-    return {
-        "token": tokens.row("calibrated_sensor", readings.channel),
-        "sensor_token": sensor_token(readings.channel, readings.modality),
-        "translation": rounded(readings.ego_SE3_sensor.translation),
-        "rotation": quaternion(readings.ego_SE3_sensor.rotation),
-        "camera_intrinsic": readings.intrinsic,
-    }
 
 
 def _add_scene(rows: SensorRows, tokens: RecordingTokens, number: int, scene: ScenePlan) -> None:
