@@ -1,5 +1,7 @@
 """Scenes and keyframes: exact on regular clocks, and well behaved on any."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -99,7 +101,7 @@ class TestScenes:
     )
     def test_windows_are_disjoint_and_time_is_accounted_for(self, span, length, minimum, period):
         scenes, remainder_ns = cut_scenes(START, START + span, length, minimum, period)
-        for before, after in zip(scenes, scenes[1:], strict=False):
+        for before, after in pairwise(scenes):
             assert before.window_end_ns == after.window_start_ns
             assert before.end_ns + 1 == after.start_ns
         covered = sum(scene.end_ns - scene.start_ns + 1 for scene in scenes)
