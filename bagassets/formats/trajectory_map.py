@@ -25,12 +25,7 @@ def make_shell(out: ArtifactWriter) -> JsonObject:
 
 def action(routes: Sequence[MapRoute], shell: Artifact) -> Action:
     """Return the action that makes the map of these recordings."""
-    routes_digest = digest_json(
-        [
-            [route.key, route.split, route.colour, route.note, list(route.points), list(route.local)]
-            for route in routes
-        ]
-    )
+    routes_digest = digest_json([[*vars(route).values()] for route in routes])
     return STEP.action({}, {"ways": routes_digest, "shell": shell.digest})
 
 

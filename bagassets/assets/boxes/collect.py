@@ -1,7 +1,7 @@
 """Collecting boxes: mapping categories, checking boxes, and counting those that are not kept."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from math import isfinite
 from typing import Literal, NamedTuple
 
@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from bagassets.assets.boxes.frames import BoxFrames
 from bagassets.assets.boxes.table import BoxTable
 from bagassets.base.errors import DecodeError
-from bagassets.base.json_types import JsonObject
 from bagassets.decode.model import BoxReading
 
 NO_POSE = "no ego pose at its time"
@@ -99,10 +98,6 @@ class BoxCounts:
         self.lost[reason] = self.lost.get(reason, 0) + 1
         if place.label:
             self.first.setdefault(reason, place.label)
-
-    def as_json(self) -> JsonObject:
-        """Return the counts as JSON."""
-        return asdict(self)
 
 
 class BoxCollector:

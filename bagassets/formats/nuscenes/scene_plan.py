@@ -130,16 +130,6 @@ class SceneParams:
         return round(1e9 / self.keyframe_hz)
 
     @property
-    def length_ns(self) -> int:
-        """Length of a scene."""
-        return round(self.length_s * 1e9)
-
-    @property
-    def min_length_ns(self) -> int:
-        """Length of the shortest scene at the end of a recording, or before a pause."""
-        return round(self.min_length_s * 1e9)
-
-    @property
     def tolerance_ns(self) -> int:
         """Longest time between a keyframe and the readings that belong to it."""
         return round(self.tolerance_s * 1e9)
@@ -148,11 +138,6 @@ class SceneParams:
     def box_gap_ns(self) -> int:
         """Longest time between two observations of a box that it is interpolated over."""
         return round(self.box_gap_s * 1e9)
-
-    @property
-    def refuse_incomplete(self) -> bool:
-        """Whether a keyframe must have readings of all channels in the recording."""
-        return self.missing == "refuse"
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,8 +222,9 @@ def plan_scenes(
     reference = stamps_ns[params.reference]
     if not len(reference):
         return plan
-    parts = stretches(reference, params.length_ns, params.period_ns, breaks_ns)
-    cuts = [cut_scenes(*part, params.length_ns, params.min_length_ns, params.period_ns) for part in parts]
+    length_ns, min_length_ns = (round(seconds * 1e9) for seconds in (params.length_s, params.min_length_s))
+    parts = stretches(reference, length_ns, params.period_ns, breaks_ns)
+    cuts = [cut_scenes(*part, length_ns, min_length_ns, params.period_ns) for part in parts]
     plan.remainder_s = sum(remainder_ns for _, remainder_ns in cuts) / 1e9
     plan.longest_remainder_s = max(remainder_ns for _, remainder_ns in cuts) / 1e9
     edges_ns = [-(2**63), *breaks_ns, 2**63 - 1]
@@ -299,7 +285,8 @@ def _keyframes(
     reference = readings[params.reference]
     others = [name for name in readings if name != params.reference and len(stamps_ns[name])]
     anywhere = placed = choose_keyframes(reference, span.start_ns, span.end_ns, params.period_ns)
-    if params.refuse_incomplete and others:
+    must_be_complete = params.missing == "refuse"
+    if must_be_complete and others:
         partners = [partner_readings(reference, readings[name], params.tolerance_ns) for name in others]
         placed = choose_keyframes(reference, span.start_ns, span.end_ns, params.period_ns, np.stack(partners))
     possible = anywhere >= 0
@@ -308,7 +295,7 @@ def _keyframes(
     lacks_any = np.zeros(len(candidates), dtype=np.bool_)
     for name in others:
         lacks = match_readings(candidates, readings[name], params.tolerance_ns) < 0
-        lacks &= dropped | (not params.refuse_incomplete)
+        lacks &= dropped | (not must_be_complete)
         lacks_any |= lacks
         shortage, stamps = plan.shortages[name], stamps_ns[name]
         shortage.keyframes += int(np.count_nonzero(lacks))
