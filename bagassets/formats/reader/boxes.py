@@ -9,8 +9,6 @@ import numpy as np
 from bagassets.base.quantities import count_text
 from bagassets.geometry.se3 import SE3, Floats
 
-__all__ = ["Box", "Boxes"]
-
 # As `box_in_image` of the devkit: every corner this far in front of the camera, and one farther away in the image.
 _IN_FRONT_M = 0.1
 _IN_IMAGE_M = 1.0

@@ -18,17 +18,7 @@ from bagassets.geometry.tf_tree import TfTree
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.geometry.wgs84 import LocalFrame, utm_track
 
-__all__ = [
-    "Bodies",
-    "TimedPoses",
-    "csv_bytes",
-    "geodetic_columns",
-    "relative_poses",
-    "roll_pitch_yaw",
-    "trajectory_table",
-]
-
-RADIAN_DIGITS = 9
+_RADIAN_DIGITS = 9
 _CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 # Closer to the zenith, roll and yaw are the same rotation; all of it is called yaw.
 _GIMBAL_LOCK = 1.0 - 1e-12
@@ -48,7 +38,7 @@ def relative_poses(positions_m: Floats, rotations: Floats) -> list[list[float]]:
     offsets_m = rotate(first_Q_global, positions_m - positions_m[0])
     angles = roll_pitch_yaw(quaternion_multiply(first_Q_global, rotations))
     return [
-        rounded(offset_m) + rounded(angle, RADIAN_DIGITS)
+        rounded(offset_m) + rounded(angle, _RADIAN_DIGITS)
         for offset_m, angle in zip(offsets_m, angles, strict=True)
     ]
 
