@@ -16,7 +16,7 @@ from bagassets.engine.plan import BagPlan, Plan
 from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.engine.run_action import run_action
 from bagassets.engine.splits import shares_of
-from bagassets.engine.track import Track, track_of
+from bagassets.engine.track import track_on_record
 from bagassets.formats import trajectory_map
 from bagassets.formats.catalogue import formats, recording_assets
 from bagassets.formats.checking import Verdict, check_bag, check_datasets
@@ -144,14 +144,6 @@ def _copies(plan: Plan) -> dict[str, str]:
     first: dict[str, str] = {}
     same = {key: first.setdefault(content, key) for key, content in _contents(plan).items()}
     return {key: other for key, other in same.items() if other != key}
-
-
-def track_on_record(recipe: Recipe, store: Store, bag: BagPlan) -> Track | None:
-    """Return the track of a recording; None if its inventory or its poses are not in the store."""
-    inventory, poses = (bag.current_artifact(store, one.name) for one in (INVENTORY, EGO_POSES))
-    if inventory is None or poses is None:
-        return None
-    return track_of(store, inventory, poses, recipe.clock_of(recipe.rig_named(bag.rig)))
 
 
 def _map_routes(recipe: Recipe, store: Store, plan: Plan) -> list[MapRoute]:
