@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 from bagassets.assets.annotations import ANNOTATIONS, TABLE
@@ -14,7 +13,6 @@ from bagassets.base.quantities import count_text
 from bagassets.engine.freshness.published import Publication
 from bagassets.engine.plan import BagPlan, Plan
 from bagassets.engine.recording_assets import RecordingAssets
-from bagassets.engine.run_action import run_action
 from bagassets.engine.splits import shares_of
 from bagassets.engine.track import track_on_record
 from bagassets.formats import trajectory_map
@@ -102,21 +100,12 @@ def build_map(recipe: Recipe, store: Store, plan: Plan) -> Outcome:
     Raises:
         DatasetError: it cannot be written.
     """
-    routes = _map_routes(recipe, store, plan)
-    shell = make_map_shell(store)
-    outcome = run_action(
-        store, trajectory_map.action(routes, shell), partial(trajectory_map.make, routes, shell)
-    )
+    outcome = trajectory_map.map_of(store, _map_routes(recipe, store, plan))
     page = outcome.artifact.path(trajectory_map.MAP).read_text(encoding="utf-8")
     write_page(map_path(recipe), page)
     digests = {map_path(recipe).name: digest_bytes(page.encode())}
     Publication(recipe.state, trajectory_map.STEP.name).write(recipe.state, digests, {}, None)
     return outcome
-
-
-def make_map_shell(store: Store) -> Artifact:
-    """Return the page of the map without routes, made once in a store: that takes a third of a second."""
-    return run_action(store, trajectory_map.SHELL_STEP.action({}, {}), trajectory_map.make_shell).artifact
 
 
 def _dealt(recipe: Recipe, store: Store, plan: Plan) -> dict[str, str]:
