@@ -29,8 +29,7 @@ from bagassets.assets.pictures.canvas import (
     turbo,
 )
 from bagassets.assets.pictures.channels import CameraImages, Clouds, View
-from bagassets.assets.pictures.future import future_trajectory
-from bagassets.assets.pictures.lidar_over_camera import lidar_over_camera
+from bagassets.assets.pictures.over_camera import future_trajectory, lidar_over_camera
 from bagassets.assets.pictures.pictures import (
     GAP_PX,
     HEADER_PX,

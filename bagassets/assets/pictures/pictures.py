@@ -12,8 +12,7 @@ from bagassets.assets.boxes.tracks import messages_of, tracks_of
 from bagassets.assets.pictures.birds_eye import BoxAt, birds_eye
 from bagassets.assets.pictures.canvas import BACKGROUND, DIM, Image, blank, scaled_to, text
 from bagassets.assets.pictures.channels import CameraImages, Clouds, View
-from bagassets.assets.pictures.future import future_trajectory
-from bagassets.assets.pictures.lidar_over_camera import lidar_over_camera
+from bagassets.assets.pictures.over_camera import future_trajectory, lidar_over_camera
 from bagassets.assets.pictures.timeline import timeline
 from bagassets.assets.timeline.keyframes import Stamps, partner_readings
 from bagassets.base.json_types import JsonMapping
