@@ -174,7 +174,7 @@ class TestIncrement:
     def test_files_of_recordings_that_stay_are_not_even_looked_at(self, store, parts, tmp_path, monkeypatch):
         per_bag = assemble(NUSCENES, parts[:3], SETTINGS, store, tmp_path).files["linked"] // 3
         put = []
-        monkeypatch.setattr(linking.Linker, "put", lambda _, source, name: put.append(name))
+        monkeypatch.setattr(linking.Linker, "put", lambda _, source, name, **_kind: put.append(name))
         assemble(NUSCENES, parts, SETTINGS, store, tmp_path, suspects=frozenset())
         assert len(put) == per_bag
         assert all("/drive_3-" in name for name in put)

@@ -12,7 +12,7 @@ import pytest
 from bagassets.assets.boxes.table import BoxTable
 from bagassets.assets.ego_poses import load_trajectory
 from bagassets.assets.frames import FRAMES
-from bagassets.assets.pictures import future
+from bagassets.assets.pictures import over_camera
 from bagassets.assets.pictures.birds_eye import BoxAt, birds_eye
 from bagassets.assets.pictures.canvas import (
     ACCENT,
@@ -29,8 +29,7 @@ from bagassets.assets.pictures.canvas import (
     turbo,
 )
 from bagassets.assets.pictures.channels import CameraImages, Clouds, View
-from bagassets.assets.pictures.future import future_trajectory
-from bagassets.assets.pictures.lidar_over_camera import lidar_over_camera
+from bagassets.assets.pictures.over_camera import future_trajectory, lidar_over_camera
 from bagassets.assets.pictures.pictures import (
     GAP_PX,
     HEADER_PX,
@@ -200,7 +199,7 @@ class TestFuture:
     def test_colours_are_mixed_alike_on_every_processor(self):
         """Not by OpenCV's addWeighted, whose last bit depends on it; those with AVX2 go on as before."""
         band, picture = (np.ascontiguousarray(part) for part in np.mgrid[0:256, 0:256].astype(np.uint8))
-        mixed = future._MIXED[band, picture]
+        mixed = over_camera._MIXED[band, picture]
         assert np.abs(mixed - (0.45 * band + 0.55 * picture)).max() <= 0.5 + 1e-5
         theirs = cv2.addWeighted(band, 0.45, picture, 1 - 0.45, 0.0)
         avx2 = 11  # CV_CPU_AVX2

@@ -11,13 +11,12 @@ from bagassets.assets.quality.box_rules import boxes_plausible
 from bagassets.assets.quality.calibration_rules import calibration_plausible
 from bagassets.assets.quality.channel_rules import channels_complete
 from bagassets.assets.quality.evidence import Evidence
-from bagassets.assets.quality.file_rules import files_match
 from bagassets.assets.quality.finding import clock
 from bagassets.assets.quality.pose_rules import poses_complete, poses_cover_sensors
 from bagassets.assets.quality.scene_rules import keyframes_complete, scenes_made
 from bagassets.assets.quality.topic_rules import channels_present, stamps_monotonic, topic_rates
 from bagassets.formats.nuscenes.schema import RECORDING_TABLES
-from bagassets.formats.nuscenes.table_integrity import broken_references, duplicate_tokens
+from bagassets.formats.nuscenes.table_integrity import broken_references, duplicate_tokens, files_match
 from bagassets.geometry.calibration import Calibration
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.recipe.model import Limits, Recipe, Rig

@@ -1,5 +1,7 @@
 """Scenes and keyframes: exact on regular clocks, and well behaved on any."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -47,13 +49,13 @@ sorted_stamps = st.lists(st.integers(0, 60 * S), max_size=200, unique=True).map(
 
 class TestScenes:
     def test_twenty_seconds_of_a_ten_hertz_lidar_are_one_scene(self):
-        cuts = cut_scenes(START, START + round(19.9 * S), 20 * S, S, S // 2)
-        assert len(cuts.scenes) == 1
-        assert cuts.remainder_ns == 0
+        scenes, remainder_ns = cut_scenes(START, START + round(19.9 * S), 20 * S, S, S // 2)
+        assert len(scenes) == 1
+        assert remainder_ns == 0
 
     def test_the_bounds_of_scenes_and_their_windows(self):
         """Windows open and close half a keyframe period before the grid; the last one closes after the last reading."""
-        first, last = cut_scenes(START, START + 27 * S, 20 * S, 7 * S, S // 2).scenes
+        first, last = cut_scenes(START, START + 27 * S, 20 * S, 7 * S, S // 2)[0]
         assert (first.start_ns, first.end_ns) == (START, START + 20 * S - 1)
         assert (first.window_start_ns, first.window_end_ns) == (START - S // 4, START + 20 * S - S // 4)
         assert (last.start_ns, last.end_ns) == (START + 20 * S, START + 27 * S)
@@ -63,31 +65,31 @@ class TestScenes:
         )
 
     def test_a_remainder_one_nanosecond_below_the_minimum_is_none(self):
-        cuts = cut_scenes(START, START + 27 * S - 1, 20 * S, 7 * S, S // 2)
-        assert (len(cuts.scenes), cuts.remainder_ns) == (1, 7 * S - 1)
+        scenes, remainder_ns = cut_scenes(START, START + 27 * S - 1, 20 * S, 7 * S, S // 2)
+        assert (len(scenes), remainder_ns) == (1, 7 * S - 1)
 
     def test_no_remainder_makes_no_scene_of_length_zero(self):
-        cuts = cut_scenes(START, START + 40 * S, 20 * S, 0, S // 2)
-        assert (len(cuts.scenes), cuts.remainder_ns) == (2, 0)
+        scenes, remainder_ns = cut_scenes(START, START + 40 * S, 20 * S, 0, S // 2)
+        assert (len(scenes), remainder_ns) == (2, 0)
 
     def test_a_long_remainder_is_a_shorter_scene(self):
-        cuts = cut_scenes(START, START + 47 * S, 20 * S, S, S // 2)
-        assert [round(scene.duration_s, 3) for scene in cuts.scenes] == [20.0, 20.0, 7.0]
-        assert cuts.remainder_ns == 0
+        scenes, remainder_ns = cut_scenes(START, START + 47 * S, 20 * S, S, S // 2)
+        assert [round(scene.duration_s, 3) for scene in scenes] == [20.0, 20.0, 7.0]
+        assert remainder_ns == 0
 
     def test_a_short_remainder_is_no_scene_and_is_reported(self):
-        cuts = cut_scenes(START, START + 40 * S + S // 4, 20 * S, S, S // 2)
-        assert len(cuts.scenes) == 2
-        assert cuts.remainder_ns == S // 4
+        scenes, remainder_ns = cut_scenes(START, START + 40 * S + S // 4, 20 * S, S, S // 2)
+        assert len(scenes) == 2
+        assert remainder_ns == S // 4
 
     def test_a_recording_shorter_than_the_minimum_has_no_scene(self):
-        cuts = cut_scenes(START, START + S // 2, 20 * S, S, S // 2)
-        assert cuts.scenes == ()
-        assert cuts.remainder_ns == S // 2
+        scenes, remainder_ns = cut_scenes(START, START + S // 2, 20 * S, S, S // 2)
+        assert scenes == []
+        assert remainder_ns == S // 2
 
     def test_a_single_reading_makes_a_scene_only_if_the_recipe_allows_length_zero(self):
-        assert cut_scenes(START, START, 20 * S, 1, S // 2).scenes == ()
-        (scene,) = cut_scenes(START, START, 20 * S, 0, S // 2).scenes
+        assert cut_scenes(START, START, 20 * S, 1, S // 2)[0] == []
+        (scene,) = cut_scenes(START, START, 20 * S, 0, S // 2)[0]
         assert scene.window_start_ns <= START < scene.window_end_ns
         assert len(chosen_of(stamps(0), scene.start_ns, scene.end_ns, S // 2)) == 1
 
@@ -98,13 +100,13 @@ class TestScenes:
         period=st.integers(S // 50, 2 * S),
     )
     def test_windows_are_disjoint_and_time_is_accounted_for(self, span, length, minimum, period):
-        cuts = cut_scenes(START, START + span, length, minimum, period)
-        for before, after in zip(cuts.scenes, cuts.scenes[1:], strict=False):
+        scenes, remainder_ns = cut_scenes(START, START + span, length, minimum, period)
+        for before, after in pairwise(scenes):
             assert before.window_end_ns == after.window_start_ns
             assert before.end_ns + 1 == after.start_ns
-        covered = sum(scene.end_ns - scene.start_ns + 1 for scene in cuts.scenes)
-        assert abs(covered + cuts.remainder_ns - span) <= 1
-        assert all(scene.end_ns - scene.start_ns + 1 >= min(minimum, length) for scene in cuts.scenes)
+        covered = sum(scene.end_ns - scene.start_ns + 1 for scene in scenes)
+        assert abs(covered + remainder_ns - span) <= 1
+        assert all(scene.end_ns - scene.start_ns + 1 >= min(minimum, length) for scene in scenes)
 
 
 class TestStretches:

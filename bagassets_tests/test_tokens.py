@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bagassets.formats.json_files import row_blocks, rows_text, write_joined
+from bagassets.formats.json_files import rounded, row_blocks, rows_text, write_joined
 from bagassets.formats.nuscenes.join import blank_png
 from bagassets.formats.nuscenes.schema import RECORDING_TABLES, SHARED_TABLES, TABLES
-from bagassets.formats.nuscenes.table_file import quaternion, read_table, rounded, table_bytes
+from bagassets.formats.nuscenes.table_file import quaternion, read_table, table_bytes
 from bagassets.formats.nuscenes.tokens import (
     RecordingTokens,
     category_token,

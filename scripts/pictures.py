@@ -16,7 +16,7 @@ import numpy as np
 from bagassets.assets.lidar_file import read_lidar_file
 from bagassets.assets.pictures.canvas import jpeg, read_image
 from bagassets.assets.pictures.channels import View
-from bagassets.assets.pictures.lidar_over_camera import lidar_over_camera
+from bagassets.assets.pictures.over_camera import lidar_over_camera
 from bagassets.formats.nuscenes.table_file import read_table
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.se3 import SE3

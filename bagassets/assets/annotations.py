@@ -4,7 +4,7 @@ Files: `annotations.parquet` and `annotations.json`, which counts messages, file
 """
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 from bagassets.assets.annotation_files import Labels, add_labels, labels_of
 from bagassets.assets.annotation_frames import (
@@ -240,13 +240,13 @@ def make_annotations(
     counted = {
         topic: {
             "messages": messages[topic].as_json(),
-            "boxes": collector.counts[topic].as_json(),
+            "boxes": asdict(collector.counts[topic]),
             "ignored": ignored[topic],
         }
         for topic in sources
     }
     counted |= {
-        path: {**counts, "boxes": collector.counts[path].as_json()} for path, counts in labelled.items()
+        path: {**counts, "boxes": asdict(collector.counts[path])} for path, counts in labelled.items()
     }
     return _write(table, counted, use.absent, out)
 

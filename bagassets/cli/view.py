@@ -102,7 +102,7 @@ def _fixes(recipe: Path, key: str) -> list[tuple[int, float, float]]:
     """Return GNSS fixes of the recording, if the store has them."""
     from bagassets.defs.builds.pending_work import open_project
     from bagassets.defs.records.instance_plan import plan_instance
-    from bagassets.formats.report_data import track_on_record
+    from bagassets.engine.track import track_on_record
 
     with open_project(recipe) as (instance, workspace):
         bag = plan_instance(instance, workspace).plan.bags.get(key)

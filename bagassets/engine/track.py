@@ -9,7 +9,9 @@ from bagassets.assets import track
 from bagassets.assets.contents import Contents
 from bagassets.assets.ego_poses import EGO_POSES
 from bagassets.assets.inventory import INVENTORY
+from bagassets.engine.plan import BagPlan
 from bagassets.engine.run_action import run_action
+from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_base import Clock
 from bagassets.recordings.pack import PACK_FILE, PackedRecording
 from bagassets.recordings.recording import Recording
@@ -76,3 +78,11 @@ def track_of(store: Store, inventory: Artifact, ego_poses: Artifact, clock: Cloc
         tuple((int(t), float(x), float(y)) for t, x, y in content["local"]),
         outcome.artifact.digest,
     )
+
+
+def track_on_record(recipe: Recipe, store: Store, bag: BagPlan) -> Track | None:
+    """Return the track of a recording; None if its inventory or its poses are not in the store."""
+    inventory, poses = (bag.current_artifact(store, one.name) for one in (INVENTORY, EGO_POSES))
+    if inventory is None or poses is None:
+        return None
+    return track_of(store, inventory, poses, recipe.clock_of(recipe.rig_named(bag.rig)))

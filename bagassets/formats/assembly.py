@@ -129,7 +129,7 @@ def assemble(
         )
         changed = not (has_links and _is_same(new, current, joined.files))
         permit()
-        linker = Linker(output, compares=suspects is None and isinstance(kind.places, LooseFiles))
+        linker = Linker(output)
         _put_files(kind, linker, members, known, suspects, store, output, new if changed else None)
         for name, content in joined.beside.items():
             path = output / name
@@ -254,18 +254,16 @@ def _put_files(
     match kind.places:
         case UnitFolders() as units:
             for member in members:
-                _put_unit(kind, units, linker, member, suspects, source, output)
+                _put_unit(output, units.unit(member), kind.links(member), linker, suspects, source)
         case LooseFiles() as loose:
             there = {} if known is None else {key: bag.artifact for key, bag in known.bags.items()}
-            suspects = suspects or frozenset()
-            suspicious = {loose.recording_of(name) for name in suspects}
+            suspicious = {loose.recording_of(name) for name in suspects or ()}
             for member in members:
                 is_there = there.get(member.part.key) == member.part.artifact
                 for link in kind.links(member) if not is_there or member.part.key in suspicious else ():
-                    if link.name in suspects:
-                        linker.replace(source(link), link.name)
-                    elif not is_there:
-                        linker.put(source(link), link.name)
+                    is_suspect = suspects is None or link.name in suspects
+                    if is_suspect or not is_there:
+                        linker.put(source(link), link.name, replaces=is_suspect)
         case None if new is not None:
             for member in members:
                 for link in kind.links(member):
@@ -275,29 +273,25 @@ def _put_files(
 
 
 def _put_unit(
-    kind: Format[S],
-    units: UnitFolders,
+    output: Path,
+    unit: str,
+    links: Iterable[Link],
     linker: Linker,
-    member: Member,
     suspects: AbstractSet[str] | None,
     source: Callable[[Link], str],
-    output: Path,
 ) -> None:
     """Make the folder of a recording appear whole; in an existing one, replace the suspects or, if unknown, all files."""
-    unit = units.unit(member)
-    is_there = (output / unit).is_dir()
-    if is_there and suspects is not None and not any(name.startswith(f"{unit}/") for name in suspects):
+    if (output / unit).is_dir():
+        if suspects is None or any(name.startswith(f"{unit}/") for name in suspects):
+            for link in links:
+                if suspects is None or link.name in suspects:
+                    linker.put(source(link), link.name, replaces=True)
         return
     temporary = f"{unit}.tmp-{uuid4().hex}"
-    if not is_there:
-        (output / temporary).mkdir(parents=True)
-    for link in kind.links(member):
-        if not is_there:
-            linker.put(source(link), temporary + link.name.removeprefix(unit))
-        elif suspects is None or link.name in suspects:
-            linker.replace(source(link), link.name)
-    if not is_there:
-        (output / temporary).rename(output / unit)
+    (output / temporary).mkdir(parents=True)
+    for link in links:
+        linker.put(source(link), temporary + link.name.removeprefix(unit))
+    (output / temporary).rename(output / unit)
 
 
 def _sources(store: Store) -> Callable[[Link], str]:

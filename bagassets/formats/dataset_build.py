@@ -316,11 +316,8 @@ def build_dataset(
     Raises:
         DatasetError: the folder holds something else, or files cannot be written.
     """
-    kind, publication, output = (
-        dataset.kind,
-        Publication(recipe.state, dataset.asset),
-        dataset.settings.output,
-    )
+    kind, output = dataset.kind, dataset.settings.output
+    publication = Publication(recipe.state, dataset.asset)
     with span(dataset.asset), in_use(store.root):
         chosen = Selection(inputs.parts.get(kind.name, ()))
         if dataset.selection is not None and kind.select is not None:
@@ -340,11 +337,9 @@ def build_dataset(
             permit=permit,
         )
         publication.write(output, summary.published, summary.links, suspects)
-    return (
-        summary
-        if dataset.selection is None
-        else replace(summary, facts={**summary.facts, "scenes_left_out": chosen.left_out})
-    )
+    if dataset.selection is None:
+        return summary
+    return replace(summary, facts={**summary.facts, "scenes_left_out": chosen.left_out})
 
 
 def dataset_code_versions(recipe: Recipe) -> dict[str, str]:

@@ -19,7 +19,7 @@ from bagassets.engine.freshness.published import Publication
 from bagassets.formats.catalogue import format_of
 from bagassets.formats.dataset_build import dataset_folders
 from bagassets.formats.dataset_lock import LOCK, DatasetLock, load_lock
-from bagassets.formats.format import AnyFormat, Entry, Part, UnitFolders
+from bagassets.formats.format import Entry, Link, Part, UnitFolders
 from bagassets.recipe.model import Recipe
 from bagassets.store.artifact import Artifact, FileEntry
 from bagassets.store.canonical import digest_file
@@ -62,8 +62,8 @@ def find_damage(recipe: Recipe, store: Store, damaged: Collection[str] = ()) -> 
             lock = load_lock(path)
             yield from check.tables(path.parent, lock.files)
             try:
-                for link in _links(check, lock, folder, format_of(lock)):
-                    yield from check.file(link)
+                for linked in _links(check, lock, folder):
+                    yield from check.file(*linked)
             except DatasetError as err:  # of a package whose format cannot say which files these are
                 yield DatasetDamage(path, f"its files cannot be checked: {err}", None)
             yield from check.unchecked(path.parent)
@@ -80,12 +80,12 @@ def remove_changed_sources(recipe: Recipe, store: Store) -> list[str]:
     for asset, folder in dataset_folders(recipe).items():
         differing = Publication(recipe.state, asset).changed_files(folder) or ()
         suspects = {folder / name for name in differing if _has_other_names(folder / name)}
-        for path in sorted(folder.glob(f"*/{LOCK}")) if suspects else ():
+        for lock_path in sorted(folder.glob(f"*/{LOCK}")) if suspects else ():
             with suppress(DatasetError):  # a torn lock is replaced with the tables
-                lock = load_lock(path)
-                for link in _links(check, lock, folder, format_of(lock)):
-                    if link.path in suspects and check.is_changed_in_store(link):
-                        reason = f"{link.path}: was changed in place, so it is made again"
+                lock = load_lock(lock_path)
+                for path, link, _ in _links(check, lock, folder):
+                    if path in suspects and check.is_changed_in_store(link):
+                        reason = f"{path}: was changed in place, so it is made again"
                         reasons.setdefault(link.artifact, reason)
     for artifact in reasons:
         store.remove(artifact)
@@ -99,18 +99,9 @@ def _has_other_names(path: Path) -> bool:
         return False
 
 
-@dataclass(frozen=True)
-class _Linked:
-    """A file of a dataset: the artifact that it was linked or copied from, its name there, and its `unit`."""
-
-    path: Path
-    artifact: str
-    name: str
-    unit: Path
-
-
-def _links(check: "_Check", lock: DatasetLock, output: Path, kind: AnyFormat) -> Iterator[_Linked]:
-    """Yield the linked files of a dataset, except those of parts that are damaged themselves."""
+def _links(check: "_Check", lock: DatasetLock, output: Path) -> Iterator[tuple[Path, Link, Path]]:
+    """Yield path, link and `unit` of the linked files of a dataset, except those of parts that are damaged themselves."""
+    kind = format_of(lock)
     for number, bag in enumerate(lock.bags.values()):
         with suppress(StoreError, KeyError, TypeError):  # the manifest is damaged itself
             part = check.artifact(bag.artifact)
@@ -119,7 +110,7 @@ def _links(check: "_Check", lock: DatasetLock, output: Path, kind: AnyFormat) ->
             below = lock.path.parent if kind.places is None else output
             for link in kind.links(entry):
                 path = below / link.name
-                yield _Linked(path, link.artifact, link.file, unit or path)
+                yield path, link, unit or path
 
 
 class _Untrusted(Artifact):
@@ -179,16 +170,16 @@ class _Check:
             if reason is not None:
                 yield DatasetDamage(path, reason, path)
 
-    def is_changed_in_store(self, link: _Linked) -> bool:
+    def is_changed_in_store(self, link: Link) -> bool:
         """Tell whether a file in the store differs from its manifest."""
-        entry = (self.entries(link.artifact) or {}).get(link.name)
+        entry = (self.entries(link.artifact) or {}).get(link.file)
         if entry is None:
             return False
-        return _difference(self._store.artifact(link.artifact).path(link.name), entry.digest) is not None
+        return _difference(self._store.artifact(link.artifact).path(link.file), entry.digest) is not None
 
-    def file(self, link: _Linked) -> Iterator[DatasetDamage]:
+    def file(self, path: Path, link: Link, unit: Path) -> Iterator[DatasetDamage]:
         """Check a file that was linked or copied from the store."""
-        path, artifact, name, unit = link.path, link.artifact, link.name, link.unit
+        _, artifact, name = link
         try:
             stat = path.stat()
         except OSError as err:

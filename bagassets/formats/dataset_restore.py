@@ -7,8 +7,8 @@ from pydantic import ValidationError
 from bagassets.base.errors import DatasetError, StoreError
 from bagassets.formats.assembly import assemble
 from bagassets.formats.catalogue import format_of
-from bagassets.formats.dataset_lock import LOCK, DatasetLock, LockedBag
-from bagassets.formats.format import AnyFormat, Entry, Part
+from bagassets.formats.dataset_lock import LOCK, DatasetLock
+from bagassets.formats.format import Entry, Part
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_splits import Splits
 from bagassets.store.canonical import digest_bytes
@@ -28,8 +28,20 @@ def default_output(lock: DatasetLock, recipe: Recipe) -> Path:
 
 def missing_recordings(lock: DatasetLock, store: Store) -> list[str]:
     """Return the keys of recordings with an artifact that is not in the store (any more)."""
-    kind = format_of(lock)
-    return [key for number, key in enumerate(lock.bags) if not _is_there(lock.bags[key], number, store, kind)]
+    kind, missing = format_of(lock), []
+    for number, bag in enumerate(lock.bags.values()):
+        try:
+            needs = bag.needs
+            if needs is None:
+                part = store.artifact(bag.artifact)
+                entry = Entry(Part(bag.key, bag.content, bag.artifact), part, bag.split, number, bag.row)
+                needs = [link.artifact for link in kind.links(entry)]
+            is_there = all(map(store.has, needs))
+        except StoreError:
+            is_there = False
+        if not is_there:
+            missing.append(bag.key)
+    return missing
 
 
 def restore_dataset(lock: DatasetLock, store: Store, output: Path) -> Path:
@@ -78,15 +90,3 @@ def restore_dataset(lock: DatasetLock, store: Store, output: Path) -> Path:
             expected=lock.files,
         )
     return restored.folder
-
-
-def _is_there(bag: LockedBag, number: int, store: Store, kind: AnyFormat) -> bool:
-    needs = bag.needs
-    if needs is None:
-        try:
-            part = store.artifact(bag.artifact)
-            entry = Entry(Part(bag.key, bag.content, bag.artifact), part, bag.split, number, bag.row)
-            needs = sorted({link.artifact for link in kind.links(entry)})
-        except StoreError:
-            return False
-    return all(store.has(digest) for digest in needs)

@@ -29,21 +29,6 @@ from bagassets.recipe.model_datasets import NamedDataset
 from bagassets.store.artifact import Artifact
 from bagassets.store.store import Store
 
-__all__ = [
-    "FACTS",
-    "AnyFormat",
-    "Entry",
-    "Format",
-    "Joined",
-    "Link",
-    "LooseFiles",
-    "Member",
-    "Part",
-    "Samples",
-    "Selection",
-    "UnitFolders",
-]
-
 FACTS = "facts.json"
 """File of a recording's part: a JSON object with all that the format needs to know without reading the rest."""
 

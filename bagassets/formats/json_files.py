@@ -9,6 +9,7 @@ from blake3 import blake3
 
 from bagassets.store.canonical import digest_bytes
 
+METRE_DIGITS = 6
 _BLOCK_BYTES = 1 << 20
 
 
@@ -21,6 +22,11 @@ def write_hashed(path: Path, data: bytes) -> str:
 def json_bytes(value: object) -> bytes:
     """Return a JSON file for people to read."""
     return (json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
+
+
+def rounded(values: Iterable[float], digits: int = METRE_DIGITS) -> list[float]:
+    """Return numbers rounded for writing, without negative zeros."""
+    return [round(float(value), digits) + 0.0 for value in values]
 
 
 def rows_bytes(rows: Sequence[bytes]) -> bytes:

@@ -27,25 +27,28 @@ class Linker:
 
     Args:
         root: the dataset's folder.
-        compares: compare the bytes of existing files that are not links to the store.
     """
 
-    def __init__(self, root: Path, *, compares: bool = False) -> None:
+    def __init__(self, root: Path) -> None:
         self.counts: Counter[str] = Counter()
-        self._compares = compares
         self._root = str(root)
         self._folders: set[str] = set()
         self._hard_links = True
 
-    def put(self, source: str, filename: str) -> None:
+    def put(self, source: str, filename: str, *, replaces: bool = False) -> None:
         """Make the file `source` appear as `filename` below the root.
+
+        Args:
+            source: the file.
+            filename: its path below the root.
+            replaces: replace any other file of that name; one that is no link to the source is compared with it.
 
         Raises:
             DatasetError: the source is gone, or the dataset cannot be written.
         """
         # Plain strings: datasets have millions of files, and a Path costs more than a link.
         target = f"{self._root}/{filename}"
-        if self._compares:
+        if replaces:
             self._remove_other(source, target)
         folder = target.rpartition("/")[0]
         try:
@@ -61,15 +64,6 @@ class Linker:
             raise DatasetError(
                 f"{target}: cannot be written ({err.strerror}); free disk space, or make the folder writable."
             ) from err
-
-    def replace(self, source: str, filename: str) -> None:
-        """Make the file `source` appear as `filename`, replacing any other file of that name.
-
-        Raises:
-            DatasetError: as for `put`.
-        """
-        self._remove_other(source, f"{self._root}/{filename}")
-        self.put(source, filename)
 
     @staticmethod
     def _remove_other(source: str, target: str) -> None:

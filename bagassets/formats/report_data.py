@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 from bagassets.assets.annotations import ANNOTATIONS, TABLE
@@ -14,9 +13,8 @@ from bagassets.base.quantities import count_text
 from bagassets.engine.freshness.published import Publication
 from bagassets.engine.plan import BagPlan, Plan
 from bagassets.engine.recording_assets import RecordingAssets
-from bagassets.engine.run_action import run_action
 from bagassets.engine.splits import shares_of
-from bagassets.engine.track import Track, track_of
+from bagassets.engine.track import track_on_record
 from bagassets.formats import trajectory_map
 from bagassets.formats.catalogue import formats, recording_assets
 from bagassets.formats.checking import Verdict, check_bag, check_datasets
@@ -102,21 +100,12 @@ def build_map(recipe: Recipe, store: Store, plan: Plan) -> Outcome:
     Raises:
         DatasetError: it cannot be written.
     """
-    routes = _map_routes(recipe, store, plan)
-    shell = make_map_shell(store)
-    outcome = run_action(
-        store, trajectory_map.action(routes, shell), partial(trajectory_map.make, routes, shell)
-    )
+    outcome = trajectory_map.map_of(store, _map_routes(recipe, store, plan))
     page = outcome.artifact.path(trajectory_map.MAP).read_text(encoding="utf-8")
     write_page(map_path(recipe), page)
     digests = {map_path(recipe).name: digest_bytes(page.encode())}
     Publication(recipe.state, trajectory_map.STEP.name).write(recipe.state, digests, {}, None)
     return outcome
-
-
-def make_map_shell(store: Store) -> Artifact:
-    """Return the page of the map without routes, made once in a store: that takes a third of a second."""
-    return run_action(store, trajectory_map.SHELL_STEP.action({}, {}), trajectory_map.make_shell).artifact
 
 
 def _dealt(recipe: Recipe, store: Store, plan: Plan) -> dict[str, str]:
@@ -144,14 +133,6 @@ def _copies(plan: Plan) -> dict[str, str]:
     first: dict[str, str] = {}
     same = {key: first.setdefault(content, key) for key, content in _contents(plan).items()}
     return {key: other for key, other in same.items() if other != key}
-
-
-def track_on_record(recipe: Recipe, store: Store, bag: BagPlan) -> Track | None:
-    """Return the track of a recording; None if its inventory or its poses are not in the store."""
-    inventory, poses = (bag.current_artifact(store, one.name) for one in (INVENTORY, EGO_POSES))
-    if inventory is None or poses is None:
-        return None
-    return track_of(store, inventory, poses, recipe.clock_of(recipe.rig_named(bag.rig)))
 
 
 def _map_routes(recipe: Recipe, store: Store, plan: Plan) -> list[MapRoute]:

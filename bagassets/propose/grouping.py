@@ -102,28 +102,27 @@ def group_recordings(summaries: Mapping[str, RecordingSummary]) -> tuple[list[Gr
     """
     traits = {name: _Traits.of(summary) for name, summary in summaries.items()}
     bare = sorted(name for name, own in traits.items() if not own.types)
-    members: list[list[str]] = []
-    known: list[_Traits] = []
+    known: list[tuple[_Traits, list[str]]] = []
     # Those that tell most come first: what lacks something can then be compared with what it lacks.
     order = sorted(
         (name for name, own in traits.items() if own.types),
         key=lambda name: (-len(traits[name].types), not traits[name].pose_sources, name),
     )
     for name in order:
-        group = next((n for n, theirs in enumerate(known) if theirs.agree(traits[name])), None)
-        if group is None:
-            members.append([name])
-            known.append(traits[name])
+        for theirs, names in known:
+            if theirs.agree(traits[name]):
+                theirs.add(traits[name])
+                names.append(name)
+                break
         else:
-            members[group].append(name)
-            known[group].add(traits[name])
+            known.append((traits[name], [name]))
     groups = [
         Group(
-            tuple(sorted(group)),
-            merge_recordings(summaries[name] for name in sorted(group)),
+            tuple(sorted(names)),
+            merge_recordings(map(summaries.__getitem__, sorted(names))),
             theirs.pose_sources,
         )
-        for group, theirs in zip(members, known, strict=True)
+        for theirs, names in known
     ]
     return sorted(groups, key=lambda group: (-len(group.recordings), group.recordings)), bare
 

@@ -40,7 +40,8 @@ def grid_map(
         return ""
     total = sum(len(points) for _, _, points in shown)
     step = 1 + total // most_points
-    middle = _middle([points for _, _, points in shown])
+    firsts = [points[0] for _, _, points in shown]
+    middle = sum(a for a, _ in firsts) / len(firsts), sum(b for _, b in firsts) / len(firsts)
     lines = [
         (key, colour, [_metres(point, middle, on_earth=on_earth) for point in thinned(points, step)])
         for key, colour, points in shown
@@ -102,11 +103,6 @@ def _names(drawn: Sequence[tuple[str, str, Points]], width: float, height: float
 def _overlap(a: tuple[float, float, float], b: tuple[float, float, float]) -> bool:
     """Tell whether two lines of text (left, bottom, right) overlap."""
     return a[0] < b[2] and b[0] < a[2] and abs(a[1] - b[1]) < _LINE_PX
-
-
-def _middle(routes: Sequence[Points]) -> tuple[float, float]:
-    first = [route[0] for route in routes]
-    return sum(a for a, _ in first) / len(first), sum(b for _, b in first) / len(first)
 
 
 def thinned(points: Points, step: int) -> Points:

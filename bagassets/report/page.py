@@ -310,8 +310,7 @@ def _lines(recording: RecordingFacts) -> Iterator[str]:
     if recording.reason:
         yield html(without_path(recording.key, recording.reason))
     for gap in recording.gaps[:_MOST_GAPS]:
-        number = "1 gap" if gap.number == 1 else f"{gap.number} gaps"
-        yield f"{html(gap.topic)}: {number}, longest {gap.longest_s:.2f} s"
+        yield f"{html(gap.topic)}: {count_text(gap.number, 'gap')}, longest {gap.longest_s:.2f} s"
     if len(recording.gaps) > _MOST_GAPS:
         yield f"and gaps of {count_text(len(recording.gaps) - _MOST_GAPS, 'more topic')}"
     yield from (html(line) for line in recording.lost)

@@ -1,7 +1,7 @@
 """Collecting boxes: mapping categories, checking boxes, and counting those that are not kept."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from math import isfinite
 from typing import Literal, NamedTuple
 
@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from bagassets.assets.boxes.frames import BoxFrames
 from bagassets.assets.boxes.table import BoxTable
 from bagassets.base.errors import DecodeError
-from bagassets.base.json_types import JsonObject
 from bagassets.decode.model import BoxReading
 
 NO_POSE = "no ego pose at its time"
@@ -100,10 +99,6 @@ class BoxCounts:
         if place.label:
             self.first.setdefault(reason, place.label)
 
-    def as_json(self) -> JsonObject:
-        """Return the counts as JSON."""
-        return asdict(self)
-
 
 class BoxCollector:
     """Collects boxes one by one, and returns them as one table in the global frame.
@@ -119,9 +114,7 @@ class BoxCollector:
         self.unknown_frames: dict[str, set[str]] = {source: set() for source in rules}
         self.frames = frames
         self._rules = dict(rules)
-        self._boxes: list[BoxReading] = []
-        self._places: list[Place] = []
-        self._messages: list[int | None] = []
+        self._boxes: list[tuple[BoxReading, Place, int | None]] = []  # with place and message, as added
         self._seen: set[tuple[str, int, str]] = set()
 
     def limit(self, source: str, span_ns: tuple[int, int] | None) -> None:
@@ -157,9 +150,8 @@ class BoxCollector:
         category = rules.categories.get(box.category, box.category)
         recorded = (rules.attribute_names.get(name, name) for name in box.attributes)
         attributes = dict.fromkeys((*filter(None, recorded), *rules.attributes.get(category, ())))
-        self._boxes.append(replace(box, category=category, attributes=tuple(attributes)))
-        self._places.append(place)
-        self._messages.append(message)
+        box = replace(box, category=category, attributes=tuple(attributes))
+        self._boxes.append((box, place, message))
 
     def lose_undecoded(self, source: str, reason: str, place: Place = NOWHERE) -> None:
         """Count a box that could not be decoded.
@@ -172,11 +164,9 @@ class BoxCollector:
 
     def finish(self) -> BoxTable:
         """Transform all boxes to the global frame; those without an ego pose at their time are counted as lost."""
-        centers, rotations, valid = self.frames.place(self._boxes)
+        centers, rotations, valid = self.frames.place([box for box, _, _ in self._boxes])
         kept, numbers = [], []
-        for box, place, message, has_pose in zip(
-            self._boxes, self._places, self._messages, valid.tolist(), strict=True
-        ):
+        for (box, place, message), has_pose in zip(self._boxes, valid.tolist(), strict=True):
             counts = self.counts[box.source]
             if has_pose:
                 counts.written += 1

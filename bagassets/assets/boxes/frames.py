@@ -45,16 +45,14 @@ class BoxFrames:
 
     def knows(self, frame: str) -> bool:
         """Return whether boxes in a frame can be transformed at all."""
-        known = (self.global_frame, DATASET_FRAME, self.ego_frame)
-        return frame in known or frame in self.ego_SE3_sensor or frame in self._roots
+        return frame in self._known or frame in self._roots
 
     def describe(self) -> str:
         """Return a text that names the known frames."""
         sensors = ", ".join(sorted(self.ego_SE3_sensor))
         text = f"the global frame '{self.global_frame}', the ego frame '{self.ego_frame}'"
         text = f"{text} and the sensor frames {sensors}" if sensors else text
-        named = {self.global_frame, self.ego_frame, *self.ego_SE3_sensor}
-        further = [frame for frame in sorted(self._roots) if frame not in named]
+        further = [frame for frame in sorted(self._roots) if frame not in self._known]
         return f"{text}; by TF {', '.join(further)}" if further else text
 
     def place(self, boxes: Sequence[BoxReading]) -> _Poses:
@@ -89,15 +87,10 @@ class BoxFrames:
         self, frame: str, stamps_ns: NDArray[np.int64]
     ) -> tuple[bool, Floats, Floats, NDArray[np.bool_]]:
         """Return whether the parent is the ego frame (else the dataset's global one), and `parent_SE3_frame`."""
-        if frame == self.global_frame:
-            x, y, z = self.origin_m
-            return False, *_fixed(SE3(translation=(-x, -y, -z)), stamps_ns)
-        if frame == DATASET_FRAME:
-            return False, *_fixed(SE3(), stamps_ns)
-        if frame == self.ego_frame:
-            return True, *_fixed(SE3(), stamps_ns)
-        if frame in self.ego_SE3_sensor:
-            return True, *_fixed(self.ego_SE3_sensor[frame], stamps_ns)
+        if frame in self._known:
+            (moves_with_ego, fixed), number = self._known[frame], len(stamps_ns)
+            t, q = np.tile(fixed.translation, (number, 1)), np.tile(fixed.rotation, (number, 1))
+            return moves_with_ego, t, q, np.ones(number, dtype=np.bool_)
         root = self._roots.get(frame)
         if self.tree is None or root is None:
             raise CalibrationError(
@@ -110,6 +103,16 @@ class BoxFrames:
         if root == self.ego_frame:
             return True, t, q, known
         return False, t - np.array(self.origin_m), q, known
+
+    @cached_property
+    def _known(self) -> dict[str, tuple[bool, SE3]]:
+        """Frame that needs no TF -> whether its parent is the ego frame, and `parent_SE3_frame`."""
+        x, y, z = self.origin_m
+        return {name: (True, ego_SE3_sensor) for name, ego_SE3_sensor in self.ego_SE3_sensor.items()} | {
+            self.ego_frame: (True, SE3()),
+            DATASET_FRAME: (False, SE3()),
+            self.global_frame: (False, SE3(translation=(-x, -y, -z))),
+        }
 
     @cached_property
     def _roots(self) -> dict[str, str]:
@@ -131,12 +134,3 @@ class BoxFrames:
                     roots[frame] = root
                     break
         return roots
-
-
-def _fixed(parent_SE3_frame: SE3, stamps_ns: NDArray[np.int64]) -> _Poses:
-    number = len(stamps_ns)
-    return (
-        np.tile(parent_SE3_frame.translation, (number, 1)),
-        np.tile(parent_SE3_frame.rotation, (number, 1)),
-        np.ones(number, dtype=np.bool_),
-    )

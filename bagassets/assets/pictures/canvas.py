@@ -26,6 +26,9 @@ _PALETTE: tuple[Colour, ...] = (
     (60, 160, 255), (255, 190, 70), (120, 230, 130), (230, 130, 230), (90, 220, 245), (200, 200, 90),
     (140, 140, 255), (170, 255, 220),
 )  # fmt: skip
+_TURBO: NDArray[np.uint8] = (
+    cv2.applyColorMap(np.arange(256, dtype=np.uint8), cv2.COLORMAP_TURBO).reshape(256, 3).astype(np.uint8)
+)
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
 _FONT_HEIGHT_PX = 22.0  # of a capital at scale 1
 _REDUCED = ((8, cv2.IMREAD_REDUCED_COLOR_8), (4, cv2.IMREAD_REDUCED_COLOR_4), (2, cv2.IMREAD_REDUCED_COLOR_2))
@@ -120,12 +123,7 @@ def text_width(words: str, size_px: float = 13) -> int:
 
 def turbo(shares: Floats) -> NDArray[np.uint8]:
     """Return (N, 3) colours of (N,) numbers between 0 (blue) and 1 (red)."""
-    steps = np.clip(np.asarray(shares) * 255.0, 0, 255).astype(np.uint8)
-    if not len(steps):
-        return np.zeros((0, 3), dtype=np.uint8)
-    return np.asarray(cv2.applyColorMap(steps.reshape(-1, 1), cv2.COLORMAP_TURBO), dtype=np.uint8).reshape(
-        -1, 3
-    )
+    return _TURBO[np.clip(np.asarray(shares) * 255.0, 0, 255).astype(np.uint8)]
 
 
 def colour_of(number: int) -> Colour:

@@ -12,24 +12,12 @@ from bagassets.assets.boxes.tracks import messages_of, tracks_of
 from bagassets.assets.pictures.birds_eye import BoxAt, birds_eye
 from bagassets.assets.pictures.canvas import BACKGROUND, DIM, Image, blank, scaled_to, text
 from bagassets.assets.pictures.channels import CameraImages, Clouds, View
-from bagassets.assets.pictures.future import future_trajectory
-from bagassets.assets.pictures.lidar_over_camera import lidar_over_camera
+from bagassets.assets.pictures.over_camera import future_trajectory, lidar_over_camera
 from bagassets.assets.pictures.timeline import timeline
 from bagassets.assets.timeline.keyframes import Stamps, partner_readings
 from bagassets.base.json_types import JsonMapping
 from bagassets.geometry.se3 import SE3, Floats
 from bagassets.geometry.trajectory import Trajectory
-
-__all__ = [
-    "TITLES",
-    "CannotDrawError",
-    "Pictures",
-    "Style",
-    "best_moment",
-    "contact_sheet",
-    "evenly_spaced",
-    "reading_at",
-]
 
 TITLES = {
     "lidar_over_camera": "Lidar over camera",
@@ -39,12 +27,12 @@ TITLES = {
     "timeline": "Topics over time",
 }
 
-TOLERANCE_NS = 150_000_000
-BOX_GAP_NS, BOX_TOLERANCE_NS = 1_000_000_000, 250_000_000
-FUTURE_STEP_NS = 100_000_000
-MOST_PAST_POSES = 2000
-LEAST_RANGE_M, MOST_RANGE_M = 2.0, 200.0
-EMPTY_RANGE_M = 50.0  # where there are no points
+_TOLERANCE_NS = 150_000_000
+_BOX_GAP_NS, _BOX_TOLERANCE_NS = 1_000_000_000, 250_000_000
+_FUTURE_STEP_NS = 100_000_000
+_MOST_PAST_POSES = 2000
+_LEAST_RANGE_M, _MOST_RANGE_M = 2.0, 200.0
+_EMPTY_RANGE_M = 50.0  # where there are no points
 
 
 class CannotDrawError(Exception):
@@ -114,7 +102,7 @@ class Pictures:
         ):
             _, _, posed = self.trajectory.at(stamps_ns)
             chosen = stamps_ns[posed] if posed.any() else stamps_ns
-            index = best_moment(chosen, others, future_ns, TOLERANCE_NS)
+            index = best_moment(chosen, others, future_ns, _TOLERANCE_NS)
             if index is not None:
                 return int(chosen[index])
         return None
@@ -135,20 +123,16 @@ class Pictures:
             )
         return view
 
-    def _revolution(self) -> tuple[Clouds, int]:
-        if self.clouds is None:
-            raise CannotDrawError("there is no lidar")
-        moment_ns = self.moment_ns
-        index = None if moment_ns is None else reading_at(self.clouds.stamps_ns, moment_ns, TOLERANCE_NS)
-        if index is None:
-            raise CannotDrawError(f"{self.clouds.channel} has no revolution near the image")
-        return self.clouds, index
-
     @cached_property
     def _points(self) -> Floats:
         """The revolution of the single pictures, in the global frame."""
-        clouds, revolution = self._revolution()
-        points = clouds.points_global(revolution, self.trajectory)
+        clouds, moment_ns = self.clouds, self.moment_ns
+        if clouds is None:
+            raise CannotDrawError("there is no lidar")
+        index = None if moment_ns is None else reading_at(clouds.stamps_ns, moment_ns, _TOLERANCE_NS)
+        if index is None:
+            raise CannotDrawError(f"{clouds.channel} has no revolution near the image")
+        points = clouds.points_global(index, self.trajectory)
         if points is None:
             raise CannotDrawError(f"there is no ego pose at the time of {clouds.channel}")
         return points
@@ -186,7 +170,7 @@ class Pictures:
         if track.fixed:
             return np.zeros((0, 3))
         past = np.flatnonzero(track.stamps_ns <= moment_ns)
-        return track.positions_m[past[:: 1 + len(past) // MOST_PAST_POSES]]
+        return track.positions_m[past[:: 1 + len(past) // _MOST_PAST_POSES]]
 
     def _future_trajectory(self) -> Image:
         if self.trajectory.fixed:
@@ -195,7 +179,7 @@ class Pictures:
         view = self._view(camera, image)
         start_ns = int(camera.stamps_ns[image])
         stamps_ns = start_ns + np.arange(
-            0, round(self.style.future_s * 1e9) + 1, FUTURE_STEP_NS, dtype=np.int64
+            0, round(self.style.future_s * 1e9) + 1, _FUTURE_STEP_NS, dtype=np.int64
         )
         positions, rotations, valid = self.trajectory.at(stamps_ns)
         # Only up to the first moment without a pose, so that the trajectory has no gap.
@@ -207,7 +191,7 @@ class Pictures:
             (stamps_ns[:known] - start_ns) / 1e9,
             view,
             width=self.style.width,
-            title=f"{camera.channel}: the next {max(known - 1, 0) * FUTURE_STEP_NS / 1e9:g} s",
+            title=f"{camera.channel}: the next {max(known - 1, 0) * _FUTURE_STEP_NS / 1e9:g} s",
         )
 
     def _contact_sheet(self) -> Image:
@@ -220,7 +204,7 @@ class Pictures:
         # A recording with few images shows each of them once.
         columns = min(self.style.columns, max(len(camera.files) for camera in self.cameras.values()))
         moments = evenly_spaced(first_ns, last_ns, columns)
-        tolerance_ns = max(TOLERANCE_NS, (last_ns - first_ns) // (2 * columns))
+        tolerance_ns = max(_TOLERANCE_NS, (last_ns - first_ns) // (2 * columns))
         tile_width = self.style.width // columns
         tiles: dict[str, list[Image | None]] = {}
         for name, camera in self.cameras.items():
@@ -235,13 +219,13 @@ class Pictures:
 def suitable_range_m(points_global: Floats, global_SE3_ego: SE3) -> float:
     """Return half the side of a view that shows nine of ten points: 2 to 200 m, a multiple of 1, 5 or 10 m."""
     if not len(points_global):
-        return EMPTY_RANGE_M
+        return _EMPTY_RANGE_M
     offsets = points_global[:, :2] - np.array(global_SE3_ego.translation[:2])
     apart_m = np.sort(np.abs(offsets).max(axis=1))
     far_m = float(apart_m[int(0.9 * (len(apart_m) - 1))])
     wanted_m = 1.1 * far_m
     step_m = 1.0 if wanted_m <= 10.0 else 5.0 if wanted_m <= 50.0 else 10.0
-    return min(max(step_m * ceil(wanted_m / step_m), LEAST_RANGE_M), MOST_RANGE_M)
+    return min(max(step_m * ceil(wanted_m / step_m), _LEAST_RANGE_M), _MOST_RANGE_M)
 
 
 def boxes_at(boxes: BoxTable, moment_ns: int) -> list[BoxAt]:
@@ -254,11 +238,11 @@ def boxes_at(boxes: BoxTable, moment_ns: int) -> list[BoxAt]:
         found.append(BoxAt(boxes.categories[row], pose, width_m, length_m))
 
     for track in tracks_of(boxes):
-        at = track.at(moment, BOX_GAP_NS, BOX_TOLERANCE_NS)
+        at = track.at(moment, _BOX_GAP_NS, _BOX_TOLERANCE_NS)
         if len(at.at):
             show(int(track.rows[at.observations[0]]), SE3.create(at.rotations[0], at.centers_m[0]))
     for messages in messages_of(boxes):
-        message = int(messages.at(moment, BOX_TOLERANCE_NS)[0])
+        message = int(messages.at(moment, _BOX_TOLERANCE_NS)[0])
         for row in messages.rows[message].tolist() if message >= 0 else ():
             show(row, SE3.create(boxes.rotations[row], boxes.centers_m[row]))
     return found

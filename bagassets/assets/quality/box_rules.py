@@ -1,12 +1,10 @@
 """Rules about boxes: few are lost, tracks do not jump, and sizes are plausible for road users."""
 
-from collections.abc import Iterator
-
 import numpy as np
 
 from bagassets.assets.boxes.table import BoxTable
-from bagassets.assets.boxes.tracks import Track, tracks_of
-from bagassets.assets.quality.finding import Finding, clock
+from bagassets.assets.boxes.tracks import tracks_of
+from bagassets.assets.quality.finding import Finding, clock, counted
 from bagassets.base.json_types import JsonMapping
 from bagassets.recipe.model_checks import BoxesCheck
 
@@ -42,9 +40,9 @@ def boxes_plausible(counts: JsonMapping, table: BoxTable, check: BoxesCheck) -> 
     return Finding([*problems, *_jumps(table, check), *_sizes(table, check)], facts)
 
 
-def _jumps(table: BoxTable, check: BoxesCheck) -> Iterator[str]:
+def _jumps(table: BoxTable, check: BoxesCheck) -> list[str]:
     """Find tracks that jump: two objects with one id look like one that jumps back and forth."""
-    jumping: list[tuple[Track, int, float]] = []
+    jumping = []
     for track in tracks_of(table):
         seconds = np.diff(track.stamps_ns) / 1e9
         moves = np.diff(track.centers_m, axis=0)
@@ -52,30 +50,23 @@ def _jumps(table: BoxTable, check: BoxesCheck) -> Iterator[str]:
         # Labels are a few decimetres off, however close in time they are.
         jumps = np.flatnonzero(distances > check.max_speed_mps * seconds + check.noise_m)
         if len(jumps):
-            jumping.append((track, int(jumps[0]), float(distances[jumps[0]])))
-    if jumping:
-        track, at, distance_m = jumping[0]
-        subject = "1 track jumps:" if len(jumping) == 1 else f"{len(jumping)} tracks jump, the first is"
-        yield (
-            f"{subject} {track.track_id} of {track.source}: {distance_m:.1f} m "
-            f"from {clock(int(track.stamps_ns[at]))} to {clock(int(track.stamps_ns[at + 1]))}; "
-            "perhaps two objects share the id"
-        )
+            at = int(jumps[0])
+            jumping.append(
+                f"{track.track_id} of {track.source}: {distances[at]:.1f} m from {clock(int(track.stamps_ns[at]))} to "
+                f"{clock(int(track.stamps_ns[at + 1]))}; perhaps two objects share the id"
+            )
+    return counted("{} tracks|track jump|jumps", jumping)
 
 
-def _sizes(table: BoxTable, check: BoxesCheck) -> Iterator[str]:
+def _sizes(table: BoxTable, check: BoxesCheck) -> list[str]:
     wrong = np.flatnonzero(
         (table.sizes_m.max(axis=1, initial=0.0) > check.max_size_m)
         | (table.sizes_m.min(axis=1, initial=np.inf) < check.min_size_m)
     )
-    if len(wrong):
-        row = int(wrong[0])
-        width, length, height = table.sizes_m[row].tolist()
-        subject, first = (
-            ("1 box is", ":") if len(wrong) == 1 else (f"{len(wrong)} boxes are", ", the first is")
-        )
-        yield (
-            f"{subject} smaller than {check.min_size_m:g} m or larger than {check.max_size_m:g} m{first} "
-            f"{table.tracks[row] or 'one without a track'} of {table.sources[row]} at {clock(int(table.stamps_ns[row]))}: "
-            f"{width:g} x {length:g} x {height:g} m"
-        )
+    boxes = [
+        f"{table.tracks[row] or 'one without a track'} of {table.sources[row]} at {clock(int(table.stamps_ns[row]))}: "
+        f"{' x '.join(f'{size:g}' for size in table.sizes_m[row].tolist())} m"
+        for row in wrong.tolist()
+    ]
+    limits = f"smaller than {check.min_size_m:g} m or larger than {check.max_size_m:g} m"
+    return counted(f"{{}} boxes|box are|is {limits}", boxes)

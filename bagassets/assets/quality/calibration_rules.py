@@ -5,7 +5,7 @@ from dataclasses import replace
 from math import asin, atan, degrees, isfinite, sqrt
 
 from bagassets.assets.quality.finding import Finding
-from bagassets.geometry.calibration import CalibratedSensor, Calibration, CameraLens, RegionOfInterest
+from bagassets.geometry.calibration import CalibratedSensor, Calibration, RegionOfInterest
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.se3 import SE3
 from bagassets.recipe.model import Rig
@@ -30,7 +30,10 @@ def calibration_plausible(calibration: Calibration, rig: Rig, check: Calibration
         is_camera = name in rig.channels and rig.channels[name].modality == "camera"
         problems += [f"{name}: {text}" for text in _extrinsics(ego_SE3_sensor, is_camera, check)]
         if sensor.camera is not None:
-            camera = _full_image(sensor.camera)
+            lens = sensor.camera
+            # Of the whole image, because a region of interest may be off centre.
+            whole = RegionOfInterest(0, 0, lens.width, lens.height, do_rectify=False)
+            camera = CameraModel.from_calibration(replace(lens, roi=whole, binning=(1, 1)))
             problems += [f"{name}: {text}" for text in _intrinsics(camera, check)]
             facts[name] = {"view_deg": round(_view_deg(camera), 1)}
         elif is_camera:
@@ -39,12 +42,6 @@ def calibration_plausible(calibration: Calibration, rig: Rig, check: Calibration
                 "`intrinsics` in the recipe"
             )
     return Finding([*problems, *_copies(channels, rig)], {"sensors": len(channels), "cameras": facts})
-
-
-def _full_image(camera: CameraLens) -> CameraModel:
-    """Return the model of the whole image, because a region of interest may be off centre."""
-    whole = RegionOfInterest(0, 0, camera.width, camera.height, do_rectify=False)
-    return CameraModel.from_calibration(replace(camera, roi=whole, binning=(1, 1)))
 
 
 def _extrinsics(ego_SE3_sensor: SE3, is_camera: bool, check: CalibrationCheck) -> Iterator[str]:

@@ -1,5 +1,6 @@
 """Findings of rules: sentences about problems, and the numbers behind them."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -35,6 +36,20 @@ class Finding:
     def weight(self, severity: Severity) -> Severity:
         """Return the severity of the finding, given the severity of the check in the recipe."""
         return severity if self.problems else "warn"
+
+
+def counted(text: str, offenders: Sequence[str]) -> list[str]:
+    """Return the sentence with the number of offenders and the first one, without a full stop; none without any.
+
+    Args:
+        text: with `{}` for the number; of two words as in `are|is`, the second is for a single offender.
+        offenders: their names.
+    """
+    if not offenders:
+        return []
+    is_single = len(offenders) == 1
+    words = re.sub(r"([\w']+)\|([\w']+)", r"\2" if is_single else r"\1", text).format(len(offenders))
+    return [f"{words}{':' if is_single else ', the first is'} {offenders[0]}"]
 
 
 def clock(stamp_ns: int) -> str:

@@ -14,11 +14,6 @@ from bagassets.base.quantities import count_text
 _MOST_CHANNELS = 3
 # A channel starts late or stops early only if more than this many of its periods are missing: a slow one may not be due.
 _MISSING_PERIODS = 2
-_ADVICE = (
-    "raise scenes.tolerance_s, lower scenes.keyframe_hz, or keep samples that lack a channel with "
-    "`missing: allow` under scenes"
-)
-
 
 StampsOf = Callable[[str], Stamps]
 
@@ -70,7 +65,7 @@ def enough_s(length_s: float) -> float:
 def _reason(facts: JsonMapping, stamps_of: StampsOf, min_length_s: float) -> str:
     counts, reference = facts["counts"], facts["reference"]
     if counts["dropped_keyframes"]:
-        return f"{_dropped(facts, stamps_of)}; {_ADVICE}"
+        return _dropped(facts, stamps_of)
     if counts["remainder_s"]:
         length_s = _longest_s(counts)
         longest = " (the longest stretch between pauses)" if "longest_remainder_s" in counts else ""
@@ -103,7 +98,7 @@ def keyframes_complete(facts: JsonMapping, stamps_of: StampsOf) -> Finding:
     }
     problems = []
     if dropped and counts["scenes"]:
-        problems.append(f"{_dropped(facts, stamps_of)}; {_ADVICE}")
+        problems.append(_dropped(facts, stamps_of))
     if lacking:
         problems.append(
             f"{lacking} of {counts['samples']} samples {'lacks' if lacking == 1 else 'lack'} a channel, as scenes.missing allows: {_channels(facts, stamps_of)}"
@@ -116,7 +111,8 @@ def _dropped(facts: JsonMapping, stamps_of: StampsOf) -> str:
     number, of = counts["dropped_keyframes"], counts["dropped_keyframes"] + counts["samples"]
     return (
         f"{number} of {of} keyframes {'was' if number == 1 else 'were'} dropped, where a channel has no reading within "
-        f"{facts['tolerance_s']:g} s (scenes.tolerance_s): {_channels(facts, stamps_of)}"
+        f"{facts['tolerance_s']:g} s (scenes.tolerance_s): {_channels(facts, stamps_of)}; raise scenes.tolerance_s, lower "
+        "scenes.keyframe_hz, or keep samples that lack a channel with `missing: allow` under scenes"
     )
 
 

@@ -90,14 +90,16 @@ def topic_rates(rig: Rig, inventory: Inventory, check: TopicsCheck) -> Finding:
 
 
 def _rate_problems(record: TopicRecord, limits: TopicLimits) -> list[str]:
-    if record.rate_hz is None:
-        if limits.min_hz is None:
-            return []
-        return [f"{record.name}: {record.count} message has no rate, at least {limits.min_hz:g} Hz expected"]
-    if limits.min_hz is not None and record.rate_hz < limits.min_hz:
-        return [f"{record.name}: {record.rate_hz:g} Hz, at least {limits.min_hz:g} Hz expected"]
-    if limits.max_hz is not None and record.rate_hz > limits.max_hz:
-        return [f"{record.name}: {record.rate_hz:g} Hz, at most {limits.max_hz:g} Hz expected"]
+    rate_hz, low_hz, high_hz = record.rate_hz, limits.min_hz, limits.max_hz
+    rate = (
+        f"{record.name}: {rate_hz:g} Hz"
+        if rate_hz is not None
+        else f"{record.name}: {record.count} message has no rate"
+    )
+    if low_hz is not None and (rate_hz is None or rate_hz < low_hz):
+        return [f"{rate}, at least {low_hz:g} Hz expected"]
+    if high_hz is not None and rate_hz is not None and rate_hz > high_hz:
+        return [f"{rate}, at most {high_hz:g} Hz expected"]
     return []
 
 

@@ -107,10 +107,10 @@ def make_ahead(args: JsonObject) -> None:
     make_first_inventories(recipe, args["bags"])
     os.nice(_LEAST_URGENT)  # the runs have begun
     if recipe.preview.has_map:
-        from bagassets.formats.report_data import make_map_shell  # noqa: PLC0415  (`make_inventories` must begin at once)
+        from bagassets.formats.trajectory_map import map_shell_of  # noqa: PLC0415  (`make_inventories` must begin at once)
 
         with suppress(BagAssetsError, OSError):
-            make_map_shell(Store(recipe.store_path))
+            map_shell_of(Store(recipe.store_path))
 
 
 def make_first_inventories(recipe: Recipe, bags: Collection[str]) -> None:

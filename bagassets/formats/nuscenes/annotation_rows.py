@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -13,10 +12,11 @@ from bagassets.assets.lidar_file import read_lidar_file
 from bagassets.assets.radar_file import read_radar_file
 from bagassets.assets.timeline.keyframes import Stamps
 from bagassets.base.json_types import JsonObject
-from bagassets.formats.nuscenes.points import count_points, hits_of
+from bagassets.formats.json_files import rounded
+from bagassets.formats.nuscenes.points import hits_of
 from bagassets.formats.nuscenes.readings import ChannelReadings
 from bagassets.formats.nuscenes.scene_plan import SceneParams, ScenePlan
-from bagassets.formats.nuscenes.table_file import quaternion, rounded
+from bagassets.formats.nuscenes.table_file import quaternion
 from bagassets.formats.nuscenes.tokens import (
     RecordingTokens,
     attribute_token,
@@ -30,25 +30,6 @@ _SPEED_WINDOW_NS = 1_000_000_000
 _LONGEST_REVOLUTION_S = 0.2
 
 
-@dataclass
-class AnnotationRows:
-    """Rows about objects, and counts of their observations.
-
-    Attributes:
-        tables: table -> rows.
-        categories: names of the categories of the instances.
-        attributes: names of the attributes of the boxes.
-        counts: see `bagassets.formats.nuscenes.tables`.
-    """
-
-    tables: dict[str, list[JsonObject]] = field(
-        default_factory=lambda: {"instance": [], "sample_annotation": []}
-    )
-    categories: set[str] = field(default_factory=set)
-    attributes: set[str] = field(default_factory=set)
-    counts: dict[str, int] = field(default_factory=dict)
-
-
 def annotation_rows(
     tokens: RecordingTokens,
     boxes: BoxTable,
@@ -56,7 +37,7 @@ def annotation_rows(
     scenes: Sequence[ScenePlan],
     params: SceneParams,
     motion: MotionRule | None,
-) -> AnnotationRows:
+) -> "AnnotationRows":
     """Return the rows of all scenes: tracks at each keyframe where they exist, and boxes without a track.
 
     An instance is a track within one scene. Its category is the one that most of its boxes have (on a tie, the first by
@@ -71,8 +52,7 @@ def annotation_rows(
         params: the recipe's scenes, which limit how far boxes are from keyframes.
         motion: when objects without attributes count as moving; None to give them none.
     """
-    builder = _Builder(tokens, boxes, params, motion)
-    rows = builder.rows
+    rows = AnnotationRows(tokens, boxes, params, motion)
     tracks, messages = list(tracks_of(boxes)), list(messages_of(boxes))
     in_scenes = np.zeros(len(boxes), dtype=np.bool_)
     with_boxes: set[int] = set()
@@ -81,13 +61,13 @@ def annotation_rows(
         in_scenes |= (boxes.stamps_ns >= span.window_start_ns) & (boxes.stamps_ns < span.window_end_ns)
         samples: list[list[JsonObject]] = [[] for _ in scene.keyframes_ns]
         with_boxes.update(
-            number for number, track in enumerate(tracks) if builder.add_instance(track, scene, samples)
+            number for number, track in enumerate(tracks) if rows.add_instance(track, scene, samples)
         )
         for source in messages:
-            builder.add_messages(source, scene, samples)
+            rows.add_messages(source, scene, samples)
         for sample, annotations in enumerate(samples):
             if annotations:
-                _measure(annotations, channels, scene, sample, builder.speeds_mps)
+                _measure(annotations, channels, scene, sample, rows.speeds_mps)
             rows.tables["sample_annotation"].extend(annotations)
     rows.counts = {
         "observations": len(boxes),
@@ -95,22 +75,32 @@ def annotation_rows(
         "tracks": len(tracks),
         "tracks_without_keyframe": len(tracks) - len(with_boxes),
         "without_track": boxes.without_track,
-        "without_track_unused": boxes.without_track - len(builder.used),
+        "without_track_unused": boxes.without_track - len(rows.used),
         "instances": len(rows.tables["instance"]),
         "annotations": len(rows.tables["sample_annotation"]),
-        "held": builder.held,
-        **builder.attribute_counts,
+        "held": rows.held,
+        **rows.attribute_counts,
     }
     return rows
 
 
-class _Builder:
-    """Turns tracks and single boxes into instances, scene by scene."""
+class AnnotationRows:
+    """Rows about objects, made scene by scene from tracks and single boxes, and counts of their observations.
+
+    Attributes:
+        tables: table -> rows.
+        categories: names of the categories of the instances.
+        attributes: names of the attributes of the boxes.
+        counts: see `bagassets.formats.nuscenes.tables`.
+    """
 
     def __init__(
         self, tokens: RecordingTokens, boxes: BoxTable, params: SceneParams, motion: MotionRule | None
     ) -> None:
-        self.rows = AnnotationRows()
+        self.tables: dict[str, list[JsonObject]] = {"instance": [], "sample_annotation": []}
+        self.categories: set[str] = set()
+        self.attributes: set[str] = set()
+        self.counts: dict[str, int] = {}
         self.held = 0
         self.used: set[int] = set()
         self.speeds_mps: dict[str, float] = {}  # by annotation token; 0 where unknown
@@ -134,7 +124,9 @@ class _Builder:
         instance = self._tokens.track("instance", *name, int(scene.keyframes_ns[0]))
         self._add_instance_row(instance, category, tokens)
         times_ns = scene.keyframes_ns[found.at]
-        by_motion = self._by_motion(track, category, times_ns)
+        by_motion = [""] * len(times_ns)
+        if self._motion is not None:
+            by_motion = motion_attributes(category, track, times_ns, self._motion)
         speeds = np.nan_to_num(speeds_of(track, times_ns, _SPEED_WINDOW_NS, self._params.box_gap_ns))
         self.speeds_mps |= dict(zip(tokens, speeds.tolist(), strict=True))
         for position, (sample, row) in enumerate(zip(found.at.tolist(), observations, strict=True)):
@@ -185,8 +177,8 @@ class _Builder:
                 )
 
     def _add_instance_row(self, token: str, category: str, annotations: Sequence[str]) -> None:
-        self.rows.categories.add(category)
-        self.rows.tables["instance"].append(
+        self.categories.add(category)
+        self.tables["instance"].append(
             {
                 "token": token,
                 "category_token": category_token(category),
@@ -195,12 +187,6 @@ class _Builder:
                 "last_annotation_token": annotations[-1],
             }
         )
-
-    def _by_motion(self, track: Track, category: str, times_ns: Stamps) -> list[str]:
-        """Return the attribute at each time according to the motion of a track, or an empty name."""
-        if self._motion is None:
-            return [""] * len(times_ns)
-        return motion_attributes(category, track, times_ns, self._motion)
 
     def _attributes(self, row: int, category: str, by_motion: str) -> list[str]:
         """Return the attribute tokens of a box: those from its source, else the one by motion."""
@@ -212,7 +198,7 @@ class _Builder:
         else:
             kind = "undetermined" if has_attributes(category) else "none"
         self.attribute_counts[f"attributes_{kind}"] += 1
-        self.rows.attributes.update(names)
+        self.attributes.update(names)
         return [attribute_token(name) for name in names]
 
 
@@ -240,14 +226,18 @@ def _measure(
             if channel.intrinsic:
                 k = np.array(channel.intrinsic, dtype=np.float64)
                 views.append(CameraView(global_SE3_sensor, k, *channel.sizes_px[reading]))
-        elif channel.modality == "lidar":
+            continue
+        if channel.modality == "lidar":
             xyz = read_lidar_file(channel.path(reading))[:, :3]
-            moves = speeds * _period_s(channel.stamps_ns, reading)
-            lidar_hits.append(hits_of(xyz, global_SE3_sensor, centers, rotations, sizes, moves))
         else:
             targets = read_radar_file(channel.path(reading))
             xyz = np.stack([targets[axis] for axis in "xyz"], axis=1)
-            radar_points += count_points(xyz, global_SE3_sensor, centers, rotations, sizes)
+        moves = speeds * _period_s(channel.stamps_ns, reading)
+        hits = hits_of(xyz, global_SE3_sensor, centers, rotations, sizes, moves)
+        if channel.modality == "lidar":
+            lidar_hits.append(hits)
+        else:
+            radar_points += hits.inside
     lidar_points = sum((hits.inside for hits in lidar_hits), np.zeros(len(annotations), np.int64))
     levels = visibility_levels(
         share_in_images(views, centers, rotations, sizes) if views else None,

@@ -23,7 +23,7 @@ from bagassets.formats.nuscenes.tokens import (
     visibility_token,
 )
 
-MAP_SIZE_PX = 64
+MAP_FILE, MAP_SIZE_PX = "maps/blank.png", 64
 
 
 def join(members: Sequence[Member], settings: NuScenes, shares: Sequence[SplitShare], out: Path) -> Joined:
@@ -82,13 +82,28 @@ def _shared(
     return {
         "category": _named_rows(category_token, settings.categories, categories),
         "attribute": _named_rows(attribute_token, settings.attributes, attributes),
-        "visibility": _visibility_rows(),
-        "sensor": _sensor_rows(sensors),
-        "map": _map_rows(logs),
+        "visibility": [
+            {
+                "token": visibility_token(level),
+                "level": level,
+                "description": f"{level.removeprefix('v')} % of the object can be seen",
+            }
+            for level in VISIBILITY_LEVELS
+        ],
+        "sensor": [
+            {"token": sensor_token(channel, modality), "channel": channel, "modality": modality}
+            for channel, modality in sorted(sensors)
+        ],
+        # One, which holds for all logs, as the devkit asks for.
+        "map": [
+            {
+                "token": token("map", MAP_FILE),
+                "log_tokens": sorted(logs),
+                "category": "semantic_prior",
+                "filename": MAP_FILE,
+            }
+        ],
     }
-
-
-MAP_FILE = "maps/blank.png"
 
 
 def _named_rows(
@@ -98,38 +113,6 @@ def _named_rows(
     texts = {entry.name: entry.description for entry in named}
     names = [*texts, *sorted(recorded - texts.keys())]
     return [{"token": token_of(name), "name": name, "description": texts.get(name, "")} for name in names]
-
-
-def _visibility_rows() -> list[JsonObject]:
-    """Return the four levels of visibility."""
-    return [
-        {
-            "token": visibility_token(level),
-            "level": level,
-            "description": f"{level.removeprefix('v')} % of the object can be seen",
-        }
-        for level in VISIBILITY_LEVELS
-    ]
-
-
-def _sensor_rows(sensors: Iterable[tuple[str, str]]) -> list[JsonObject]:
-    """Return a row for each pair of channel and modality."""
-    return [
-        {"token": sensor_token(channel, modality), "channel": channel, "modality": modality}
-        for channel, modality in sorted(set(sensors))
-    ]
-
-
-def _map_rows(log_tokens: Iterable[str]) -> list[JsonObject]:
-    """Return the one map; it holds for all logs, as the devkit asks for."""
-    return [
-        {
-            "token": token("map", MAP_FILE),
-            "log_tokens": sorted(log_tokens),
-            "category": "semantic_prior",
-            "filename": MAP_FILE,
-        }
-    ]
 
 
 def blank_png(width: int, height: int) -> bytes:

@@ -12,7 +12,6 @@ from bagassets.assets.lidar_file import read_lidar_file
 from bagassets.assets.pose_samples import counted_in_poses
 from bagassets.assets.quality.check import RecordingCheck
 from bagassets.assets.quality.evidence import Evidence
-from bagassets.assets.quality.file_rules import files_match
 from bagassets.assets.quality.finding import Finding
 from bagassets.assets.quality.pose_rules import poses_complete, poses_cover_sensors
 from bagassets.assets.quality.scene_rules import keyframes_complete, scenes_made
@@ -22,7 +21,7 @@ from bagassets.assets.sweeps import SWEEPS
 from bagassets.base.errors import DatasetError
 from bagassets.base.json_types import JsonObject
 from bagassets.formats.nuscenes.schema import RECORDING_TABLES, Row
-from bagassets.formats.nuscenes.table_integrity import broken_references, duplicate_tokens
+from bagassets.formats.nuscenes.table_integrity import broken_references, duplicate_tokens, files_match
 from bagassets.geometry.se3 import SE3, Floats
 from bagassets.recipe.model import LidarChannel, RadarChannel
 from bagassets.store.artifact import Artifact

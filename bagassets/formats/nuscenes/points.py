@@ -37,21 +37,6 @@ class Hits:
     blocked: NDArray[np.int64]
 
 
-def count_points(
-    points: NDArray[np.float32], global_SE3_sensor: SE3, centers_m: Floats, rotations: Floats, sizes_m: Floats
-) -> NDArray[np.int64]:
-    """Count the points in each box; arguments as for `hits_of`.
-
-    Returns:
-        (B,) counts.
-    """
-    centers = global_SE3_sensor.inverse().transform_points(centers_m)
-    pairs = _pairs_near(points, centers, _radii(sizes_m))
-    ends = _in_boxes(pairs, global_SE3_sensor, centers_m, rotations)
-    inside = _all_three(np.abs(ends) <= (sizes_m[:, [1, 0, 2]] / 2)[pairs.box])
-    return np.bincount(pairs.box[inside], minlength=len(centers_m)).astype(np.int64)
-
-
 def hits_of(
     points: NDArray[np.float32],
     global_SE3_sensor: SE3,
@@ -71,11 +56,13 @@ def hits_of(
         moves_m: (B,) how far each object moves during one revolution: points so far in front of its box may be its own.
     """
     centers = global_SE3_sensor.inverse().transform_points(centers_m)
-    pairs = _pairs_near(points, centers, _radii(sizes_m))
+    radii: Floats = np.sqrt((sizes_m * sizes_m).sum(axis=1)) / 2 + ROUNDING_M
+    pairs = _pairs_near(points, centers, radii)
     # In the frames of the boxes: the origins of rays (B, 3), and the ends of the rays in pairs (M, 3).
-    half = sizes_m[:, [1, 0, 2]] / 2
-    origins = rotate(rotations * _CONJUGATE, np.array(global_SE3_sensor.translation) - centers_m)
-    ends = _in_boxes(pairs, global_SE3_sensor, centers_m, rotations)
+    half, box_Q_global = sizes_m[:, [1, 0, 2]] / 2, rotations * _CONJUGATE
+    origins = rotate(box_Q_global, np.array(global_SE3_sensor.translation) - centers_m)
+    offsets = global_SE3_sensor.transform_points(pairs.points) - centers_m[pairs.box]
+    ends = rotate(box_Q_global[pairs.box], offsets)
     inside = _all_three(np.abs(ends) <= half[pairs.box])
     # If the sensor is inside a box, nothing is in front of it.
     rays = np.flatnonzero(pairs.is_ray & ~_all_three(np.abs(origins) <= half)[pairs.box])
@@ -86,7 +73,8 @@ def hits_of(
     middle, reach = -origins[box] * per_m, np.abs(half[box] * per_m)
     into_core, out_of_core = _greatest(middle - reach * CORE), -_greatest(reach * -CORE - middle)
     through = (into_core <= out_of_core) & (out_of_core > 0)
-    slack = (BEFORE_M + moves_m[box]) / np.sqrt((ways * ways).sum(axis=1))
+    with np.errstate(divide="ignore"):  # plug-ins may give targets at the radar itself
+        slack = (BEFORE_M + moves_m[box]) / np.sqrt((ways * ways).sum(axis=1))
     blocked = through & (_greatest(middle - reach) > 1.0 + slack) & ~inside[rays]
     return Hits(
         *(
@@ -170,18 +158,6 @@ def _pairs_near(points: NDArray[np.float32], centers: Floats, radii: Floats) -> 
     kept = np.flatnonzero(is_ray | in_ball)
     near = np.stack([qx[kept], qy[kept], qz[kept]], axis=1).astype(np.float64)
     return _Pairs(box[kept], near, is_ray[kept])
-
-
-def _radii(sizes_m: Floats) -> Floats:
-    """Return the radius (B,) of the ball around each box."""
-    radii: Floats = np.sqrt((sizes_m * sizes_m).sum(axis=1)) / 2 + ROUNDING_M
-    return radii
-
-
-def _in_boxes(pairs: _Pairs, global_SE3_sensor: SE3, centers_m: Floats, rotations: Floats) -> Floats:
-    """Return the points (M, 3) of pairs in the frames of their boxes."""
-    offsets = global_SE3_sensor.transform_points(pairs.points) - centers_m[pairs.box]
-    return rotate((rotations * _CONJUGATE)[pairs.box], offsets)
 
 
 def _sectors(x: NDArray[np.floating], y: NDArray[np.floating]) -> NDArray[np.int16]:

@@ -8,7 +8,8 @@ import numpy as np
 
 from bagassets.assets.timeline.keyframes import Stamps
 from bagassets.base.json_types import JsonObject
-from bagassets.formats.nuscenes.table_file import quaternion, rounded
+from bagassets.formats.json_files import rounded
+from bagassets.formats.nuscenes.table_file import quaternion
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.store.artifact import Artifact

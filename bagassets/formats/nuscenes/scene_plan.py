@@ -49,19 +49,6 @@ class SceneSpan:
         return (self.end_ns - self.start_ns) / 1e9
 
 
-@dataclass(frozen=True, slots=True)
-class SceneCuts:
-    """The scenes of a stretch of a recording, in order.
-
-    Attributes:
-        scenes: spans whose windows do not overlap.
-        remainder_ns: time at the end that is too short for a scene; 0 if there is none.
-    """
-
-    scenes: tuple[SceneSpan, ...]
-    remainder_ns: int
-
-
 def stretches(
     stamps_ns: Stamps, length_ns: int, period_ns: int, breaks_ns: Sequence[int] = ()
 ) -> list[tuple[int, int]]:
@@ -84,7 +71,9 @@ def stretches(
     return [(int(part[0]), int(part[-1])) for part in parts]
 
 
-def cut_scenes(first_ns: int, last_ns: int, length_ns: int, min_length_ns: int, period_ns: int) -> SceneCuts:
+def cut_scenes(
+    first_ns: int, last_ns: int, length_ns: int, min_length_ns: int, period_ns: int
+) -> tuple[list[SceneSpan], int]:
     """Cut the time from the first to the last reference reading of a stretch into scenes.
 
     Scenes follow each other without gaps. The remainder at the end becomes a shorter scene if it
@@ -99,6 +88,10 @@ def cut_scenes(first_ns: int, last_ns: int, length_ns: int, min_length_ns: int, 
         length_ns: length of a scene, > 0.
         min_length_ns: least length of the remainder.
         period_ns: time between keyframes, > 0.
+
+    Returns:
+        The scenes in order, whose windows do not overlap, and the time at the end that is too short for a scene; 0 if there
+        is none.
     """
     half_ns = period_ns // 2
     whole, remainder_ns = divmod(last_ns - first_ns, length_ns)
@@ -108,10 +101,10 @@ def cut_scenes(first_ns: int, last_ns: int, length_ns: int, min_length_ns: int, 
         for start in starts
     ]
     if remainder_ns < min_length_ns or (remainder_ns == 0 and scenes):
-        return SceneCuts(tuple(scenes), remainder_ns)
+        return scenes, remainder_ns
     start = first_ns + length_ns * whole
     scenes.append(SceneSpan(start, last_ns, start - half_ns, last_ns + half_ns + 1))
-    return SceneCuts(tuple(scenes), 0)
+    return scenes, 0
 
 
 @dataclass(frozen=True)
@@ -137,16 +130,6 @@ class SceneParams:
         return round(1e9 / self.keyframe_hz)
 
     @property
-    def length_ns(self) -> int:
-        """Length of a scene."""
-        return round(self.length_s * 1e9)
-
-    @property
-    def min_length_ns(self) -> int:
-        """Length of the shortest scene at the end of a recording, or before a pause."""
-        return round(self.min_length_s * 1e9)
-
-    @property
     def tolerance_ns(self) -> int:
         """Longest time between a keyframe and the readings that belong to it."""
         return round(self.tolerance_s * 1e9)
@@ -155,11 +138,6 @@ class SceneParams:
     def box_gap_ns(self) -> int:
         """Longest time between two observations of a box that it is interpolated over."""
         return round(self.box_gap_s * 1e9)
-
-    @property
-    def refuse_incomplete(self) -> bool:
-        """Whether a keyframe must have readings of all channels in the recording."""
-        return self.missing == "refuse"
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,12 +222,13 @@ def plan_scenes(
     reference = stamps_ns[params.reference]
     if not len(reference):
         return plan
-    parts = stretches(reference, params.length_ns, params.period_ns, breaks_ns)
-    cuts = [cut_scenes(*part, params.length_ns, params.min_length_ns, params.period_ns) for part in parts]
-    plan.remainder_s = sum(cut.remainder_ns for cut in cuts) / 1e9
-    plan.longest_remainder_s = max(cut.remainder_ns for cut in cuts) / 1e9
+    length_ns, min_length_ns = (round(seconds * 1e9) for seconds in (params.length_s, params.min_length_s))
+    parts = stretches(reference, length_ns, params.period_ns, breaks_ns)
+    cuts = [cut_scenes(*part, length_ns, min_length_ns, params.period_ns) for part in parts]
+    plan.remainder_s = sum(remainder_ns for _, remainder_ns in cuts) / 1e9
+    plan.longest_remainder_s = max(remainder_ns for _, remainder_ns in cuts) / 1e9
     edges_ns = [-(2**63), *breaks_ns, 2**63 - 1]
-    for span in (_between(edges_ns, span) for cut in cuts for span in cut.scenes):
+    for span in (_between(edges_ns, span) for scenes, _ in cuts for span in scenes):
         scene = _plan_scene(span, stamps_ns, params, plan)
         if scene is None:
             plan.empty_scenes += 1
@@ -306,7 +285,8 @@ def _keyframes(
     reference = readings[params.reference]
     others = [name for name in readings if name != params.reference and len(stamps_ns[name])]
     anywhere = placed = choose_keyframes(reference, span.start_ns, span.end_ns, params.period_ns)
-    if params.refuse_incomplete and others:
+    must_be_complete = params.missing == "refuse"
+    if must_be_complete and others:
         partners = [partner_readings(reference, readings[name], params.tolerance_ns) for name in others]
         placed = choose_keyframes(reference, span.start_ns, span.end_ns, params.period_ns, np.stack(partners))
     possible = anywhere >= 0
@@ -315,7 +295,7 @@ def _keyframes(
     lacks_any = np.zeros(len(candidates), dtype=np.bool_)
     for name in others:
         lacks = match_readings(candidates, readings[name], params.tolerance_ns) < 0
-        lacks &= dropped | (not params.refuse_incomplete)
+        lacks &= dropped | (not must_be_complete)
         lacks_any |= lacks
         shortage, stamps = plan.shortages[name], stamps_ns[name]
         shortage.keyframes += int(np.count_nonzero(lacks))

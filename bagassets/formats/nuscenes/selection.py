@@ -15,14 +15,13 @@ from math import sqrt
 import numpy as np
 
 from bagassets.assets.ego_poses import EGO_POSES, load_trajectory
-from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.track import TRACK
 from bagassets.base.alike import names_text
 from bagassets.base.errors import RecipeError, StoreError
 from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.engine.plan import Plan
 from bagassets.engine.run_action import run_action
-from bagassets.engine.track import track_of
+from bagassets.engine.track import track_on_record
 from bagassets.formats.format import FACTS, Part, Selection
 from bagassets.formats.nuscenes.schema import RECORDING_TABLES
 from bagassets.formats.nuscenes.subset import subset_facts, subset_tables
@@ -89,13 +88,12 @@ def select(
 def _scene_facts(recipe: Recipe, store: Store, plan: Plan, part: Part, tables: Artifact) -> JsonObject:
     """Return the facts about the scenes of one recording, from the store if they are there."""
     bag = plan.bags[part.key]
-    inventory, poses = (bag.current_artifact(store, one.name) for one in (INVENTORY, EGO_POSES))
-    if inventory is None or poses is None:
+    poses, track = bag.current_artifact(store, EGO_POSES.name), track_on_record(recipe, store, bag)
+    if poses is None or track is None:
         raise StoreError(
             f"{part.key}: the inventory or ego_poses, by which named datasets select scenes, are not in the store; "
             "run `bagassets build`."
         )
-    track = track_of(store, inventory, poses, recipe.clock_of(recipe.rig_named(bag.rig)))
     inputs = {NUSCENES_TABLES.name: tables.digest, EGO_POSES.name: poses.digest, TRACK.name: track.digest}
     make = partial(_make_facts, tables, load_trajectory(poses), track.points)
     facts: JsonObject = run_action(store, FACTS_STEP.action({}, inputs), make).artifact.read_json(_SCENES)

@@ -5,9 +5,10 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 
 from bagassets.base.json_types import JsonMapping, JsonObject
+from bagassets.formats.json_files import rounded
 from bagassets.formats.nuscenes.readings import ChannelReadings
 from bagassets.formats.nuscenes.scene_plan import ScenePlan
-from bagassets.formats.nuscenes.table_file import quaternion, rounded
+from bagassets.formats.nuscenes.table_file import quaternion
 from bagassets.formats.nuscenes.tokens import RecordingTokens, filename, sensor_token
 
 NS_PER_US = 1000
@@ -63,18 +64,16 @@ def sensor_rows(
         for scene in scenes:
             _add_readings(rows, tokens, readings, scene)
         if rows.keyframes[name] or rows.sweeps[name]:
-            rows.tables["calibrated_sensor"].append(_calibrated_sensor(tokens, readings))
+            rows.tables["calibrated_sensor"].append(
+                {
+                    "token": tokens.row("calibrated_sensor", name),
+                    "sensor_token": sensor_token(name, readings.modality),
+                    "translation": rounded(readings.ego_SE3_sensor.translation),
+                    "rotation": quaternion(readings.ego_SE3_sensor.rotation),
+                    "camera_intrinsic": readings.intrinsic,
+                }
+            )
     return rows
-
-
-def _calibrated_sensor(tokens: RecordingTokens, readings: ChannelReadings) -> JsonObject:
-    return {
-        "token": tokens.row("calibrated_sensor", readings.channel),
-        "sensor_token": sensor_token(readings.channel, readings.modality),
-        "translation": rounded(readings.ego_SE3_sensor.translation),
-        "rotation": quaternion(readings.ego_SE3_sensor.rotation),
-        "camera_intrinsic": readings.intrinsic,
-    }
 
 
 def _add_scene(rows: SensorRows, tokens: RecordingTokens, number: int, scene: ScenePlan) -> None:

@@ -15,16 +15,10 @@ from pathlib import Path
 
 from bagassets.base.errors import DatasetError
 from bagassets.base.json_types import JsonObject
-from bagassets.formats.json_files import rows_bytes
+from bagassets.formats.json_files import rounded, rows_bytes
 from bagassets.formats.nuscenes.schema import TABLES, Row
 
-METRE_DIGITS = 6
 QUATERNION_DIGITS = 9
-
-
-def rounded(values: Iterable[float], digits: int = METRE_DIGITS) -> list[float]:
-    """Return numbers rounded for writing, without negative zeros."""
-    return [round(float(value), digits) + 0.0 for value in values]
 
 
 def quaternion(values: Iterable[float]) -> list[float]:

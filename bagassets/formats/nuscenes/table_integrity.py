@@ -3,15 +3,17 @@
 A sentence counts the offending rows or files and names the first.
 """
 
-import re
 from collections import Counter
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from operator import itemgetter
 from pathlib import Path
 
+from bagassets.assets.quality.finding import Finding, counted
+from bagassets.base.errors import StoreError
 from bagassets.formats.nuscenes.schema import TABLES, Row
 from bagassets.formats.nuscenes.table_file import read_table
+from bagassets.store.artifact import Artifact
 
 Tables = Mapping[str, Sequence[Row]]
 NOT_ON_DISK = "{} files|file of the tables are|is not on disk"
@@ -80,18 +82,58 @@ def check_dataset_files(dataroot: Path, version: str, tables: Tables, sizes: Map
     return check_files(sizes, tables, elsewhere)
 
 
-def sentence(text: str, offenders: Sequence[str]) -> list[str]:
-    """Return the sentence with the number of offenders and the first one; none without any.
+def files_match(
+    sample_data: Sequence[Row],
+    files: Sequence[Mapping[str, str]],
+    artifact: Callable[[str], Artifact],
+) -> Finding:
+    """Check the files of one recording's tables against the store.
 
     Args:
-        text: with `{}` for the number; of two words as in `are|is`, the second is for a single offender.
-        offenders: their names.
+        sample_data: rows of the table.
+        files: content of `files.json`: where each `filename` is in the store.
+        artifact: digest -> artifact; raises StoreError if it is gone.
     """
-    if not offenders:
-        return []
-    is_single = len(offenders) == 1
-    words = re.sub(r"(\w+)\|(\w+)", r"\2" if is_single else r"\1", text).format(len(offenders))
-    return [f"{words}{':' if is_single else ', the first is'} {offenders[0]}."]
+    named = [str(row["filename"]) for row in sample_data]
+    listed = {entry["filename"] for entry in files}
+    nowhere = sorted(set(named) - listed)
+    unnamed = sorted(listed - set(named))
+    problems = counted("{} files|file of sample_data are|is in no artifact", nowhere)
+    problems += counted("{} listed files|file are|is not in sample_data", unnamed)
+    artifacts: dict[str, tuple[Artifact, dict[str, int]]] = {}
+    lost: dict[str, str] = {}
+    missing, torn = [], []
+    total = 0
+    for entry in files:
+        digest = entry["artifact"]
+        if digest not in artifacts and digest not in lost:
+            try:
+                found = artifact(digest)
+                artifacts[digest] = found, {file.path: file.size for file in found.entries()}
+            except StoreError as err:
+                lost[digest] = str(err)
+                problems.append(f"{entry['filename']}: {err}")
+        if digest in lost:
+            continue
+        whole, sizes = artifacts[digest]
+        try:
+            size = whole.path(entry["file"]).stat().st_size
+        except FileNotFoundError:
+            missing.append(entry["filename"])
+            continue
+        total += size
+        expected = sizes.get(entry["file"])
+        if size != expected:
+            torn.append(f"{entry['filename']} ({size} bytes instead of {expected})")
+    problems += counted("{} files|file are|is not in the store", missing)
+    whose = "their|its artifacts'|artifact's manifests|manifest"
+    problems += counted(f"{{}} files|file do|does not have the sizes|size in {whose}", torn)
+    return Finding(problems, {"files": len(files), "bytes": total})
+
+
+def sentence(text: str, offenders: Sequence[str]) -> list[str]:
+    """Return what `counted` does, with a full stop."""
+    return [f"{one}." for one in counted(text, offenders)]
 
 
 def repeated_tokens_sentence(table: str, tokens: Sequence[str]) -> list[str]:

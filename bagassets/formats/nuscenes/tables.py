@@ -42,8 +42,6 @@ from bagassets.geometry.trajectory import Trajectory
 from bagassets.recipe.model import CameraChannel, Recipe, Rig, Scenes
 from bagassets.store.artifact import Artifact, ArtifactWriter
 
-__all__ = ["FILES", "NUSCENES_TABLES"]
-
 FILES = "files.json"
 
 

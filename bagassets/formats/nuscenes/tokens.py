@@ -10,6 +10,7 @@ of the content's digest, so old tables never refer to new content.
 """
 
 from dataclasses import dataclass
+from functools import partial
 from urllib.parse import quote, unquote
 
 from blake3 import blake3
@@ -46,19 +47,10 @@ class RecordingTokens:
         return token(self.rig, self.key, table, source, track_id, stamp_ns)
 
 
-def sensor_token(channel: str, modality: str) -> str:
-    """Return the token of a sensor."""
-    return token("sensor", channel, modality)
-
-
-def category_token(name: str) -> str:
-    """Return the token of a category."""
-    return token("category", name)
-
-
-def attribute_token(name: str) -> str:
-    """Return the token of an attribute."""
-    return token("attribute", name)
+# Of a sensor, given its channel and modality; of a category and of an attribute, given their names.
+sensor_token = partial(token, "sensor")
+category_token = partial(token, "category")
+attribute_token = partial(token, "attribute")
 
 
 def visibility_token(level: str) -> str:

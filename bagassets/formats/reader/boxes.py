@@ -6,9 +6,8 @@ from typing import overload
 
 import numpy as np
 
+from bagassets.base.quantities import count_text
 from bagassets.geometry.se3 import SE3, Floats
-
-__all__ = ["Box", "Boxes"]
 
 # As `box_in_image` of the devkit: every corner this far in front of the camera, and one farther away in the image.
 _IN_FRONT_M = 0.1
@@ -103,8 +102,7 @@ class Boxes(Sequence[Box]):
 
     def __repr__(self) -> str:
         categories = sorted({box.category for box in self._boxes})
-        number = "1 box" if len(self) == 1 else f"{len(self)} boxes"
-        return f"<{number} in {self.frame}: {', '.join(categories) or 'none'}>"
+        return f"<{count_text(len(self), 'box')} in {self.frame}: {', '.join(categories) or 'none'}>"
 
     def in_camera(self, channel: str, *, visible_only: bool = False) -> "Boxes":
         """Return the boxes in the frame of a camera (x right, y down, z ahead) at the time of its image.

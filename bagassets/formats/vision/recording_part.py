@@ -43,8 +43,6 @@ from bagassets.recordings.recording import Recording
 from bagassets.store.artifact import Artifact, ArtifactWriter
 from bagassets.store.canonical import digest_json
 
-__all__ = ["FILES", "SEQUENCES", "VISION_SEQUENCES", "recording_metadata", "transforms_json"]
-
 FILES = "files.json"
 # Has the rows of all sequences.
 SEQUENCES = "sequences.json"

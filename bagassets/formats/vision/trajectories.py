@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from bagassets.base.errors import CalibrationError
 from bagassets.base.json_types import JsonMapping
+from bagassets.formats.json_files import rounded
 from bagassets.geometry.calibration import Mounts
 from bagassets.geometry.portable import arctan2
 from bagassets.geometry.se3 import SE3, Floats, quaternion_multiply, rotate
@@ -17,18 +18,7 @@ from bagassets.geometry.tf_tree import TfTree
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.geometry.wgs84 import LocalFrame, utm_track
 
-__all__ = [
-    "Bodies",
-    "TimedPoses",
-    "csv_bytes",
-    "geodetic_columns",
-    "relative_poses",
-    "roll_pitch_yaw",
-    "trajectory_table",
-]
-
-METRE_DIGITS = 6
-RADIAN_DIGITS = 9
+_RADIAN_DIGITS = 9
 _CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 # Closer to the zenith, roll and yaw are the same rotation; all of it is called yaw.
 _GIMBAL_LOCK = 1.0 - 1e-12
@@ -48,8 +38,7 @@ def relative_poses(positions_m: Floats, rotations: Floats) -> list[list[float]]:
     offsets_m = rotate(first_Q_global, positions_m - positions_m[0])
     angles = roll_pitch_yaw(quaternion_multiply(first_Q_global, rotations))
     return [
-        [round(float(v), METRE_DIGITS) + 0.0 for v in offset_m]
-        + [round(float(v), RADIAN_DIGITS) + 0.0 for v in angle]
+        rounded(offset_m) + rounded(angle, _RADIAN_DIGITS)
         for offset_m, angle in zip(offsets_m, angles, strict=True)
     ]
 
@@ -78,7 +67,6 @@ def roll_pitch_yaw(rotations: Floats) -> Floats:
 # millimetre that UTM is accurate to.
 _DIGITS = {"x": 6, "y": 6, "z": 6, "qw": 9, "qx": 9, "qy": 9, "qz": 9, "roll": 9, "pitch": 9, "yaw": 9,
            "lat": 9, "lon": 9, "alt": 4, "easting": 4, "northing": 4}  # fmt: skip
-_CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,8 +200,8 @@ def trajectory_table(poses: TimedPoses, origin: JsonMapping | None) -> pa.Table:
     if on_earth is not None:
         numbers |= on_earth[0]
     for name, values in numbers.items():
-        rounded = [round(float(value), _DIGITS[name]) + 0.0 for value in values]
-        columns[name] = pa.array([None if isnan(value) else value for value in rounded], pa.float64())
+        known = [None if isnan(value) else value for value in rounded(values, _DIGITS[name])]
+        columns[name] = pa.array(known, pa.float64())
     if on_earth is not None:
         columns["utm_zone"] = pa.array(on_earth[1], pa.string())
     return pa.table(columns)
