@@ -21,10 +21,11 @@ from bagassets.defs.builds.pending_work import (
 from bagassets.defs.builds.snapshot import Snapshot
 from bagassets.defs.graph.dataset import record_inputs
 from bagassets.defs.records.instance_plan import begin_planning
-from bagassets.defs.records.partitions import DATASET, active_runs, add_partitions, remove_partition
+from bagassets.defs.records.partitions import active_runs, add_partitions, remove_partition
 from bagassets.defs.records.touched import record_touched
 from bagassets.defs.runs.launching import launching_of
 from bagassets.defs.runs.run_pool import EndedRun, Listener, RunPool
+from bagassets.engine.batches import DATASET
 from bagassets.engine.build_report import BuildOptions, Event
 from bagassets.engine.disk_space import folders_written, require_disk_space, space_needed
 from bagassets.engine.next_steps import Rules, State, Work, next_steps

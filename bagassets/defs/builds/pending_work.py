@@ -49,16 +49,6 @@ from bagassets.store.writable import require_writable
 if TYPE_CHECKING:
     from bagassets.defs.builds.own_states import OwnProject
 
-__all__ = [
-    "PendingWork",
-    "expected_moves",
-    "find_pending_work",
-    "find_touched",
-    "open_project",
-    "rehearse",
-    "update_pending_work",
-]
-
 
 class Asked(NamedTuple):
     """What a build is asked for.

@@ -10,9 +10,9 @@ from bagassets.defs.builds.loop import BuildLoop
 from bagassets.defs.builds.pending_work import PendingWork
 from bagassets.defs.graph.check_records import remarks_of_runs
 from bagassets.defs.records.events import recordings_made
-from bagassets.defs.records.partitions import DATASET
 from bagassets.defs.records.workspace import Workspace
 from bagassets.defs.runs.run_pool import EndedRun
+from bagassets.engine.batches import DATASET
 from bagassets.engine.build_report import BagOutcome, BuildReport, Remark
 from bagassets.engine.plan import BagPlan
 from bagassets.engine.splits import SplitShare, moves

@@ -17,10 +17,10 @@ from bagassets.defs.records.events import recorded_wholes
 from bagassets.defs.records.fence import refuse_if_ended
 from bagassets.defs.records.instance_plan import InstancePlan, plan_in_run
 from bagassets.defs.records.naming import DATASET_INPUTS, Naming
-from bagassets.defs.records.partitions import DATASET
 from bagassets.defs.records.recorder import Made, Recorder
 from bagassets.defs.records.reporting import code_link, dataset_metadata, errors_explained, inputs_metadata
 from bagassets.defs.records.workspace import Workspace
+from bagassets.engine.batches import DATASET
 from bagassets.engine.plan import AssetState
 from bagassets.engine.targets import Evidence, Read, Target, target_state
 from bagassets.formats import trajectory_map

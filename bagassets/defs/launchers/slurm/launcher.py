@@ -50,7 +50,6 @@ from bagassets.defs.launchers.slurm.options import (
     LOG_TAG,
     NODE_TAG,
     JobOptions,
-    Rule,
     options_for,
     options_schema,
     rule_schema,
@@ -58,12 +57,13 @@ from bagassets.defs.launchers.slurm.options import (
 from bagassets.defs.launchers.slurm.spool import JobSpec, Spool, SpooledRun
 from bagassets.defs.records.batches import batch_of
 from bagassets.defs.records.instances import pack_instance
-from bagassets.defs.records.partitions import DATASET
+from bagassets.defs.records.partitions import PARTITION_TAG
 from bagassets.defs.records.projects import recipe_of_assets, recipe_of_location
 from bagassets.defs.runs.execution import mark_canceling
 from bagassets.defs.runs.launching import ConfiguredLauncher
-from bagassets.defs.runs.orphaned_runs import UNTAKEN_S, report_ended
+from bagassets.defs.runs.orphaned_runs import UNFINISHED, UNTAKEN_S, report_ended
 from bagassets.defs.runs.worker_tag import WHERE_TAG
+from bagassets.engine.batches import DATASET
 from bagassets.forkserver.server_files import last_lines
 from bagassets.recipe import Recipe, load_recipe
 from bagassets.recordings.discover import discover
@@ -71,7 +71,6 @@ from bagassets.recordings.model import RecordingFiles
 from bagassets.store.identity import identify
 
 _LOG = logging.getLogger(__name__)
-_PARTITION_TAG = "dagster/partition"
 _DEBUG_LINES = 30
 _BUSY_S, _QUIET_S = 0.25, 2.0
 _LOOK_S, _LOOK_LEAST_S = 60.0, 1.0
@@ -109,7 +108,7 @@ class SlurmRunLauncher(ConfiguredLauncher[T_DagsterInstance]):
         self._folder = folder
         self._python = python
         self._options = JobOptions.from_json(options)
-        self._rules = [Rule.from_json(rule) for rule in rules or ()]
+        self._rules = rules or []
         self._packing = Packing(runs_per_job, minutes_per_job, gather_s)
         self._idle_s, self._minutes = idle_s, minutes_per_job
         self._estimate = seconds_per_run, seconds_per_gb
@@ -340,13 +339,7 @@ class SlurmRunLauncher(ConfiguredLauncher[T_DagsterInstance]):
         return found
 
     def _unfinished(self) -> list[dg.DagsterRun]:
-        statuses = [
-            dg.DagsterRunStatus.NOT_STARTED,
-            dg.DagsterRunStatus.STARTING,
-            dg.DagsterRunStatus.STARTED,
-            dg.DagsterRunStatus.CANCELING,
-        ]
-        return list(self._instance.get_runs(dg.RunsFilter(statuses=statuses)))
+        return list(self._instance.get_runs(dg.RunsFilter(statuses=UNFINISHED)))
 
     # --- ending ----------------------------------------------------------------------
 
@@ -413,6 +406,6 @@ class SlurmRunLauncher(ConfiguredLauncher[T_DagsterInstance]):
 
 def _recordings_of(run: dg.DagsterRun) -> Sequence[str]:
     """Return the partition keys that a run is about; none if it is about a dataset."""
-    if _PARTITION_TAG in run.tags:
-        return [run.tags[_PARTITION_TAG]]
+    if PARTITION_TAG in run.tags:
+        return [run.tags[PARTITION_TAG]]
     return [key for key in batch_of(run) if key != DATASET]

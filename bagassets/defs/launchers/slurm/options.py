@@ -66,32 +66,14 @@ class JobOptions:
         return [f"--{name}={value}" for name, value in named.items() if value] + list(self.options)
 
 
-@dataclass(frozen=True)
-class Rule:
-    """Options for large recordings.
-
-    Attributes:
-        above_gb: the rule is for recordings larger than that.
-        changes: the options that it sets.
-    """
-
-    above_gb: float
-    changes: JsonMapping
-
-    @classmethod
-    def from_json(cls, value: JsonMapping) -> Self:
-        """Return the rule that `dagster.yaml` describes."""
-        return cls(
-            value["above_gb"], {name: setting for name, setting in value.items() if name != "above_gb"}
-        )
-
-
-def options_for(base: JobOptions, rules: Iterable[Rule], size: int, tags: Mapping[str, str]) -> JobOptions:
+def options_for(
+    base: JobOptions, rules: Iterable[JsonMapping], size: int, tags: Mapping[str, str]
+) -> JobOptions:
     """Return the options for a run: later rules override earlier ones, and tags override all.
 
     Args:
         base: the options of the launcher.
-        rules: its rules.
+        rules: its rules, as `dagster.yaml` has them: options for recordings larger than `above_gb`.
         size: bytes of the recordings that the run works on.
         tags: tags of the run.
 
@@ -100,8 +82,8 @@ def options_for(base: JobOptions, rules: Iterable[Rule], size: int, tags: Mappin
     """
     options = base
     for rule in rules:
-        if size > rule.above_gb * _BYTES_PER_GB:
-            options = options.changed(rule.changes)
+        if size > rule["above_gb"] * _BYTES_PER_GB:
+            options = options.changed(rule)
     for name in _BY_TAG:
         value = tags.get(f"{_TAG_PREFIX}{name}")
         if not value:
