@@ -138,7 +138,7 @@ class BuildLoop:
     def _state(self, tries: Mapping[str, int], following: Mapping[str, Sequence[str]]) -> State:
         """Return what `next_steps` has to know; what this build has tried once is not tried again."""
         now = self.now
-        recordings, recorded = now.planned.discovery.recordings, now.planned.recorded
+        recordings, recorded = now.discovery.recordings, now.recorded
         todo = {
             key: Work(
                 assets,
@@ -154,7 +154,7 @@ class BuildLoop:
             found=len(recordings),
             gone=now.plan.removed,
             held=now.held,
-            new=recordings.keys() - now.planned.live,
+            new=recordings.keys() - now.live,
             todo=todo,
             joined=() if tries[DATASET] else now.datasets,
             active=frozenset().union(*following.values()),
@@ -175,7 +175,7 @@ class BuildLoop:
         keys = frozenset(worked_on) - {DATASET}
         self.now = update_pending_work(self._instance, self._workspace, self.now, keys, self._on_planned)
         if self.now.datasets and DATASET not in worked_on and not self.interrupted:
-            record_inputs(self._instance, self._workspace, self.now.planned.inputs)
+            record_inputs(self._instance, self._workspace, self.now.inputs)
 
     def _note_unsettled(self, keys: Collection[str]) -> None:
         """Note the recordings whose runs did not end well, also those of a worker that was killed."""
@@ -197,7 +197,7 @@ class BuildLoop:
             StoreError: there is much too little disk space.
         """
         now, recipe, store = self.now, self._workspace.recipe, self._workspace.store
-        sizes = {key: one.size for key, one in now.planned.discovery.recordings.items()}
+        sizes = {key: one.size for key, one in now.discovery.recordings.items()}
         said = [
             f"{names_text(keys)}: joined into {whole}, as its parts."
             for whole, keys in now.plan.joined.items()

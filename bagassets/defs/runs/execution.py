@@ -251,27 +251,27 @@ def execute_run(
     return (ended.status if ended is not None else dg.DagsterRunStatus.FAILURE).value
 
 
+@dataclass
 class _Follower:
     """Follows the events of a run and corrects how Dagster handles interrupts."""
 
-    def __init__(
-        self, instance: dg.DagsterInstance, run_id: str, cancel_requested: Callable[[], bool]
-    ) -> None:
-        self._instance = instance
-        self._run_id = run_id
-        self._cancel_requested = cancel_requested
-        self._fence = Fence(instance, run_id)
+    instance: dg.DagsterInstance
+    run_id: str
+    cancel_requested: Callable[[], bool]
+
+    def __post_init__(self) -> None:
+        self._fence = Fence(self.instance, self.run_id)
 
     def is_cancel_wanted(self) -> bool:
         """Return whether somebody has asked to cancel the run.
 
         The log is read, too, since the start of a run overwrites the state CANCELING if that was set just before.
         """
-        run = self._instance.get_run_by_id(self._run_id)
+        run = self.instance.get_run_by_id(self.run_id)
         return (
             (run is not None and run.status == dg.DagsterRunStatus.CANCELING)
-            or self._cancel_requested()
-            or bool(self._instance.all_logs(self._run_id, of_type=dg.DagsterEventType.RUN_CANCELING))
+            or self.cancel_requested()
+            or bool(self.instance.all_logs(self.run_id, of_type=dg.DagsterEventType.RUN_CANCELING))
         )
 
     def follow(self, events: Generator[dg.DagsterEvent, None, None]) -> None:
@@ -308,16 +308,16 @@ class _Follower:
 
     def settle(self) -> None:
         """Record a run as CANCELED that somebody asked to cancel and that did not succeed."""
-        run = self._instance.get_run_by_id(self._run_id)
+        run = self.instance.get_run_by_id(self.run_id)
         good = {dg.DagsterRunStatus.CANCELED, dg.DagsterRunStatus.SUCCESS}
         if run is not None and run.status not in good and self.is_cancel_wanted():
-            self._instance.report_run_canceled(run, "The run was cancelled.")
+            self.instance.report_run_canceled(run, "The run was cancelled.")
 
     def _mark_cancelling(self) -> None:
         """Mark the run as CANCELING: Dagster reads this next to tell a cancelled run from a failed one."""
-        run = self._instance.get_run_by_id(self._run_id)
+        run = self.instance.get_run_by_id(self.run_id)
         if run is not None and run.status == dg.DagsterRunStatus.STARTED and self.is_cancel_wanted():
-            self._instance.report_run_canceling(run)
+            self.instance.report_run_canceling(run)
 
     def _is_retry_of_interrupt(self, event: dg.DagsterEvent) -> bool:
         if event.event_type != dg.DagsterEventType.STEP_UP_FOR_RETRY:

@@ -8,6 +8,7 @@ import dagster as dg
 
 from bagassets.base.errors import BagAssetsError
 from bagassets.base.json_types import JsonMapping, JsonObject
+from bagassets.defs.runs.launching import optional_fields
 
 _TAG_PREFIX = "slurm/"
 # Where a run is.
@@ -101,12 +102,7 @@ def options_schema() -> dict[str, dg.Field]:
     """Return the fields of the options in `dagster.yaml`."""
     texts = ("partition", "account", "memory", "time", "prefix")
     return {
-        **{name: dg.Field(dg.StringSource, is_required=False) for name in texts},
-        "cpus": dg.Field(dg.IntSource, is_required=False),
-        "options": dg.Field([str], is_required=False),
+        **optional_fields(dg.StringSource, *texts),
+        **optional_fields(dg.IntSource, "cpus"),
+        **optional_fields([str], "options"),
     }
-
-
-def rule_schema() -> dict[str, dg.Field]:
-    """Return the fields of a rule in `dagster.yaml`."""
-    return {"above_gb": dg.Field(float), **options_schema()}
