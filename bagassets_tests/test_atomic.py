@@ -135,4 +135,4 @@ def test_no_other_module_replaces_files_by_itself():
     found = {path.relative_to(root).as_posix() for path in root.rglob("*.py") if replaces_files(path)}
     # What is moved there was made elsewhere: databases, drives, records on their way back.
     moves = {"defs/records/databases.py", "sample/demo.py", "store/collect.py"}
-    assert found == {"atomic.py"} | moves
+    assert found == {"base/atomic.py"} | moves
