@@ -10,10 +10,10 @@ from dagster._core.launcher import RunLauncher
 
 from bagassets.defs.builds import pending_work, project_build
 from bagassets.defs.records.batches import batch_of
-from bagassets.defs.records.partitions import DATASET
 from bagassets.defs.runs import run_pool
 from bagassets.defs.runs.execution import create_job_run, create_run, execute_run
 from bagassets.defs.runs.launching import Launching
+from bagassets.engine.batches import DATASET
 from bagassets.engine.build_report import BuildOptions
 from bagassets.propose.project import write_project
 from bagassets_tests.small_drive import RECIPE, write_drive

@@ -13,11 +13,10 @@ from bagassets.defs.graph import batch_job, making
 from bagassets.defs.graph.location import build_definitions
 from bagassets.defs.records.batches import batch_of
 from bagassets.defs.records.events import MADE_ALONG
-from bagassets.defs.records.partitions import DATASET
 from bagassets.defs.runs.execution import failure_of
 from bagassets.engine import batches as engine_batches
 from bagassets.engine import next_steps
-from bagassets.engine.batches import batches, without_steps
+from bagassets.engine.batches import DATASET, batches, without_steps
 from bagassets.recipe import load_recipe
 from bagassets.recordings.digest import DigestIndex, recording_digest
 from bagassets.recordings.discover import discover

@@ -531,7 +531,8 @@ def builder(place, instance):
 def test_a_run_that_exists_can_be_executed_by_a_job(builder, instance):
     run_id = create_run(instance, ["whole"], location=LOCATION)
     submit_run(builder, instance.root_directory, run_id)
-    assert builder.wait(WAIT_S)["result"] == {"run_id": run_id, "status": "SUCCESS", "failures": []}
+    assert builder.wait(WAIT_S)["result"] == "SUCCESS"
+    assert instance.get_run_by_id(run_id).is_success
 
 
 def test_a_deleted_run_is_refused_with_a_sentence(builder, instance):

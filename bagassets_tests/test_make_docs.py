@@ -68,7 +68,11 @@ def test_the_product_is_counted(tmp_path):
 
 
 def test_a_path_ends_at_the_executor():
-    names = ["defs/graph/making.py:make_assets", "engine/execute.py:execute", "defs/records/touched.py:touch"]
+    names = [
+        "defs/graph/making.py:make_recording",
+        "engine/execute.py:execute",
+        "defs/records/touched.py:touch",
+    ]
     assert cut({"at": name} for name in names) == [{"at": name} for name in names[:2]]
 
 

@@ -148,10 +148,10 @@ def test_the_cause_is_named_however_many_recordings_there_are(tmp_path, monkeypa
 
 
 def test_an_error_that_nobody_expected_stands_there_too(project, monkeypatch):
-    def fail(*_):
+    def fail(*_, **__):
         raise ZeroDivisionError("by chance")
 
-    monkeypatch.setattr(making, "make_assets", fail)
+    monkeypatch.setattr(making, "Graph", fail)
     build(project, monkeypatch, jobs=1)
     with pending_work.open_project(project) as (instance, _):
         assert not batch_runs(instance)

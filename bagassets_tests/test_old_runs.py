@@ -12,8 +12,8 @@ from click.testing import CliRunner
 from bagassets.cli.main import root as command_line
 from bagassets.defs.records.events import event_database
 from bagassets.defs.records.instances import open_instance
-from bagassets.defs.records.partitions import DATASET
 from bagassets.defs.runs.execution import create_run
+from bagassets.engine.batches import DATASET
 from bagassets_tests.in_process import build, keys_of, make_project
 from bagassets_tests.small_drive import write_drive
 

@@ -84,15 +84,15 @@ def test_a_recording_that_changes_after_it_was_hashed_is_left_out(project, tmp_p
     write_drive(tmp_path / "new.bag", "ros1", duration_s=3.2)
     write_drive(tmp_path / "newest.bag", "ros1", duration_s=3.6)
     shutil.copy(tmp_path / "new.bag", path)
-    make = making.make_assets
+    graph = making.Graph
 
-    def change_first(*args):
-        if args[1].path == path:
+    def change_first(*args, **options):
+        if args[2].path == path:
             shutil.copy(tmp_path / "newest.bag", path)
-        return make(*args)
+        return graph(*args, **options)
 
     with monkeypatch.context() as patch:
-        patch.setattr(making, "make_assets", change_first)
+        patch.setattr(making, "Graph", change_first)
         report = build(project, monkeypatch)[0]
     assert not report.succeeded
     assert "a.bag" not in contents(project)

@@ -13,8 +13,8 @@ from bagassets.base.errors import RecipeError
 from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.main import main
 from bagassets.defs.builds import pending_work
-from bagassets.defs.records.partitions import DATASET
 from bagassets.defs.records.projects import note_project
+from bagassets.engine.batches import DATASET
 from bagassets.engine.freshness.decide import nothing_to_do
 from bagassets_tests.in_process import build, keys_of, make_project
 from bagassets_tests.small_drive import write_drive

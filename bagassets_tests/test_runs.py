@@ -14,7 +14,7 @@ from bagassets.defs.builds.pending_work import open_project, rehearse
 from bagassets.defs.records.instances import dotenv_variables, open_instance, pack_instance
 from bagassets.defs.records.partitions import add_partitions
 from bagassets.defs.runs import execution as runs
-from bagassets.defs.runs.execution import CodeLocation, StepError, create_run, execute_run, mark_canceling
+from bagassets.defs.runs.execution import CodeLocation, create_run, execute_run, failure_of, mark_canceling
 from bagassets_tests.in_process import make_project
 
 TESTS = Path(__file__).parent
@@ -101,11 +101,10 @@ def test_what_cannot_be_run_is_refused_with_a_sentence(instance, assets, key, wo
 
 def test_an_executed_run_succeeds_without_having_been_queued(instance):
     run_id = create(instance, "first", "second")
-    outcome = execute_run(instance, run_id)
-    assert outcome.status == "SUCCESS"
-    assert outcome.as_json() == {"run_id": run_id, "status": "SUCCESS", "failures": ()}
+    assert execute_run(instance, run_id) == "SUCCESS"
     found = events(instance, run_id)
     assert "PIPELINE_ENQUEUED" not in found
+    assert "STEP_FAILURE" not in found
     assert found.count("ASSET_MATERIALIZATION") == 2
     assert "ASSET_CHECK_EVALUATION" in found, "checks belong to the run"
     event = instance.get_latest_materialization_event(dg.AssetKey("second"))
@@ -114,15 +113,15 @@ def test_an_executed_run_succeeds_without_having_been_queued(instance):
 
 
 def test_an_unpartitioned_asset_needs_no_key(instance):
-    assert execute_run(instance, create(instance, "whole", partition_key=None)).status == "SUCCESS"
+    assert execute_run(instance, create(instance, "whole", partition_key=None)) == "SUCCESS"
 
 
 def test_a_failure_is_reported_in_the_librarys_own_words(instance):
-    outcome = execute_run(instance, create(instance, "broken"))
-    assert outcome.status == "FAILURE"
-    assert outcome.status == "FAILURE"
+    run_id = create(instance, "broken")
+    assert execute_run(instance, run_id) == "FAILURE"
+    assert events(instance, run_id).count("STEP_FAILURE") == 1
     sentence = "drive.bag: the recording is truncated; copy it again."
-    assert outcome.failures == (StepError("broken", "RecordingError", sentence),)
+    assert failure_of(instance, instance.get_run_by_id(run_id)) == sentence
 
 
 def test_an_unknown_run_is_refused(instance):
@@ -154,7 +153,7 @@ def test_compute_logs_are_kept_without_processes_that_copy_them(instance, monkey
 def test_a_run_cancelled_before_it_starts_is_canceled(instance, tmp_path):
     run_id = create(instance, "patient")
     instance.report_run_canceling(instance.get_run_by_id(run_id))
-    assert execute_run(instance, run_id).status == "CANCELED"
+    assert execute_run(instance, run_id) == "CANCELED"
     assert not (tmp_path / "attempts").exists()
 
 
@@ -167,7 +166,7 @@ def test_a_run_cancelled_while_its_code_loads_is_canceled(instance, tmp_path, mo
         return real(job, run, *args, **kwargs)
 
     monkeypatch.setattr(runs, "core_execute_run", mark_first)
-    assert execute_run(instance, run_id).status == "CANCELED"
+    assert execute_run(instance, run_id) == "CANCELED"
     assert "PIPELINE_FAILURE" not in events(instance, run_id)
     assert not (tmp_path / "attempts").exists()
 
@@ -196,27 +195,27 @@ def test_a_run_that_ends_while_it_is_marked_keeps_the_state_it_ended_with(instan
 def test_a_run_canceled_by_force_is_not_executed(instance, tmp_path):
     run_id = create(instance, "patient")
     instance.report_run_canceled(instance.get_run_by_id(run_id))
-    assert execute_run(instance, run_id).status == "CANCELED"
+    assert execute_run(instance, run_id) == "CANCELED"
     assert not (tmp_path / "attempts").exists()
 
 
 def test_an_interrupted_run_that_is_marked_is_canceled_and_not_retried(instance, tmp_path):
     (tmp_path / "mark").touch()
     outcome = execute_run(instance, create(instance, "signalled"))
-    assert outcome.status == "CANCELED"
+    assert outcome == "CANCELED"
     assert attempts(tmp_path) == 1, "a retry policy revived a cancelled run"
 
 
 def test_an_interrupted_run_is_canceled_if_its_client_asked(instance, tmp_path):
     run_id = create(instance, "signalled")
     outcome = execute_run(instance, run_id, cancel_requested=(tmp_path / "attempts").exists)
-    assert outcome.status == "CANCELED"
+    assert outcome == "CANCELED"
     assert "PIPELINE_CANCELED" in events(instance, run_id)
     assert attempts(tmp_path) == 1
 
 
 def test_an_interrupt_nobody_asked_for_is_a_failure(instance, tmp_path):
-    assert execute_run(instance, create(instance, "signalled")).status == "FAILURE"
+    assert execute_run(instance, create(instance, "signalled")) == "FAILURE"
     assert attempts(tmp_path) == 1
 
 

@@ -14,6 +14,7 @@ from bagassets.defs.graph.steps import all_recordings, skipped
 from bagassets.defs.records.events import recorded_partition
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.records.workspace import Workspace
+from bagassets.engine.execute import Skipped
 from bagassets.engine.plan import is_skip
 from bagassets.engine.targets import Read
 from bagassets.formats.dataset_build import first_lock
@@ -79,7 +80,7 @@ def test_it_is_recorded_as_skipped_and_made_once_it_takes_part(project):
 
     edit(project, "min_duration_s: 1.2", "min_duration_s: 0.1")
     assert states(project) == {"unknown"}  # waits for the calibration, which was skipped before
-    inputs = find_pending_work(project.instance, workspace(project)).planned.inputs
+    inputs = find_pending_work(project.instance, workspace(project)).inputs
     assert [part.key for part in inputs.parts["nuscenes"]] == [LONG]  # until there is something of it
     project.build_project()
     assert not any(record.is_skip for record in records(project).values())
@@ -96,12 +97,12 @@ def test_it_is_recorded_as_skipped_and_made_once_it_takes_part(project):
 
 def test_where_nothing_was_recorded_of_it_that_is_done_once_and_nothing_is_made(project, monkeypatch):
     """As with a project that an older version built."""
-    make_assets = making.make_assets
+    execute = making.execute
 
-    def not_skipped(*arguments):
-        return (made for made in make_assets(*arguments) if not is_skip(made.data_version))
+    def not_skipped(graph):
+        return (result for result in execute(graph) if not isinstance(result, Skipped))
 
-    monkeypatch.setattr(making, "make_assets", not_skipped)
+    monkeypatch.setattr(making, "execute", not_skipped)
     project.build_project()
     assert records(project) == dict.fromkeys(BELOW)
     monkeypatch.undo()

@@ -10,15 +10,15 @@ from bagassets.defs.launchers.slurm import launcher as slurm_launcher
 from bagassets.defs.launchers.slurm.commands import JobState, SlurmError, submit_job
 from bagassets.defs.launchers.slurm.keeper import Packing
 from bagassets.defs.launchers.slurm.launcher import SlurmRunLauncher
-from bagassets.defs.launchers.slurm.options import JobOptions, Rule, options_for
+from bagassets.defs.launchers.slurm.options import JobOptions, options_for
 from bagassets.defs.launchers.slurm.spool import JobSpec, Spool, SpooledRun
 from bagassets_tests.in_process import make_project
 from bagassets_tests.small_drive import write_drive
 
 BASE = JobOptions(partition="work", cpus=2, memory="4G", options=("--qos=low",))
 RULES = [
-    Rule.from_json({"above_gb": 1.0, "memory": "16G"}),
-    Rule.from_json({"above_gb": 10.0, "memory": "64G", "time": "8:00:00"}),
+    {"above_gb": 1.0, "memory": "16G"},
+    {"above_gb": 10.0, "memory": "64G", "time": "8:00:00"},
 ]
 
 

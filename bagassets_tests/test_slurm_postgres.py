@@ -8,7 +8,7 @@ import time
 import dagster as dg
 import pytest
 
-from bagassets.defs.records.partitions import DATASET
+from bagassets.engine.batches import DATASET
 from bagassets.engine.freshness.decide import nothing_to_do
 from bagassets_tests.in_process import keys_of, make_project
 from bagassets_tests.postgres_server import PROGRAMS, running_postgres, use_postgres

@@ -170,7 +170,7 @@ def _dry_run(recipe: Path, options: "BuildOptions", *, check: bool, as_json: boo
         moved = expected_moves(pending, workspace.recipe) if pending.datasets else {}
         # Recordings that will be built will also be checked again.
         done = [pending.plan.bags[key] for key in sorted(pending.chosen - pending.todo.keys())]
-        remarks = tuple(remarks_on_record(workspace.recipe, workspace.store, pending.planned.discovery, done))
+        remarks = tuple(remarks_on_record(workspace.recipe, workspace.store, pending.discovery, done))
         again = pending.made_again(workspace, options.jobs)
         empty = why_empty(workspace.recipe, recipe, workspace.store, pending.datasets)
     if as_json:

@@ -57,7 +57,7 @@ def check(recipe: Path, bags: tuple[str, ...], as_json: bool) -> int:
     verdicts = [
         verdict
         for key in sorted(pending.chosen)
-        for verdict in check_bag(loaded, store, pending.planned.discovery, pending.plan.bags[key])
+        for verdict in check_bag(loaded, store, pending.discovery, pending.plan.bags[key])
     ]
     if not bags:
         verdicts += check_datasets(loaded)

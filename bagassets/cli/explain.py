@@ -92,7 +92,7 @@ def explain(bag: str | None, asset: str | None, recipe: Path, as_json: bool) -> 
         if asset in datasets:
             pending = find_pending_work(instance, workspace)
             state, recorded = pending.states[asset], recorded_whole(instance, workspace.names, asset)
-            contents = dataset_contents(workspace.recipe, pending.planned.inputs, asset)
+            contents = dataset_contents(workspace.recipe, pending.inputs, asset)
             why = explanation(asset, state, recorded, datasets[asset])
             value, lines = _of_dataset(why, contents, keys)
         elif asset in own.assets:

@@ -100,7 +100,7 @@ def status_json(pending: "PendingWork", own: "OwnProject", problems: Sequence[st
     return {
         "settled": pending.is_settled and own.is_settled,
         "recordings": {
-            key: {"format": bag.format, "registered": key in pending.planned.live, "assets": bag.as_json()}
+            key: {"format": bag.format, "registered": key in pending.live, "assets": bag.as_json()}
             for key, bag in bags.items()
         },
         **own.as_json(),

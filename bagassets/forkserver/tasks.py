@@ -90,7 +90,7 @@ def connect(spec: ServerSpec, instance: str) -> Client:
 def submit_run(client: Client, instance: str, run_id: str, *, detached: bool = False) -> str:
     """Submit an existing run for execution; return the id of the job.
 
-    The job's result is `{"run_id", "status", "failures": [{"step", "error", "message"}]}`.
+    The job's result says how the run ended: SUCCESS, FAILURE or CANCELED.
 
     Args:
         client: client of a server.

@@ -21,10 +21,11 @@ from bagassets.defs.builds.pending_work import (
 from bagassets.defs.builds.snapshot import Snapshot
 from bagassets.defs.graph.dataset import record_inputs
 from bagassets.defs.records.instance_plan import begin_planning
-from bagassets.defs.records.partitions import DATASET, active_runs, add_partitions, remove_partition
+from bagassets.defs.records.partitions import active_runs, add_partitions, remove_partition
 from bagassets.defs.records.touched import record_touched
 from bagassets.defs.runs.launching import launching_of
 from bagassets.defs.runs.run_pool import EndedRun, Listener, RunPool
+from bagassets.engine.batches import DATASET
 from bagassets.engine.build_report import BuildOptions, Event
 from bagassets.engine.disk_space import folders_written, require_disk_space, space_needed
 from bagassets.engine.next_steps import Rules, State, Work, next_steps
@@ -137,7 +138,7 @@ class BuildLoop:
     def _state(self, tries: Mapping[str, int], following: Mapping[str, Sequence[str]]) -> State:
         """Return what `next_steps` has to know; what this build has tried once is not tried again."""
         now = self.now
-        recordings, recorded = now.planned.discovery.recordings, now.planned.recorded
+        recordings, recorded = now.discovery.recordings, now.recorded
         todo = {
             key: Work(
                 assets,
@@ -153,7 +154,7 @@ class BuildLoop:
             found=len(recordings),
             gone=now.plan.removed,
             held=now.held,
-            new=recordings.keys() - now.planned.live,
+            new=recordings.keys() - now.live,
             todo=todo,
             joined=() if tries[DATASET] else now.datasets,
             active=frozenset().union(*following.values()),
@@ -174,7 +175,7 @@ class BuildLoop:
         keys = frozenset(worked_on) - {DATASET}
         self.now = update_pending_work(self._instance, self._workspace, self.now, keys, self._on_planned)
         if self.now.datasets and DATASET not in worked_on and not self.interrupted:
-            record_inputs(self._instance, self._workspace, self.now.planned.inputs)
+            record_inputs(self._instance, self._workspace, self.now.inputs)
 
     def _note_unsettled(self, keys: Collection[str]) -> None:
         """Note the recordings whose runs did not end well, also those of a worker that was killed."""
@@ -196,7 +197,7 @@ class BuildLoop:
             StoreError: there is much too little disk space.
         """
         now, recipe, store = self.now, self._workspace.recipe, self._workspace.store
-        sizes = {key: one.size for key, one in now.planned.discovery.recordings.items()}
+        sizes = {key: one.size for key, one in now.discovery.recordings.items()}
         said = [
             f"{names_text(keys)}: joined into {whole}, as its parts."
             for whole, keys in now.plan.joined.items()

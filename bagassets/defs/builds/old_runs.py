@@ -10,7 +10,8 @@ from bagassets.defs.dagster_private import AssetCheckExecutionsTable, SqlEventLo
 from bagassets.defs.records.batches import batch_of
 from bagassets.defs.records.events import all_assets, event_database, live_partitions, recorded_states
 from bagassets.defs.records.naming import Naming
-from bagassets.defs.records.partitions import DATASET, PARTITION_TAG
+from bagassets.defs.records.partitions import PARTITION_TAG
+from bagassets.engine.batches import DATASET
 from bagassets.formats.dataset_build import dataset_code_versions
 from bagassets.recipe.model import Recipe
 

@@ -6,7 +6,7 @@ more can be.
 
 from collections import Counter
 from collections.abc import Collection, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import dagster as dg
 
@@ -25,27 +25,24 @@ from bagassets.engine.targets import TO_MAKE
 _SAID = {"failed", "not made", "stopped"}  # results with a reason
 
 
+@dataclass
 class OwnBuild:
     """Makes what is to be made.
 
-    Args:
+    Attributes:
         instance: where runs are recorded, and whose launcher executes them.
         project: the user's assets.
         options: of the build.
         on_event: called when a run begins and when it ends.
+        interrupted: the user pressed Ctrl-C.
     """
 
-    def __init__(
-        self,
-        instance: dg.DagsterInstance,
-        project: OwnProject,
-        options: BuildOptions,
-        on_event: Listener,
-    ) -> None:
-        self.interrupted = False
-        self._instance, self._project = instance, project
-        self._options, self._on_event = options, on_event
-        self._tried: dict[tuple[str, str], EndedRun | None] = {}
+    instance: dg.DagsterInstance
+    project: OwnProject
+    options: BuildOptions
+    on_event: Listener
+    interrupted: bool = False
+    _tried: dict[tuple[str, str], EndedRun | None] = field(default_factory=dict)
 
     def work(self, pending: PendingWork, *, is_dataset_current: bool) -> OwnProject:
         """Make everything that can be made; return how it stands then.
@@ -56,12 +53,12 @@ class OwnBuild:
         """
         self._code = code_digest()
         while True:
-            work = self._project.survey(
-                self._instance, pending, self._options, is_dataset_current=is_dataset_current
+            work = self.project.survey(
+                self.instance, pending, self.options, is_dataset_current=is_dataset_current
             )
             to_make = work.having(*TO_MAKE)
             # Other runs are about to make some, as those of a sensor.
-            runs = self._instance.get_runs(dg.RunsFilter(statuses=ACTIVE)) if to_make else ()
+            runs = self.instance.get_runs(dg.RunsFilter(statuses=ACTIVE)) if to_make else ()
             settled = self._tried.keys() | {
                 (key.to_user_string(), run.tags.get(PARTITION_TAG, ""))
                 for run in runs
@@ -75,7 +72,7 @@ class OwnBuild:
     def _run(self, work: OwnProject, todo: list[tuple[str, str]]) -> None:
         """Make some assets, those of the same partition and code location in one run."""
         self._tried |= dict.fromkeys(todo)
-        assets = self._project.assets
+        assets = self.project.assets
         shared: dict[CodeLocation, dict[str, list[OwnAsset]]] = {}
         for name, partition in todo:
             by_partition = shared.setdefault(assets[name].location, {})
@@ -86,7 +83,7 @@ class OwnBuild:
             for asset, number in counts.items()
         ]
         labels = [_label(found, key) for by_key in shared.values() for key, found in by_key.items()]
-        self._on_event(Event("own", sizes=dict.fromkeys(labels, 0), message=f"Then {', '.join(parts)}."))
+        self.on_event(Event("own", sizes=dict.fromkeys(labels, 0), message=f"Then {', '.join(parts)}."))
         for location, by_partition in shared.items():
             if not self.interrupted:
                 self._run_in(location, by_partition, work)
@@ -95,7 +92,7 @@ class OwnBuild:
         self, location: CodeLocation, by_partition: Mapping[str, Collection[OwnAsset]], work: OwnProject
     ) -> None:
         def on_event(event: Event) -> None:
-            self._on_event(replace(event, key=_label(by_partition[event.key], event.key)))
+            self.on_event(replace(event, key=_label(by_partition[event.key], event.key)))
 
         batches: list[dict[str, tuple[str, ...]]] = []
         tags: dict[str, dict[str, str]] = {}
@@ -105,12 +102,10 @@ class OwnBuild:
             tags[partition] = {}
             for asset in assets:
                 tags[partition] |= inputs_tag(asset, work.evidence[asset.name][partition].now, self._code)
-        workspace = self._project.workspace
+        workspace = self.project.workspace
         log, names = workspace.recipe.state / "code-server-own.log", workspace.names
         key_of = dg.AssetKey.from_user_string
-        with RunPool(
-            self._instance, names, self._options.jobs, on_event, log, location, key_of, tags
-        ) as pool:
+        with RunPool(self.instance, names, self.options.jobs, on_event, log, location, key_of, tags) as pool:
             pool.work(batches)
             self.interrupted = pool.interrupted
             for partition, ended in pool.ended.items():
@@ -124,13 +119,13 @@ class OwnBuild:
     def outcomes(self, work: OwnProject) -> dict[str, OwnOutcome]:
         """Return what became of each asset that the build was for."""
         found = {}
-        for name in self._project.wanted:
+        for name in self.project.wanted:
             results = {
                 partition: self._outcome(name, partition, state)
                 for partition, state in work.states[name].items()
             }
             found[name] = OwnOutcome(
-                self._project.assets[name].is_partitioned,
+                self.project.assets[name].is_partitioned,
                 dict(Counter(result for result, _ in results.values())),
                 {key: list(one) for key, one in results.items() if one[0] in _SAID},
             )

@@ -3,9 +3,9 @@
 import os
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import dagster as dg
 
@@ -49,65 +49,37 @@ from bagassets.store.writable import require_writable
 if TYPE_CHECKING:
     from bagassets.defs.builds.own_states import OwnProject
 
-__all__ = [
-    "PendingWork",
-    "expected_moves",
-    "find_pending_work",
-    "find_touched",
-    "open_project",
-    "rehearse",
-    "update_pending_work",
-]
 
-
-class Asked(NamedTuple):
+@dataclass(frozen=True)
+class Asked:
     """What a build is asked for.
 
     Attributes:
-        recordings: partition keys.
+        chosen: partition keys of recordings.
         assets: assets of recordings, with those that they read; None for all.
         datasets: their assets.
         retry_failed: what failed before on the same input, too.
     """
 
-    recordings: frozenset[str]
+    chosen: frozenset[str]
     assets: tuple[str, ...] | None
     datasets: tuple[str, ...]
     retry_failed: bool
 
 
 @dataclass(frozen=True)
-class PendingWork:
-    """The state of all recordings and datasets, and what a build would do about it.
+class PendingWork(Asked, InstancePlan):
+    """The plan of all recordings, the state of the datasets, and what a build would do about them as it was asked.
 
     Attributes:
-        planned: the state of each recording, and the inputs of the datasets.
         states: dataset -> state.
-        asked: what the build was asked for.
         todo: recording that needs a run -> the assets to materialize.
         held: recording that is gone -> what its removal waits for; see `held_by_backfills`.
     """
 
-    planned: InstancePlan
     states: Mapping[str, AssetState]
-    asked: Asked
     todo: Mapping[str, tuple[str, ...]]
     held: Mapping[str, str]
-
-    @property
-    def plan(self) -> Plan:
-        """The state of each asset of all recordings."""
-        return self.planned.plan
-
-    @property
-    def chosen(self) -> frozenset[str]:
-        """The recordings that the build was asked for."""
-        return self.asked.recordings
-
-    @property
-    def datasets(self) -> tuple[str, ...]:
-        """The datasets that the build was asked for."""
-        return self.asked.datasets
 
     @property
     def failed(self) -> dict[str, str]:
@@ -117,11 +89,11 @@ class PendingWork:
 
     def made_again(self, workspace: Workspace, jobs: int) -> str:
         """Return what is made again because of another version of bagassets; see `bagassets.engine.made_again`."""
-        recordings = self.planned.discovery.recordings
+        recordings = self.discovery.recordings
         todo = {key: (recordings[key].size, assets) for key, assets in self.todo.items()}
         runs = len(batches(self.todo, {key: size for key, (size, _) in todo.items()}, jobs))
         planner = Planner(workspace.assets, workspace.store)
-        return made_again(planner, self.plan, self.planned.recorded, todo, jobs, runs)
+        return made_again(planner, self.plan, self.recorded, todo, jobs, runs)
 
     @property
     def dataset_is_current(self) -> bool:
@@ -179,7 +151,7 @@ def find_touched(
         return {}
     recordings = planning.discovery.recordings
     touched = planning.touched().items()
-    return {key: Touched(recordings[key], one) for key, one in touched if key in asked.recordings}
+    return {key: Touched(recordings[key], one) for key, one in touched if key in asked.chosen}
 
 
 def update_pending_work(
@@ -191,8 +163,8 @@ def update_pending_work(
 ) -> PendingWork:
     """Plan again what runs may have changed (see `replan_instance`)."""
     with span("plan"):
-        planned = replan_instance(instance, workspace, before.planned, worked_on, on_planned)
-    return _pending_work(instance, workspace, planned, before.asked)
+        planned = replan_instance(instance, workspace, before, worked_on, on_planned)
+    return _pending_work(instance, workspace, planned, before)
 
 
 def _asked(
@@ -224,13 +196,14 @@ def _pending_work(
     todo = {
         key: assets
         for key, bag in planned.plan.bags.items()
-        if key in asked.recordings
+        if key in asked.chosen
         and (assets := bag.to_run(retry_failed=asked.retry_failed, select=asked.assets))
     }
     waits_for = _waits_for(workspace, planned.plan, todo, retry_failed=asked.retry_failed)
     states = dataset_states(instance, workspace, planned.inputs, waits_for)
     held = held_by_backfills(instance, frozenset(planned.plan.removed))
-    return PendingWork(planned, states, asked, todo, held)
+    request = {field.name: getattr(asked, field.name) for field in fields(Asked)}
+    return PendingWork(**vars(planned), **request, states=states, todo=todo, held=held)
 
 
 def _waits_for(workspace: Workspace, plan: Plan, todo: Iterable[str], *, retry_failed: bool) -> str:
@@ -256,13 +229,14 @@ def _waits_for(workspace: Workspace, plan: Plan, todo: Iterable[str], *, retry_f
 
 def expected_moves(pending: PendingWork, recipe: Recipe) -> dict[str, tuple[str, str]]:
     """Return recording -> its split on disk and its split after a build, where they differ."""
-    inputs = pending.planned.inputs
     entering = {}
     for key in pending.todo:
         bag = pending.plan.bags[key]
         if bag.skipped is None and bag.unusable is None:
             entering[key] = bag.assets["bag"].data_version or key
-    return moves(split_on_disk(recipe), inputs.dealt(recipe.splits, Store(recipe.store_path), entering))
+    return moves(
+        split_on_disk(recipe), pending.inputs.dealt(recipe.splits, Store(recipe.store_path), entering)
+    )
 
 
 def rehearse(recipe_file: Path) -> None:

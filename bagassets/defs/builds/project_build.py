@@ -17,10 +17,10 @@ from bagassets.defs.builds.own_build import OwnBuild
 from bagassets.defs.builds.own_states import load_own
 from bagassets.defs.builds.pending_work import open_project
 from bagassets.defs.builds.report import checked_remarks, outcomes_of, report_of, standing_remarks, warnings
-from bagassets.defs.records.partitions import DATASET
 from bagassets.defs.records.projects import forget_other_prefixes, require_own_keys
 from bagassets.defs.runs.orphaned_runs import end_orphaned_runs
 from bagassets.defs.runs.run_pool import Listener
+from bagassets.engine.batches import DATASET
 from bagassets.engine.build_report import BuildOptions, BuildReport, Event
 from bagassets.engine.summary_rows import summary_rows
 from bagassets.engine.unsettled import Unsettled
@@ -62,7 +62,7 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
         own_build, own_work = OwnBuild(instance, own, options, on_event), own
         if own.wanted and not build.interrupted:
             # Recordings that came meanwhile are left to the next build.
-            ours = replace(build.now, asked=build.before.asked)
+            ours = replace(build.now, chosen=build.before.chosen)
             own_work = own_build.work(ours, is_dataset_current=ours.dataset_is_current)
         own_outcomes = own_build.outcomes(own_work) if own_work.states else {}
         is_partial = build.is_partial or own_build.has_run

@@ -10,9 +10,9 @@ from bagassets.defs.builds.loop import BuildLoop
 from bagassets.defs.builds.pending_work import PendingWork
 from bagassets.defs.graph.check_records import remarks_of_runs
 from bagassets.defs.records.events import recordings_made
-from bagassets.defs.records.partitions import DATASET
 from bagassets.defs.records.workspace import Workspace
 from bagassets.defs.runs.run_pool import EndedRun
+from bagassets.engine.batches import DATASET
 from bagassets.engine.build_report import BagOutcome, BuildReport, Remark
 from bagassets.engine.plan import BagPlan
 from bagassets.engine.splits import SplitShare, moves
@@ -95,7 +95,7 @@ def standing_remarks(recipe: Recipe, before: PendingWork) -> tuple[Remark, ...]:
 def checked_remarks(workspace: Workspace, before: PendingWork, now: PendingWork) -> list[Remark]:
     """Return what quick checks find in the recordings that the build was asked for."""
     bags = [bag for key, bag in sorted(now.plan.bags.items()) if key in before.chosen]
-    return [*remarks_on_record(workspace.recipe, workspace.store, now.planned.discovery, bags)]
+    return [*remarks_on_record(workspace.recipe, workspace.store, now.discovery, bags)]
 
 
 # --- recordings --------------------------------------------------------------------------
@@ -112,10 +112,10 @@ def outcomes_of(
         made_ahead: recordings whose inventories were made ahead of their runs -> digest of their content.
         is_whole: the build was asked for everything.
     """
-    planned, bags = build.now.planned, build.now.plan.bags
+    now, bags = build.now, build.now.plan.bags
     ended = {key: one for key, one in build.ended.items() if key != DATASET}
     # A run that made the datasets, too, has planned its recordings since they were recorded.
-    unknown = {ended[key].run_id for key in ended.keys() - planned.recorded.keys()} - {""}
+    unknown = {ended[key].run_id for key in ended.keys() - now.recorded.keys()} - {""}
     made_by_run = {run_id: recordings_made(instance, run_id) for run_id in unknown}
     found = {key: BagOutcome("hit", seconds=seconds) for key, seconds in build.unchanged.items()}
     for key, one in ended.items():
@@ -125,7 +125,7 @@ def outcomes_of(
             or key in made_by_run.get(one.run_id, ())
             or any(
                 record.run_id == one.run_id and record.cached is False
-                for record in planned.recorded.get(key, {}).values()
+                for record in now.recorded.get(key, {}).values()
             )
         )
         found[key] = _of_run(one, has_made=has_made)

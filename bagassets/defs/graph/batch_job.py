@@ -15,13 +15,12 @@ from bagassets.defs.graph.dataset import dataset_is_current, make_dataset, recor
 from bagassets.defs.graph.making import make_recording
 from bagassets.defs.records.instance_plan import InstancePlan, plan_instance
 from bagassets.defs.records.naming import Naming
-from bagassets.defs.records.partitions import DATASET
 from bagassets.defs.records.recorder import Recorder
 from bagassets.defs.records.reporting import errors_explained
 from bagassets.defs.records.workspace import Workspace
 from bagassets.defs.runs.exclusive import RecordingLock
 from bagassets.defs.runs.run_progress import note_begun, note_ended
-from bagassets.engine.batches import Batch
+from bagassets.engine.batches import DATASET, Batch
 from bagassets.engine.unsettled import Unsettled
 from bagassets.formats.dataset_build import dataset_code_versions
 from bagassets.recordings.model import RecordingFiles

@@ -23,15 +23,6 @@ from bagassets.recipe.model_checks import Severity
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.artifact import Artifact
 
-__all__ = [
-    "Checks",
-    "check_recording",
-    "dataset_checks",
-    "recording_checks",
-    "run_checks",
-    "run_dataset_checks",
-]
-
 Checks = Mapping[str, Sequence[RecordingCheck]]
 """Asset -> checks of it."""
 

@@ -15,12 +15,12 @@ from bagassets.defs.graph.check_records import findings_on_record
 from bagassets.defs.records.artifact_files import page_link
 from bagassets.defs.records.events import recorded_wholes
 from bagassets.defs.records.fence import refuse_if_ended
-from bagassets.defs.records.instance_plan import InstancePlan, plan_in_run
+from bagassets.defs.records.instance_plan import InstancePlan, plan_instance
 from bagassets.defs.records.naming import DATASET_INPUTS, Naming
-from bagassets.defs.records.partitions import DATASET
 from bagassets.defs.records.recorder import Made, Recorder
 from bagassets.defs.records.reporting import code_link, dataset_metadata, errors_explained, inputs_metadata
 from bagassets.defs.records.workspace import Workspace
+from bagassets.engine.batches import DATASET
 from bagassets.engine.plan import AssetState
 from bagassets.engine.targets import Evidence, Read, Target, target_state
 from bagassets.formats import trajectory_map
@@ -131,7 +131,9 @@ def dataset_assets(recipe: Recipe, names: Naming) -> list[dg.AssetsDefinition]:
         def made_once(context: dg.AssetExecutionContext) -> Iterator[dg.MaterializeResult[None]]:
             instance, workspace = context.instance, Workspace.of(context, names.workspace)
             with errors_explained():
-                planned = plan_in_run(context, workspace)
+                # Made once, so that all datasets that the run makes have the same inputs.
+                plan = partial(plan_instance, instance, workspace)
+                planned = workspace.once_in_run(context.run.run_id, plan)
                 if asset == DATASET_INPUTS:
                     digest, metadata = planned.inputs.digest, inputs_metadata(planned.inputs)
                     made = Made(asset, digest, version, metadata, {})

@@ -33,20 +33,6 @@ def dependencies(assets: RecordingAssets, asset: str) -> list[str]:
     return list(assets.upstream(asset)) or ["bag"]
 
 
-def make_recording(recorder: Recorder, recording: RecordingFiles, assets: Collection[str]) -> Iterator[Made]:
-    """Bring assets of a recording that is locked up to date, and yield each as soon as it is, to be recorded before the next.
-
-    Raises:
-        BagAssetsError: it cannot be read; or some of its assets could not be made, which is raised after all others were.
-    """
-    bag = None
-    if "bag" in assets:
-        bag, made = read_bag(recorder, recording)
-        yield made
-    if rest := {*assets} - {"bag"}:
-        yield from make_assets(recorder, recording, bag, rest)
-
-
 def read_bag(recorder: Recorder, recording: RecordingFiles) -> tuple[Recorded, Made]:
     """Hash a recording; return its record, with the status of its files that the digest is valid for, and what to record.
 
@@ -74,28 +60,29 @@ def read_bag(recorder: Recorder, recording: RecordingFiles) -> tuple[Recorded, M
     ), made
 
 
-def make_assets(
-    recorder: Recorder, recording: RecordingFiles, bag: Recorded | None, wanted: set[str]
-) -> Iterator[Made]:
-    """Bring assets of a recording up to date, and yield each as soon as it is.
-
-    Args:
-        recorder: where their upstream is recorded.
-        recording: its files.
-        bag: its record; None: the latest.
-        wanted: names of the assets, without `bag`.
+def make_recording(recorder: Recorder, recording: RecordingFiles, assets: Collection[str]) -> Iterator[Made]:
+    """Bring assets of a recording that is locked up to date, and yield each as soon as it is, to be recorded before the next.
 
     Raises:
         BuildFailure: some could not be made; raised after all others were.
+        RecordingError: it cannot be read, or changed meanwhile.
         StoreError: `bag` never was recorded, or an artifact that they need is not in the store.
     """
     instance, workspace, run_id = recorder.instance, recorder.workspace, recorder.run_id
-    key, assets, names = recording.key, workspace.assets, workspace.names
-    bag = bag or recorded_partition(instance, names, "bag", key)
+    key, project, names = recording.key, workspace.assets, workspace.names
+    bag: Recorded | None
+    if "bag" in assets:
+        bag, made = read_bag(recorder, recording)
+        yield made
+    else:
+        bag = recorded_partition(instance, names, "bag", key)
+    wanted = {*assets} - {"bag"}
+    if not wanted:
+        return
     if bag is None or bag.stat is None:
         raise StoreError(f"{key}: bag is not materialized for this recording; materialize bag first.")
     # The inventory decides whether the recording takes part, even if the asset (of a package) does not read it.
-    upstream = {INVENTORY.name, *(name for asset in wanted for name in assets.upstream(asset))} - wanted
+    upstream = {INVENTORY.name, *(name for asset in wanted for name in project.upstream(asset))} - wanted
     found, failures = {}, {}
     for name in sorted(upstream):
         record = recorded_partition(instance, names, name, key)
@@ -108,7 +95,7 @@ def make_assets(
     # Of assets that an older version recorded, it is not known.
     content = "" if "" in contents else bag.data_version if len(contents) == 1 else SEVERAL
     source = recording, bag.data_version, bag.stat
-    graph = Graph(assets, workspace.store, *source, wanted=wanted, given=given, failures=failures)
+    graph = Graph(project, workspace.store, *source, wanted=wanted, given=given, failures=failures)
     with readings_noted(instance, run_id, key):
         for result in execute(graph):
             if isinstance(result, Skipped):
@@ -120,10 +107,10 @@ def make_assets(
                 cached = result.cached and not is_new
                 skipped: Metadata = {"skipped": reason} if reason else {}  # first: nothing else follows of it
                 metadata = skipped | result_metadata(
-                    replace(result, cached=cached), assets[result.asset].face
+                    replace(result, cached=cached), project[result.asset].face
                 )
                 version = result.artifact.digest
             if content:
                 metadata[CONTENT] = content
-            inputs = dict.fromkeys(dependencies(assets, result.asset))
-            yield Made(result.asset, version, assets.versions[result.asset], metadata, inputs)
+            inputs = dict.fromkeys(dependencies(project, result.asset))
+            yield Made(result.asset, version, project.versions[result.asset], metadata, inputs)

@@ -74,16 +74,14 @@ def find_own_assets(
 
 def _downstream(graphs: Collection[AssetGraph], roots: AbstractSet[dg.AssetKey]) -> set[dg.AssetKey]:
     """Return the assets that read some of the roots, directly or not, in whichever graph they are."""
-    found: set[dg.AssetKey] = set()
-    added = True
-    while added:
-        added = False
+    found, known = {*roots}, 0
+    while len(found) > known:
+        known = len(found)
         for graph in graphs:
             for key in graph.toposorted_asset_keys:
-                if key not in roots | found and graph.get(key).parent_keys & (roots | found):
+                if not found.isdisjoint(graph.get(key).parent_keys):
                     found.add(key)
-                    added = True
-    return found
+    return found - roots
 
 
 def _own_asset(

@@ -15,7 +15,6 @@ from bagassets.defs.records.batches import batch_config, batch_of
 from bagassets.defs.records.events import all_assets, live_partitions
 from bagassets.defs.records.instance_plan import begin_planning, plan_instance, workspace_fingerprint
 from bagassets.defs.records.partitions import (
-    DATASET,
     PARTITION_TAG,
     active_runs,
     add_partitions,
@@ -25,7 +24,7 @@ from bagassets.defs.records.partitions import (
 from bagassets.defs.records.workspace import Workspace
 from bagassets.defs.runs.launching import launching_of
 from bagassets.defs.runs.orphaned_runs import end_orphaned_runs
-from bagassets.engine.batches import Batch
+from bagassets.engine.batches import DATASET, Batch
 from bagassets.engine.freshness.plan_cache import recording_fingerprint
 from bagassets.engine.inputs import files_beside
 from bagassets.engine.next_steps import Rules, State, Work, next_steps

@@ -49,18 +49,17 @@ from bagassets.defs.launchers.run_worker import end_worker
 from bagassets.defs.records.instances import pack_instance
 from bagassets.defs.records.projects import recipe_of_location, recipes_of
 from bagassets.defs.runs.execution import mark_canceling
-from bagassets.defs.runs.launching import ConfiguredLauncher
+from bagassets.defs.runs.launching import ConfiguredLauncher, last_words, optional_fields
 from bagassets.defs.runs.worker_tag import WORKER_TAG, RunWorker
 from bagassets.defs.ui.ports import ANY_HOST
 from bagassets.forkserver.client import Client, ServerRefusedError
 from bagassets.forkserver.process import ProcessId
-from bagassets.forkserver.server_files import ServerFiles, last_lines
+from bagassets.forkserver.server_files import ServerFiles
 from bagassets.forkserver.spec import ServerSpec
 from bagassets.forkserver.tasks import DEFINITIONS, END_WORKER, connect, server_spec, submit_run
 from bagassets.recipe import load_recipe
 
 _LOG = logging.getLogger(__name__)
-_DEBUG_LINES = 30
 _LOCAL_HOSTS = ANY_HOST | {"localhost", "127.0.0.1", "::1"}
 
 
@@ -96,12 +95,8 @@ class BagAssetsRunLauncher(ConfiguredLauncher[T_DagsterInstance]):
     @classmethod
     def config_type(cls) -> dict[str, dg.Field]:
         """Return the fields of `config` in `dagster.yaml`."""
-        return {
-            "recipe": dg.Field(dg.StringSource, is_required=False),
-            "state_folder": dg.Field(dg.StringSource, is_required=False),
-            "idle_timeout_s": dg.Field(dg.IntSource, is_required=False),
-            "grace_s": dg.Field(dg.IntSource, is_required=False),
-        }
+        texts = optional_fields(dg.StringSource, "recipe", "state_folder")
+        return texts | optional_fields(dg.IntSource, "idle_timeout_s", "grace_s")
 
     def register_instance(self, instance: T_DagsterInstance) -> None:
         """Set the instance whose runs are launched."""
@@ -265,9 +260,7 @@ class BagAssetsRunLauncher(ConfiguredLauncher[T_DagsterInstance]):
         """Return the last lines that the worker of a run wrote, if it wrote any."""
         if RunWorker.of(run) is None or not include_container_logs:
             return None
-        log = ServerFiles(self._folder(self._recipe_file), "").job_log(run.run_id)
-        lines = last_lines(log, _DEBUG_LINES)
-        return "\n".join([f"Last lines of {log}:", *lines]) if lines else None
+        return last_words(ServerFiles(self._folder(self._recipe_file), "").job_log(run.run_id)) or None
 
 
 def _why_not_here(run: dg.DagsterRun) -> str | None:

@@ -97,8 +97,8 @@ def _rehearse() -> Iterator[None]:
     yield
 
 
-def execute(args: JsonObject) -> JsonObject:
-    """Execute the run `run_id` of `instance`; return its outcome.
+def execute(args: JsonObject) -> str:
+    """Execute the run `run_id` of `instance`; return how it ended.
 
     Runs of one partition take turns, by means of lock files in the folder `locks`. With `tags`, which are put on the run,
     the worker is one that SIGTERM does not interrupt: what sends it to all processes of a job is not about this run.
@@ -136,7 +136,7 @@ def execute(args: JsonObject) -> JsonObject:
                 return not (check_captured_interrupt() or cancel_requested())
 
             stack.enter_context(exclusive(locks, partition_key, keep_waiting=keep_waiting, holder=run_id))
-        return execute_run(instance, run_id, cancel_requested=cancel_requested).as_json()
+        return execute_run(instance, run_id, cancel_requested=cancel_requested)
 
 
 def report_lost(args: JsonObject) -> None:

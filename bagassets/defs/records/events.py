@@ -16,21 +16,6 @@ from bagassets.engine.plan import Recorded
 from bagassets.formats.catalogue import known_assets
 from bagassets.recordings.digest import RecordingStat
 
-__all__ = [
-    "all_assets",
-    "fetch_recorded",
-    "in_batches",
-    "last_failure",
-    "latest_ids",
-    "live_partitions",
-    "recorded_partition",
-    "recorded_states",
-    "recorded_whole",
-    "recorded_wholes",
-    "recordings_made",
-    "runs_of",
-]
-
 A = TypeVar("A", bound=AssetName)
 T = TypeVar("T")
 

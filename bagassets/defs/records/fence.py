@@ -7,6 +7,7 @@ keeps the artifact of the first writer.
 """
 
 import time
+from dataclasses import dataclass, field
 
 import dagster as dg
 
@@ -18,18 +19,18 @@ _ALIVE_S = 2.0
 _CLOCK = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)
 
 
+@dataclass
 class Fence:
     """The fence of a run, in its worker.
 
-    Args:
+    Attributes:
         instance: has the run.
         run_id: the run, which has not ended now.
     """
 
-    def __init__(self, instance: dg.DagsterInstance, run_id: str) -> None:
-        self._instance = instance
-        self._run_id = run_id
-        self._known_open_s = time.clock_gettime(_CLOCK)
+    instance: dg.DagsterInstance
+    run_id: str
+    _known_open_s: float = field(default_factory=lambda: time.clock_gettime(_CLOCK))
 
     def check(self) -> None:
         """Refuse to record something if the run was given up; the database is asked every few seconds at most.
@@ -39,7 +40,7 @@ class Fence:
         """
         now_s = time.clock_gettime(_CLOCK)
         if now_s - self._known_open_s > _ALIVE_S:
-            refuse_if_ended(self._instance, self._run_id)
+            refuse_if_ended(self.instance, self.run_id)
             self._known_open_s = now_s
 
 

@@ -162,11 +162,6 @@ def replan_instance(
     return replace(planned, recorded={**same, **planned.recorded})
 
 
-def plan_in_run(context: dg.AssetExecutionContext, workspace: Workspace) -> InstancePlan:
-    """Return the plan of a run, made once, so that all datasets that the run makes have the same inputs."""
-    return workspace.once_in_run(context.run.run_id, lambda: plan_instance(context.instance, workspace))
-
-
 def recorded_assets(instance: dg.DagsterInstance, names: Naming, key: str) -> Mapping[str, Recorded]:
     """Return asset -> latest record of one recording; nothing if it is not registered."""
     if key not in live_partitions(instance, names):

@@ -21,18 +21,6 @@ from bagassets.engine.batches import DATASET
 from bagassets.recipe.model import Bags
 from bagassets.recordings.discover import Discovery, discover
 
-__all__ = [
-    "ACTIVE",
-    "DATASET",
-    "PARTITION_TAG",
-    "RecordingPartitions",
-    "active_runs",
-    "add_partitions",
-    "held_by_backfills",
-    "recording_partitions",
-    "remove_partition",
-]
-
 PARTITION_TAG = "dagster/partition"
 """Tag of a run about one partition."""
 _UNFINISHED = [

@@ -13,6 +13,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
 
@@ -37,22 +38,22 @@ _SURVIVES_S = 30  # without a heartbeat
 _STOP_S = 10.0
 
 
+@dataclass
 class LaunchWorkspace:
     """The workspace that a run launcher is handed; its code server is started on first use.
 
-    Args:
+    Attributes:
         instance: instance whose runs are launched.
         location: their code location.
         log: log file of the code server.
     """
 
-    def __init__(self, instance: dg.DagsterInstance, location: CodeLocation, log: Path) -> None:
-        self._instance = instance
-        self._location = location
-        self._log = log
-        self._mutex = threading.Lock()
-        self._stack = ExitStack()
-        self._context: BaseWorkspaceRequestContext | None = None
+    instance: dg.DagsterInstance
+    location: CodeLocation
+    log: Path
+    _mutex: threading.Lock = field(default_factory=threading.Lock)
+    _stack: ExitStack = field(default_factory=ExitStack)
+    _context: "BaseWorkspaceRequestContext | None" = None
 
     def close(self) -> None:
         """End the code server, if there is one."""
@@ -72,16 +73,16 @@ class LaunchWorkspace:
         folder = Path(tempfile.mkdtemp(prefix="bagassets-"))  # short: a socket's path may have 100 bytes
         self._stack.callback(shutil.rmtree, folder, ignore_errors=True)
         socket = str(folder / "code.sock")
-        module, name = self._location.module, self._location.name or self._location.module
+        module, name = self.location.module, self.location.name or self.location.module
         command = [
             *(sys.executable, "-m", "dagster", "api", "grpc", "--socket", socket, "--log-level", "warning"),
             *("--heartbeat", "--heartbeat-timeout", str(_SURVIVES_S), "--location-name", name),
-            *("--instance-ref", pack_instance(self._instance)),
-            *("-m", module, "-a", self._location.attribute),
-            *("-d", self._location.working_directory or str(Path.cwd())),
+            *("--instance-ref", pack_instance(self.instance)),
+            *("-m", module, "-a", self.location.attribute),
+            *("-d", self.location.working_directory or str(Path.cwd())),
         ]
-        self._log.parent.mkdir(parents=True, exist_ok=True)
-        with self._log.open("wb") as log:
+        self.log.parent.mkdir(parents=True, exist_ok=True)
+        with self.log.open("wb") as log:
             process = subprocess.Popen(
                 command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True
             )
@@ -93,7 +94,7 @@ class LaunchWorkspace:
         threading.Thread(target=_send_heartbeats, args=(client, ended), daemon=True).start()
         target = GrpcServerTarget(host="localhost", port=None, socket=socket, location_name=name)
         return self._stack.enter_context(
-            WorkspaceProcessContext(self._instance, target)
+            WorkspaceProcessContext(self.instance, target)
         ).create_request_context()
 
     def _wait_for(self, client: DagsterGrpcClient, process: "subprocess.Popen[bytes]") -> None:
@@ -103,9 +104,9 @@ class LaunchWorkspace:
                 client.ping("")
                 return
             if process.poll() is not None or time.monotonic() > deadline:
-                tail = "".join(f"\n  {line}" for line in last_lines(self._log)) or " it is empty"
+                tail = "".join(f"\n  {line}" for line in last_lines(self.log)) or " it is empty"
                 raise BagAssetsError(
-                    f"the code server that this run launcher needs did not start; the last lines of {self._log}:{tail}"
+                    f"the code server that this run launcher needs did not start; the last lines of {self.log}:{tail}"
                 )
             time.sleep(_POLL_S)
 

@@ -10,14 +10,14 @@ Each use of `dagster_private` has a test in `test_runs.py`.
 import sys
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 
 import dagster as dg
 
 from bagassets.base.errors import BagAssetsError, RunEndedError
-from bagassets.base.json_types import JsonMapping, JsonObject
+from bagassets.base.json_types import JsonMapping
 from bagassets.defs.dagster_private import (
     DEFAULT_DAGSTER_ENTRY_POINT,
     CodePointer,
@@ -80,46 +80,12 @@ class CodeLocation:
         return RemoteRepositoryOrigin(location, repository_name)
 
 
-@dataclass(frozen=True)
-class StepError:
-    """Why a step failed.
-
-    Attributes:
-        step: step key.
-        error: class of the error that the step's code raised.
-        message: its text.
-    """
-
-    step: str
-    error: str
-    message: str
-
-
-@dataclass(frozen=True)
-class RunOutcome:
-    """How a run ended.
-
-    Attributes:
-        run_id: the run.
-        status: SUCCESS, FAILURE or CANCELED.
-        failures: the steps that failed, in order.
-    """
-
-    run_id: str
-    status: str
-    failures: tuple[StepError, ...] = ()
-
-    def as_json(self) -> JsonObject:
-        """Return the outcome as JSON."""
-        return asdict(self)
-
-
 def failure_of(instance: dg.DagsterInstance, run: dg.DagsterRun) -> str | None:
     """Return why a run failed or was cancelled: the error of its first failed step, or the reason why it was ended."""
     for entry in instance.all_logs(run.run_id, of_type=dg.DagsterEventType.STEP_FAILURE):
         event = entry.get_dagster_event()
-        if event.step_failure_data.error_source != ErrorSource.INTERRUPT:
-            return _step_error(event).message
+        if not _is_interrupt(event):
+            return _message_of(event)
     message = None
     for entry in instance.all_logs(run.run_id, of_type=_BAD_ENDS):
         message = entry.get_dagster_event().message
@@ -254,8 +220,8 @@ def execute_run(
     run_id: str,
     *,
     cancel_requested: Callable[[], bool] = lambda: False,
-) -> RunOutcome:
-    """Execute a run in this process and return how it ended; a failed step is no error here.
+) -> str:
+    """Execute a run in this process and return how it ended (SUCCESS, FAILURE or CANCELED); a failed step is no error here.
 
     An interrupt (SIGTERM, SIGINT) stops it. The run is then CANCELED if somebody asked for that (it is marked CANCELING,
     or `cancel_requested` returns True), else failed. Unlike in Dagster, no retry policy revives it.
@@ -282,32 +248,30 @@ def execute_run(
             follower.follow(events)
             follower.settle()
     ended = instance.get_run_by_id(run_id)
-    status = ended.status if ended is not None else dg.DagsterRunStatus.FAILURE
-    return RunOutcome(run_id, status.value, tuple(follower.failures))
+    return (ended.status if ended is not None else dg.DagsterRunStatus.FAILURE).value
 
 
+@dataclass
 class _Follower:
     """Follows the events of a run and corrects how Dagster handles interrupts."""
 
-    def __init__(
-        self, instance: dg.DagsterInstance, run_id: str, cancel_requested: Callable[[], bool]
-    ) -> None:
-        self.failures: list[StepError] = []
-        self._instance = instance
-        self._run_id = run_id
-        self._cancel_requested = cancel_requested
-        self._fence = Fence(instance, run_id)
+    instance: dg.DagsterInstance
+    run_id: str
+    cancel_requested: Callable[[], bool]
+
+    def __post_init__(self) -> None:
+        self._fence = Fence(self.instance, self.run_id)
 
     def is_cancel_wanted(self) -> bool:
         """Return whether somebody has asked to cancel the run.
 
         The log is read, too, since the start of a run overwrites the state CANCELING if that was set just before.
         """
-        run = self._instance.get_run_by_id(self._run_id)
+        run = self.instance.get_run_by_id(self.run_id)
         return (
             (run is not None and run.status == dg.DagsterRunStatus.CANCELING)
-            or self._cancel_requested()
-            or bool(self._instance.all_logs(self._run_id, of_type=dg.DagsterEventType.RUN_CANCELING))
+            or self.cancel_requested()
+            or bool(self.instance.all_logs(self.run_id, of_type=dg.DagsterEventType.RUN_CANCELING))
         )
 
     def follow(self, events: Generator[dg.DagsterEvent, None, None]) -> None:
@@ -327,11 +291,8 @@ class _Follower:
                     # What comes next is that the run has succeeded.
                     events.close()
                     break
-                if kind == dg.DagsterEventType.STEP_FAILURE:
-                    if event.step_failure_data.error_source == ErrorSource.INTERRUPT:
-                        self._mark_cancelling()
-                    else:
-                        self.failures.append(_step_error(event))
+                if kind == dg.DagsterEventType.STEP_FAILURE and _is_interrupt(event):
+                    self._mark_cancelling()
                 if self._is_retry_of_interrupt(event):
                     self._mark_cancelling()
                     event = events.throw(dg.DagsterExecutionInterruptedError("The run was interrupted."))
@@ -341,23 +302,22 @@ class _Follower:
     def _is_given_up(self) -> bool:
         try:
             self._fence.check()
-        except RunEndedError as err:
-            self.failures.append(StepError("", type(err).__name__, str(err)))
+        except RunEndedError:
             return True
         return False
 
     def settle(self) -> None:
         """Record a run as CANCELED that somebody asked to cancel and that did not succeed."""
-        run = self._instance.get_run_by_id(self._run_id)
+        run = self.instance.get_run_by_id(self.run_id)
         good = {dg.DagsterRunStatus.CANCELED, dg.DagsterRunStatus.SUCCESS}
         if run is not None and run.status not in good and self.is_cancel_wanted():
-            self._instance.report_run_canceled(run, "The run was cancelled.")
+            self.instance.report_run_canceled(run, "The run was cancelled.")
 
     def _mark_cancelling(self) -> None:
         """Mark the run as CANCELING: Dagster reads this next to tell a cancelled run from a failed one."""
-        run = self._instance.get_run_by_id(self._run_id)
+        run = self.instance.get_run_by_id(self.run_id)
         if run is not None and run.status == dg.DagsterRunStatus.STARTED and self.is_cancel_wanted():
-            self._instance.report_run_canceling(run)
+            self.instance.report_run_canceling(run)
 
     def _is_retry_of_interrupt(self, event: dg.DagsterEvent) -> bool:
         if event.event_type != dg.DagsterEventType.STEP_UP_FOR_RETRY:
@@ -370,17 +330,21 @@ class _Follower:
         return self.is_cancel_wanted()
 
 
-def _step_error(failed: dg.DagsterEvent) -> StepError:
-    """Return the error that the step's own code raised, without Dagster's wrappers."""
-    step, raised = failed.step_key or "", failed.step_failure_data.error
+def _is_interrupt(failed: dg.DagsterEvent) -> bool:
+    return failed.step_failure_data.error_source == ErrorSource.INTERRUPT
+
+
+def _message_of(failed: dg.DagsterEvent) -> str:
+    """Return the text of the error that the step's own code raised, without Dagster's wrappers."""
+    raised = failed.step_failure_data.error
     if raised is None:
-        return StepError(step, "", "The step failed and gave no error.")
+        return "The step failed and gave no error."
     while (cause := raised.cause) is not None and str(raised.cls_name).startswith(_WRAPPERS):
         raised = cause
     name = raised.cls_name or ""
     header, _, text = raised.message.partition(f"{name}: ")
     has_header = bool(name and text) and " " not in header
-    return StepError(step, name, (text if has_header else raised.message).strip())
+    return (text if has_header else raised.message).strip()
 
 
 @contextmanager

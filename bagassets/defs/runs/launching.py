@@ -20,6 +20,9 @@ from bagassets.defs.dagster_private import (
 )
 from bagassets.defs.records.databases import read_settings
 from bagassets.defs.records.projects import configured_recipe
+from bagassets.forkserver.server_files import last_lines
+
+_LAST_LINES = 30
 
 
 class Launching:
@@ -85,6 +88,17 @@ class ConfiguredLauncher(Launching, RunLauncher[T_DagsterInstance], Configurable
         message = f"The run cannot be cancelled from here, because {why}."
         self._instance.report_engine_event(message, dagster_run=run, cls=self.__class__)
         return False
+
+
+def optional_fields(kind: Any, *names: str) -> dict[str, dg.Field]:
+    """Return fields of a launcher's `config` in `dagster.yaml` that may be left out, all of one kind."""
+    return {name: dg.Field(kind, is_required=False) for name in names}
+
+
+def last_words(log: Path) -> str:
+    """Return the name and the last lines of what a worker wrote; "" if it wrote nothing, or that cannot be read."""
+    lines = last_lines(log, _LAST_LINES)
+    return "\n".join([f"Last lines of {log}:", *lines]) if lines else ""
 
 
 def launching_of(instance: dg.DagsterInstance) -> Launching:

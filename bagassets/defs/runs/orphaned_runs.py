@@ -22,7 +22,7 @@ from bagassets.defs.runs.worker_tag import RunWorker
 UNTAKEN_S = 300.0
 _BEFORE_START = (dg.DagsterRunStatus.NOT_STARTED, dg.DagsterRunStatus.STARTING)
 # Queued runs are not orphaned: the daemon launches them once it is back.
-_UNFINISHED = [*_BEFORE_START, dg.DagsterRunStatus.STARTED, dg.DagsterRunStatus.CANCELING]
+UNFINISHED = [*_BEFORE_START, dg.DagsterRunStatus.STARTED, dg.DagsterRunStatus.CANCELING]
 _ANSWER_S = 2.0
 
 
@@ -34,7 +34,7 @@ def end_orphaned_runs(instance: dg.DagsterInstance) -> tuple[list[str], int]:
     """
     launching = launching_of(instance)
     reported, unwatched = launching.end_lost_runs(), 0
-    for record in instance.get_run_records(dg.RunsFilter(statuses=_UNFINISHED)):
+    for record in instance.get_run_records(dg.RunsFilter(statuses=UNFINISHED)):
         run = record.dagster_run
         worker = RunWorker.of(run)
         is_untaken = worker is None or (worker.process is None and worker.is_watched())

@@ -21,13 +21,12 @@ from bagassets.base.trace import span
 from bagassets.defs.records.batches import batch_config
 from bagassets.defs.records.connections import Commits
 from bagassets.defs.records.naming import Naming
-from bagassets.defs.records.partitions import DATASET
 from bagassets.defs.runs.code_server import LaunchWorkspace
 from bagassets.defs.runs.execution import CodeLocation, create_job_run, create_run, fail_if_lost, failure_of
 from bagassets.defs.runs.launching import launching_of
 from bagassets.defs.runs.run_progress import RunProgress
 from bagassets.defs.runs.worker_tag import WHERE_TAG
-from bagassets.engine.batches import Batch
+from bagassets.engine.batches import DATASET, Batch
 from bagassets.engine.build_report import Event
 
 _CANCEL_GRACE_S = 35.0  # our own launcher kills after 30 s, and the command waits for 40 s

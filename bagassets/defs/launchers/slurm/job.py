@@ -82,30 +82,34 @@ class _Workers:
             WHERE_TAG: f"Slurm job {job} on {node}",
         }
         self._began = time.monotonic()
-        self._active: list[tuple[Job, SpooledRun]] = []
-        self._reporting: list[Job] = []
+        # Worker -> its run; None if it reports that one was lost.
+        self._jobs: dict[Job, SpooledRun | None] = {}
         self._count = 0
+
+    @property
+    def _is_full(self) -> bool:
+        return sum(run is not None for run in self._jobs.values()) >= self._cpus
 
     def work(self) -> int:
         """Execute all runs; return the exit code."""
         queue = self._folder.runs()[::-1]
         looked_at = busy_at = time.monotonic()
         while True:
-            while queue and len(self._active) < self._cpus:
+            while queue and not self._is_full:
                 run = self._folder.take(queue.pop())
                 if run is not None:
                     self._start(run)
-            if not queue and len(self._active) < self._cpus and self._spec.idle_s:
+            if not queue and not self._is_full and self._spec.idle_s:
                 # One that came later than this job, and would otherwise wait for another.
                 left_s = self._spec.minutes * 60.0 - (time.monotonic() - self._began)
                 later = self._folder.take_waiting(left_s)
                 if later is not None:
                     self._start(later)
-            if queue or self._active or self._reporting:
+            if queue or self._jobs:
                 busy_at = time.monotonic()
             elif time.monotonic() - busy_at >= self._spec.idle_s:
                 return 0
-            if self._wait(_LOOK_S if len(self._active) >= self._cpus else _IDLE_LOOK_S) in _ENDS:
+            if self._wait(_LOOK_S if self._is_full else _IDLE_LOOK_S) in _ENDS:
                 return self._stop()
             if time.monotonic() - looked_at > _LOOK_S:
                 looked_at = time.monotonic()
@@ -135,9 +139,9 @@ class _Workers:
             "locks": self._spec.locks,
             "tags": self._tags,
         }
-        self._active.append((self._fork("execute", run.run_id, args), run))
+        self._fork("execute", run.run_id, args, run)
 
-    def _fork(self, function: str, label: str, args: JsonObject) -> Job:
+    def _fork(self, function: str, label: str, args: JsonObject, run: SpooledRun | None = None) -> None:
         self._count += 1
         request = {
             "function": f"{_WORKER}:{function}",
@@ -148,37 +152,37 @@ class _Workers:
         }
         job = Job.start(f"{os.getpid()}-{self._count}", request, self._folder.log, self._close_inherited)
         _LOG.info("run %s: %s in process %d", label, function, job.process.pid)
-        return job
+        self._jobs[job] = run
 
     def _close_inherited(self) -> None:
-        for job in [*(job for job, _ in self._active), *self._reporting]:
+        for job in self._jobs:
             job.channel.close()
 
     def _cancel(self) -> None:
         wanted = set(self._folder.to_cancel())
-        for job, run in self._active:
-            if run.run_id in wanted:
+        for job, run in self._jobs.items():
+            if run is not None and run.run_id in wanted:
                 job.cancel(_GRACE_S, signal.SIGINT)
-        for job in (job for job, _ in self._active):
             if job.kill_at is not None and time.monotonic() >= job.kill_at:
                 job.kill()
 
     def _collect(self) -> None:
-        for job, run in list(self._active):
+        for job, run in list(self._jobs.items()):
             event = _ended(job)
             if event is None:
                 continue
-            self._active.remove((job, run))
+            del self._jobs[job]
+            if run is None:
+                continue
             self._folder.note_seconds(run, time.monotonic() - job.started)
             if event["event"] == "killed" or event["exit"] != 0:
                 reason = event.get("reason") or event["error"]["message"]
                 _LOG.info("run %s: %s", run.run_id, reason)
                 args = {"args": job.request["args"], "notes": job.notes, "reason": reason}
-                self._reporting.append(self._fork("report_lost", run.run_id, args))
-        self._reporting = [job for job in self._reporting if _ended(job) is None]
+                self._fork("report_lost", run.run_id, args)
 
     def _stop(self) -> int:
-        for job in [*(job for job, _ in self._active), *self._reporting]:
+        for job in self._jobs:
             job.kill()
         return 128 + signal.SIGTERM
 

@@ -11,6 +11,7 @@ import shlex
 import sys
 import time
 from collections.abc import Iterable
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import dagster as dg
@@ -21,9 +22,9 @@ from bagassets.defs.launchers.slurm.commands import JobState, SlurmError, cancel
 from bagassets.defs.launchers.slurm.options import JOB_TAG, LOG_TAG, NODE_TAG, JobOptions
 from bagassets.defs.launchers.slurm.spool import JobFolder, Spool, SpooledRun
 from bagassets.defs.records.events import runs_of
+from bagassets.defs.runs.launching import last_words
 from bagassets.defs.runs.orphaned_runs import report_ended
 from bagassets.defs.runs.worker_tag import WHERE_TAG
-from bagassets.forkserver.server_files import last_lines
 
 _LOG = logging.getLogger(__name__)
 # A job that Slurm does not know, and that left no record: the file system may show it late.
@@ -35,25 +36,24 @@ _ABANDONED_S = 180.0  # a folder that somebody made and did not submit
 _MOST_TRIES = 5
 _FRESH_S = 1.0  # run monitoring asks for each run; Slurm is asked for all jobs at once
 _PLACE_S = 10.0
-_DEBUG_LINES = 30
 _PACE_S, _PACE_LEAST_S = 60.0, 10.0
 # Runs that such a job had not begun are submitted again; in all other cases they would meet the same end.
 _TRY_AGAIN = {"COMPLETED", "NODE_FAIL", "PREEMPTED", "TIMEOUT", "OUT_OF_MEMORY", "BOOT_FAIL"}
 
 
+@dataclass(frozen=True)
 class Packing:
     """How many runs go into one job.
 
-    Args:
+    Attributes:
         runs: a job is full with so many; one of several recordings counts as so many.
         minutes: a job is full when its runs may take so long, side by side on its cpus.
         gather_s: how long the first runs wait for more.
     """
 
-    def __init__(self, runs: int, minutes: float, gather_s: float) -> None:
-        self._runs = runs
-        self._seconds = minutes * 60.0
-        self._gather_s = gather_s
+    runs: int
+    minutes: float
+    gather_s: float
 
     def jobs(
         self, waiting: Iterable[SpooledRun], *, pace: float = 1.0, now: float | None = None
@@ -79,19 +79,20 @@ class Packing:
                 jobs.append([])
             jobs[-1].append(run)
             seconds = pace * sum(one.seconds for one in jobs[-1]) / cpus
-            full = sum(one.recordings for one in jobs[-1]) >= self._runs or seconds >= self._seconds
+            full = sum(one.recordings for one in jobs[-1]) >= self.runs or seconds >= self.minutes * 60.0
         if not full and now is not None:
             # As long as more keep coming, but not for ever.
             first, last = jobs[-1][0].since, jobs[-1][-1].since
-            if now - last < self._gather_s and now - first < 10 * self._gather_s:
+            if now - last < self.gather_s and now - first < 10 * self.gather_s:
                 jobs.pop()
         return jobs
 
 
+@dataclass(eq=False)
 class Keeper:
     """Cares for one spool.
 
-    Args:
+    Attributes:
         instance: where the runs are recorded.
         spool: their files.
         packing: how many go into one job.
@@ -99,27 +100,19 @@ class Keeper:
         keep_days: how long logs and records of ended jobs are kept.
     """
 
-    def __init__(
-        self,
-        instance: dg.DagsterInstance,
-        spool: Spool,
-        packing: Packing,
-        *,
-        give_up_s: float,
-        keep_days: float,
-    ) -> None:
-        self._instance = instance
-        self._spool = spool
-        self._packing = packing
-        self._give_up_s = give_up_s
-        self._keep_days = keep_days
-        self._odd_since: dict[str, float] = {}  # job -> since when Slurm and its record disagree
-        self._idle_since: dict[str, float] = {}  # job -> since when all its runs have ended
-        self._placed: dict[str, tuple[float, str]] = {}
-        self._waits_until = 0.0
-        self._told: set[str] = set()
-        self._pace = (-_PACE_S, 1.0)
-        self._asked: tuple[float, set[str], dict[str, JobState]] = (-_FRESH_S, set(), {})
+    instance: dg.DagsterInstance
+    spool: Spool
+    packing: Packing
+    give_up_s: float
+    keep_days: float
+    # Job -> since when Slurm and its record disagree, and since when all its runs have ended.
+    _odd_since: dict[str, float] = field(default_factory=dict)
+    _idle_since: dict[str, float] = field(default_factory=dict)
+    _placed: dict[str, tuple[float, str]] = field(default_factory=dict)
+    _waits_until: float = 0.0
+    _told: set[str] = field(default_factory=set)
+    _pace: tuple[float, float] = (-_PACE_S, 1.0)
+    _asked: tuple[float, set[str], dict[str, JobState]] = (-_FRESH_S, set(), {})
 
     def tend(self, *, flush: bool = False) -> bool:
         """Submit what waits, settle what has ended; return whether anything is left.
@@ -138,7 +131,7 @@ class Keeper:
         """Return how much longer runs took of late than expected."""
         now = time.monotonic()
         if now - self._pace[0] > _PACE_S:
-            pairs = list(self._spool.durations())
+            pairs = list(self.spool.durations())
             expected, took = sum(pair[0] for pair in pairs), sum(pair[1] for pair in pairs)
             # A few short runs say little.
             factor = took / expected if expected > 0.0 and took > _PACE_LEAST_S else 1.0
@@ -160,16 +153,14 @@ class Keeper:
 
     def submit(self, *, flush: bool = False) -> bool:
         """Submit the runs that wait; return whether some still do."""
-        waiting = self._spool.waiting()
+        waiting = self.spool.waiting()
         if time.monotonic() < self._waits_until:
             return bool(waiting)
-        for runs in self._packing.jobs(
-            waiting, pace=self._pace_of_late(), now=None if flush else time.time()
-        ):
-            job, got = self._spool.new_job(runs)
+        for runs in self.packing.jobs(waiting, pace=self._pace_of_late(), now=None if flush else time.time()):
+            job, got = self.spool.new_job(runs)
             wanted = self._still_wanted(job, got)
             if not wanted:
-                self._spool.settle(job)
+                self.spool.settle(job)
                 continue
             if not self._submit(job, wanted):
                 break
@@ -178,10 +169,10 @@ class Keeper:
     def _still_wanted(self, job: JobFolder, runs: list[SpooledRun]) -> list[SpooledRun]:
         """Return the runs of a job that have not ended; drop the others."""
         ended = {
-            run.run_id for run in runs_of(self._instance, (one.run_id for one in runs)) if run.is_finished
+            run.run_id for run in runs_of(self.instance, (one.run_id for one in runs)) if run.is_finished
         }
         for run_id in ended:
-            self._spool.drop(job, run_id)
+            self.spool.drop(job, run_id)
         return [run for run in runs if run.run_id not in ended]
 
     def _submit(self, job: JobFolder, runs: list[SpooledRun]) -> bool:
@@ -205,7 +196,7 @@ class Keeper:
         job.note_submitted(job_id, getpass.getuser())
         place = str(JobState(job_id, "PENDING"))
         for run in runs:
-            self._instance.add_run_tags(
+            self.instance.add_run_tags(
                 run.run_id, {JOB_TAG: job_id, NODE_TAG: "", LOG_TAG: str(job.log), WHERE_TAG: place}
             )
             self._told.discard(run.run_id)
@@ -214,19 +205,19 @@ class Keeper:
     def _refused(self, job: JobFolder, runs: list[SpooledRun], err: SlurmError) -> None:
         for run in runs:
             waited_s = time.time() - run.since
-            record = self._instance.get_run_by_id(run.run_id)
-            if err.is_temporary and waited_s < self._give_up_s:
+            record = self.instance.get_run_by_id(run.run_id)
+            if err.is_temporary and waited_s < self.give_up_s:
                 if record is not None and run.run_id not in self._told:
                     self._told.add(run.run_id)
-                    message = f"Slurm takes no job at present; tried again until it does, for {self._give_up_s:.0f} s at most: {err}"
-                    self._instance.report_engine_event(message, dagster_run=record, cls=self.__class__)
-                self._spool.take_back(job, run.run_id)
+                    message = f"Slurm takes no job at present; tried again until it does, for {self.give_up_s:.0f} s at most: {err}"
+                    self.instance.report_engine_event(message, dagster_run=record, cls=self.__class__)
+                self.spool.take_back(job, run.run_id)
                 continue
-            if self._spool.drop(job, run.run_id):
-                report_ended(self._instance, run.run_id, f"The run could not be submitted to Slurm: {err}")
+            if self.spool.drop(job, run.run_id):
+                report_ended(self.instance, run.run_id, f"The run could not be submitted to Slurm: {err}")
         if err.is_temporary:
             self._waits_until = time.monotonic() + 5.0
-        self._spool.settle(job)
+        self.spool.settle(job)
 
     # --- settling ---
 
@@ -236,7 +227,7 @@ class Keeper:
         Raises:
             SlurmError: Slurm does not answer.
         """
-        jobs = self._spool.jobs()
+        jobs = self.spool.jobs()
         if not jobs:
             return False
         submitted = {job.name: job.submitted() for job in jobs}
@@ -297,31 +288,31 @@ class Keeper:
 
     def _end(self, job: JobFolder, reason: str, *, try_again: bool) -> None:
         """Report what a job leaves, and put it aside."""
-        if not try_again and (lines := last_lines(job.log, _DEBUG_LINES)):
-            reason = "\n".join([reason, f"Last lines of {job.log}:", *lines])
+        if not try_again and (told := last_words(job.log)):
+            reason = f"{reason}\n{told}"
         for run_id in job.runs():
             if not try_again:
-                if self._spool.drop(job, run_id):
-                    report_ended(self._instance, run_id, reason)
-            elif (tries := self._spool.count_try(run_id)) < _MOST_TRIES:
-                run = self._instance.get_run_by_id(run_id)
-                if self._spool.take_back(job, run_id) and run is not None and not run.is_finished:
+                if self.spool.drop(job, run_id):
+                    report_ended(self.instance, run_id, reason)
+            elif (tries := self.spool.count_try(run_id)) < _MOST_TRIES:
+                run = self.instance.get_run_by_id(run_id)
+                if self.spool.take_back(job, run_id) and run is not None and not run.is_finished:
                     message = f"{reason} It had not begun this run, which is submitted again."
-                    self._instance.report_engine_event(message, dagster_run=run, cls=self.__class__)
-            elif self._spool.drop(job, run_id):
+                    self.instance.report_engine_event(message, dagster_run=run, cls=self.__class__)
+            elif self.spool.drop(job, run_id):
                 report_ended(
-                    self._instance, run_id, f"{tries} jobs ended before they began this run. {reason}"
+                    self.instance, run_id, f"{tries} jobs ended before they began this run. {reason}"
                 )
         # After those: what a job that still lives begins meanwhile is found here.
         for run_id in job.begun():
-            report_ended(self._instance, run_id, reason)
-        self._spool.settle(job)
-        self._spool.remove_old(self._keep_days)
+            report_ended(self.instance, run_id, reason)
+        self.spool.settle(job)
+        self.spool.remove_old(self.keep_days)
 
     def _look_after(self, job: JobFolder, job_id: str, state: JobState | None) -> None:
         """Cancel a job whose runs have all ended; else tell its runs where they are."""
         run_ids = [*job.runs(), *job.begun()]
-        runs = runs_of(self._instance, run_ids)
+        runs = runs_of(self.instance, run_ids)
         unfinished = [run for run in runs if not run.is_finished]
         if not unfinished:
             # One at work is about to end by itself.
@@ -338,4 +329,4 @@ class Keeper:
         self._placed[job.name] = time.monotonic(), str(state)
         for run in unfinished:
             if run.tags.get(WHERE_TAG) != str(state):
-                self._instance.add_run_tags(run.run_id, {WHERE_TAG: str(state), NODE_TAG: state.node})
+                self.instance.add_run_tags(run.run_id, {WHERE_TAG: str(state), NODE_TAG: state.node})

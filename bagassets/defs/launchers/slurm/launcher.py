@@ -26,6 +26,7 @@ import sys
 import threading
 import time
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -50,29 +51,25 @@ from bagassets.defs.launchers.slurm.options import (
     LOG_TAG,
     NODE_TAG,
     JobOptions,
-    Rule,
     options_for,
     options_schema,
-    rule_schema,
 )
 from bagassets.defs.launchers.slurm.spool import JobSpec, Spool, SpooledRun
 from bagassets.defs.records.batches import batch_of
 from bagassets.defs.records.instances import pack_instance
-from bagassets.defs.records.partitions import DATASET
+from bagassets.defs.records.partitions import PARTITION_TAG
 from bagassets.defs.records.projects import recipe_of_assets, recipe_of_location
 from bagassets.defs.runs.execution import mark_canceling
-from bagassets.defs.runs.launching import ConfiguredLauncher
-from bagassets.defs.runs.orphaned_runs import UNTAKEN_S, report_ended
+from bagassets.defs.runs.launching import ConfiguredLauncher, last_words, optional_fields
+from bagassets.defs.runs.orphaned_runs import UNFINISHED, UNTAKEN_S, report_ended
 from bagassets.defs.runs.worker_tag import WHERE_TAG
-from bagassets.forkserver.server_files import last_lines
+from bagassets.engine.batches import DATASET
 from bagassets.recipe import Recipe, load_recipe
 from bagassets.recordings.discover import discover
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.identity import identify
 
 _LOG = logging.getLogger(__name__)
-_PARTITION_TAG = "dagster/partition"
-_DEBUG_LINES = 30
 _BUSY_S, _QUIET_S = 0.25, 2.0
 _LOOK_S, _LOOK_LEAST_S = 60.0, 1.0
 _BYTES_PER_GB = 1e9
@@ -109,7 +106,7 @@ class SlurmRunLauncher(ConfiguredLauncher[T_DagsterInstance]):
         self._folder = folder
         self._python = python
         self._options = JobOptions.from_json(options)
-        self._rules = [Rule.from_json(rule) for rule in rules or ()]
+        self._rules = rules or []
         self._packing = Packing(runs_per_job, minutes_per_job, gather_s)
         self._idle_s, self._minutes = idle_s, minutes_per_job
         self._estimate = seconds_per_run, seconds_per_gb
@@ -128,23 +125,15 @@ class SlurmRunLauncher(ConfiguredLauncher[T_DagsterInstance]):
     def config_type(cls) -> dict[str, dg.Field]:
         """Return the fields of `config` in `dagster.yaml`."""
         texts = ("recipe", "folder", "python")
-        numbers = (
-            "minutes_per_job",
-            "gather_s",
-            "idle_s",
-            "seconds_per_run",
-            "seconds_per_gb",
-            "give_up_minutes",
-            "keep_days",
-        )
+        times = ("minutes_per_job", "gather_s", "idle_s", "give_up_minutes", "keep_days")
+        estimates = ("seconds_per_run", "seconds_per_gb")
+        counts = ("recordings_per_run", "runs_per_job", "most_at_once")
         return {
             **options_schema(),
-            **{name: dg.Field(dg.StringSource, is_required=False) for name in texts},
-            **{name: dg.Field(float, is_required=False) for name in numbers},
-            "recordings_per_run": dg.Field(dg.IntSource, is_required=False),
-            "runs_per_job": dg.Field(dg.IntSource, is_required=False),
-            "most_at_once": dg.Field(dg.IntSource, is_required=False),
-            "rules": dg.Field([rule_schema()], is_required=False),
+            **optional_fields(dg.StringSource, *texts),
+            **optional_fields(float, *times, *estimates),
+            **optional_fields(dg.IntSource, *counts),
+            **optional_fields([{"above_gb": dg.Field(float), **options_schema()}], "rules"),
         }
 
     def dispose(self) -> None:
@@ -166,8 +155,8 @@ class SlurmRunLauncher(ConfiguredLauncher[T_DagsterInstance]):
             BagAssetsError: no job can execute it.
         """
         run = context.dagster_run
-        recipe_file = self._recipe_of(run)
-        keys = _recordings_of(run)
+        named = recipe_of_location(self._instance, run) or recipe_of_assets(self._instance, run)
+        recipe_file, keys = named or self._recipe_file, _recordings_of(run)
         recordings = self._recordings(recipe_file, keys)
         spec = self._spec(run, recipe_file, recordings)
         stale = {name: "" for name in (JOB_TAG, NODE_TAG, LOG_TAG, WHERE_TAG) if name in run.tags}
@@ -175,9 +164,9 @@ class SlurmRunLauncher(ConfiguredLauncher[T_DagsterInstance]):
             self._instance.add_run_tags(run.run_id, stale)
         self._spool.make()
         sizes = {str(part.path): part.size for one in recordings for part in one.parts or (one,)}
-        seconds = self._seconds(len(keys), sum(sizes.values()))
-        waiting = SpooledRun(run.run_id, spec, seconds, time.time(), max(1, len(keys)), sizes)
-        self._spool.put(waiting)
+        number, (fixed_s, per_gb_s) = max(1, len(keys)), self._estimate
+        seconds = fixed_s * number + per_gb_s * sum(sizes.values()) / _BYTES_PER_GB
+        self._spool.put(SpooledRun(run.run_id, spec, seconds, time.time(), number, sizes))
         self._care()
 
     def _spec(
@@ -194,6 +183,15 @@ class SlurmRunLauncher(ConfiguredLauncher[T_DagsterInstance]):
         if not isinstance(pointer, ModuleCodePointer):
             raise BagAssetsError(f"run {run.run_id}: its code is not in a Python module.")
         recipe = self._read(recipe_file)
+        environment, needs, stores = {}, [], {}
+        if recipe is not None:
+            environment["BAGASSETS_RECIPE"] = str(recipe_file)
+            # What is missing here, too, is reported by the runs themselves.
+            needed = (recipe_file, recipe.bags.root, recipe.store_path)
+            needs = [str(path) for path in needed if path is not None and path.exists()]
+            # By its id nodes know whether they see the same store.
+            if (found := identify(recipe.store_path)) is not None:
+                stores[str(recipe.store_path)] = found
         size = sum(one.size for one in recordings)
         options = options_for(self._options, self._rules, size, run.tags)
         return JobSpec(
@@ -204,30 +202,13 @@ class SlurmRunLauncher(ConfiguredLauncher[T_DagsterInstance]):
             modules=(pointer.module,),
             paths=(pointer.working_directory,) if pointer.working_directory else (),
             locks=str(self._state / RUN_LOCKS),
-            environment={} if recipe is None else {"BAGASSETS_RECIPE": str(recipe_file)},
-            needs=() if recipe is None else self._needs(recipe_file, recipe),
+            environment=environment,
+            needs=tuple(needs),
             versions=versions_here(),
             idle_s=self._idle_s,
             minutes=self._minutes,
-            stores={} if recipe is None else self._stores(recipe),
+            stores=stores,
         )
-
-    @staticmethod
-    def _needs(recipe_file: Path | None, recipe: Recipe) -> tuple[str, ...]:
-        """Return what nodes must see; what is missing here, too, is reported by the runs themselves."""
-        needed = (recipe_file, recipe.bags.root, recipe.store_path)
-        return tuple(str(path) for path in needed if path is not None and path.exists())
-
-    @staticmethod
-    def _stores(recipe: Recipe) -> dict[str, str]:
-        """Return the store and its id, by which nodes know whether they see the same one."""
-        found = identify(recipe.store_path)
-        return {} if found is None else {str(recipe.store_path): found}
-
-    def _seconds(self, number: int, size: int) -> float:
-        """Return how long a run may take, by the number of its recordings and their bytes."""
-        fixed_s, per_gb_s = self._estimate
-        return fixed_s * max(1, number) + per_gb_s * size / _BYTES_PER_GB
 
     def _recordings(self, recipe_file: Path | None, keys: Sequence[str]) -> list[RecordingFiles]:
         """Return those of some recordings of a project that are there."""
@@ -242,11 +223,6 @@ class SlurmRunLauncher(ConfiguredLauncher[T_DagsterInstance]):
                 found = discover(recipe.bags).recordings if recipe.bags.root.is_dir() else {}
                 self._found[recipe_file] = time.monotonic(), found
         return [found[key] for key in keys if key in found]
-
-    def _recipe_of(self, run: dg.DagsterRun) -> Path | None:
-        """Return the recipe of a run's project, else the one that is configured."""
-        found = recipe_of_location(self._instance, run) or recipe_of_assets(self._instance, run)
-        return found or self._recipe_file
 
     def _read(self, file: Path | None) -> Recipe | None:
         """Return a recipe, read again when it has changed: hundreds of runs may be launched in a row."""
@@ -274,11 +250,7 @@ class SlurmRunLauncher(ConfiguredLauncher[T_DagsterInstance]):
         with self._mutex:
             if self._keeper_made is None:
                 self._keeper_made = Keeper(
-                    self._instance,
-                    self._spool,
-                    self._packing,
-                    give_up_s=self._give_up_s,
-                    keep_days=self._keep_days,
+                    self._instance, self._spool, self._packing, self._give_up_s, self._keep_days
                 )
             return self._keeper_made
 
@@ -340,13 +312,7 @@ class SlurmRunLauncher(ConfiguredLauncher[T_DagsterInstance]):
         return found
 
     def _unfinished(self) -> list[dg.DagsterRun]:
-        statuses = [
-            dg.DagsterRunStatus.NOT_STARTED,
-            dg.DagsterRunStatus.STARTING,
-            dg.DagsterRunStatus.STARTED,
-            dg.DagsterRunStatus.CANCELING,
-        ]
-        return list(self._instance.get_runs(dg.RunsFilter(statuses=statuses)))
+        return list(self._instance.get_runs(dg.RunsFilter(statuses=UNFINISHED)))
 
     # --- ending ----------------------------------------------------------------------
 
@@ -377,42 +343,36 @@ class SlurmRunLauncher(ConfiguredLauncher[T_DagsterInstance]):
         A run without a job of ours counts as running, since run monitoring fails every run with another status.
         """
         self._care()
+        running = partial(CheckRunHealthResult, WorkerStatus.RUNNING)
         if self._spool.is_waiting(run.run_id):
-            return CheckRunHealthResult(WorkerStatus.RUNNING, "It waits for a job.")
+            return running("It waits for a job.")
         job = self._spool.job_of(run.run_id)
         if job is None:
             current = self._instance.get_run_by_id(run.run_id)
             if current is not None and current.is_finished:
                 return CheckRunHealthResult(WorkerStatus.SUCCESS, "It has ended.")
-            return CheckRunHealthResult(
-                WorkerStatus.RUNNING, "Executed by another program, which monitors it."
-            )
+            return running("Executed by another program, which monitors it.")
         noted = job.submitted()
         if noted is None:
-            return CheckRunHealthResult(WorkerStatus.RUNNING, "Its job is being submitted.")
+            return running("Its job is being submitted.")
         try:
             status, words = self._keeper.health(job, noted)
         except SlurmError as err:
             # No reason to fail it: the job goes on without the controller.
-            return CheckRunHealthResult(
-                WorkerStatus.RUNNING, f"Slurm does not answer: {err}", run_worker_id=noted["job"]
-            )
+            return running(f"Slurm does not answer: {err}", run_worker_id=noted["job"])
         return CheckRunHealthResult(status, words, run_worker_id=noted["job"])
 
     def get_run_worker_debug_info(
         self, run: dg.DagsterRun, include_container_logs: bool | None = True
     ) -> str | None:
         """Return where the run is or was, and the last lines of its job's log."""
-        told = run.tags.get(WHERE_TAG)
-        log = run.tags.get(LOG_TAG)
-        parts = [f"{told}."] if told else []
-        if include_container_logs and log and (lines := last_lines(Path(log), _DEBUG_LINES)):
-            parts += [f"Last lines of {log}:", *lines]
-        return "\n".join(parts) or None
+        place, log = run.tags.get(WHERE_TAG), run.tags.get(LOG_TAG)
+        said = last_words(Path(log)) if include_container_logs and log else ""
+        return "\n".join(filter(None, [place and f"{place}.", said])) or None
 
 
 def _recordings_of(run: dg.DagsterRun) -> Sequence[str]:
     """Return the partition keys that a run is about; none if it is about a dataset."""
-    if _PARTITION_TAG in run.tags:
-        return [run.tags[_PARTITION_TAG]]
+    if PARTITION_TAG in run.tags:
+        return [run.tags[PARTITION_TAG]]
     return [key for key in batch_of(run) if key != DATASET]

@@ -8,6 +8,7 @@ import dagster as dg
 
 from bagassets.base.errors import BagAssetsError
 from bagassets.base.json_types import JsonMapping, JsonObject
+from bagassets.defs.runs.launching import optional_fields
 
 _TAG_PREFIX = "slurm/"
 # Where a run is.
@@ -66,32 +67,14 @@ class JobOptions:
         return [f"--{name}={value}" for name, value in named.items() if value] + list(self.options)
 
 
-@dataclass(frozen=True)
-class Rule:
-    """Options for large recordings.
-
-    Attributes:
-        above_gb: the rule is for recordings larger than that.
-        changes: the options that it sets.
-    """
-
-    above_gb: float
-    changes: JsonMapping
-
-    @classmethod
-    def from_json(cls, value: JsonMapping) -> Self:
-        """Return the rule that `dagster.yaml` describes."""
-        return cls(
-            value["above_gb"], {name: setting for name, setting in value.items() if name != "above_gb"}
-        )
-
-
-def options_for(base: JobOptions, rules: Iterable[Rule], size: int, tags: Mapping[str, str]) -> JobOptions:
+def options_for(
+    base: JobOptions, rules: Iterable[JsonMapping], size: int, tags: Mapping[str, str]
+) -> JobOptions:
     """Return the options for a run: later rules override earlier ones, and tags override all.
 
     Args:
         base: the options of the launcher.
-        rules: its rules.
+        rules: its rules, as `dagster.yaml` has them: options for recordings larger than `above_gb`.
         size: bytes of the recordings that the run works on.
         tags: tags of the run.
 
@@ -100,8 +83,8 @@ def options_for(base: JobOptions, rules: Iterable[Rule], size: int, tags: Mappin
     """
     options = base
     for rule in rules:
-        if size > rule.above_gb * _BYTES_PER_GB:
-            options = options.changed(rule.changes)
+        if size > rule["above_gb"] * _BYTES_PER_GB:
+            options = options.changed(rule)
     for name in _BY_TAG:
         value = tags.get(f"{_TAG_PREFIX}{name}")
         if not value:
@@ -119,12 +102,7 @@ def options_schema() -> dict[str, dg.Field]:
     """Return the fields of the options in `dagster.yaml`."""
     texts = ("partition", "account", "memory", "time", "prefix")
     return {
-        **{name: dg.Field(dg.StringSource, is_required=False) for name in texts},
-        "cpus": dg.Field(dg.IntSource, is_required=False),
-        "options": dg.Field([str], is_required=False),
+        **optional_fields(dg.StringSource, *texts),
+        **optional_fields(dg.IntSource, "cpus"),
+        **optional_fields([str], "options"),
     }
-
-
-def rule_schema() -> dict[str, dg.Field]:
-    """Return the fields of a rule in `dagster.yaml`."""
-    return {"above_gb": dg.Field(float), **options_schema()}

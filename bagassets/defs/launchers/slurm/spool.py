@@ -99,15 +99,15 @@ class SpooledRun:
         return asdict(self) | {"spec": self.spec.as_json()}
 
 
+@dataclass(frozen=True)
 class JobFolder:
     """The folder of one job.
 
-    Args:
+    Attributes:
         path: the folder.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    path: Path
 
     @property
     def name(self) -> str:
@@ -231,15 +231,15 @@ class JobFolder:
         )
 
 
+@dataclass(frozen=True)
 class Spool:
     """All files of one launcher.
 
-    Args:
+    Attributes:
         root: the folder, on a file system that all nodes share.
     """
 
-    def __init__(self, root: Path) -> None:
-        self.root = root
+    root: Path
 
     def make(self) -> None:
         """Make the folders."""
@@ -257,11 +257,7 @@ class Spool:
 
     def withdraw(self, run_id: str) -> bool:
         """Take away a run that waits for a job; return False if none waits."""
-        try:
-            (self.root / "waiting" / f"{run_id}.json").unlink()
-        except FileNotFoundError:
-            return False
-        return True
+        return _removed(self.root / "waiting" / f"{run_id}.json")
 
     def is_waiting(self, run_id: str) -> bool:
         """Return whether the run waits for a job."""
@@ -297,11 +293,7 @@ class Spool:
 
     def drop(self, folder: JobFolder, run_id: str) -> bool:
         """Take away a run that its job has not begun; return False if it has."""
-        try:
-            (folder.path / "runs" / f"{run_id}.json").unlink()
-        except FileNotFoundError:
-            return False
-        return True
+        return _removed(folder.path / "runs" / f"{run_id}.json")
 
     def jobs(self) -> list[JobFolder]:
         """Return the jobs that are not settled, the oldest first."""
@@ -339,6 +331,15 @@ def _names(folder: Path) -> list[str]:
         return sorted(path.name.removesuffix(".json") for path in folder.iterdir() if path.name[0] != ".")
     except FileNotFoundError:
         return []
+
+
+def _removed(path: Path) -> bool:
+    """Remove a run; False if it is not there (any more)."""
+    try:
+        path.unlink()
+    except FileNotFoundError:
+        return False
+    return True
 
 
 def _moved(source: Path, target: Path) -> SpooledRun | None:
