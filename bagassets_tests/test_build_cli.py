@@ -206,6 +206,8 @@ def test_a_share_far_from_what_was_asked_for_is_said():
 def test_of_recordings_without_duration_no_shares_are_said():
     moments = {"asked": 0.5, "recordings": 1, "share": 0.0, "is_far": True}
     assert splits_text({"day": moments, "night": moments}) == "day 1, night 1"
+    assert splits_text({"train": moments}) == "train 1; in the devkit custom_train"
+    assert splits_text({"train": moments}, of_nuscenes=False) == "train 1"
 
 
 def test_counts_name_what_there_is():

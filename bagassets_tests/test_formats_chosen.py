@@ -88,13 +88,14 @@ class TestPosesAreAskedForByFormats:
 
     def test_vision_does_for_the_global_frame(self, tmp_path):
         assert refusal(MINIMAL + "vision: {}\n", tmp_path) == (
-            "recipe.yaml:4: rigs[arm].ego_pose: this field is required by vision (unless it has `trajectories: []`): source of "
+            "recipe.yaml:4: rigs[arm].ego_pose: this field is required by vision (unless it has `trajectories` without `global`, such as `trajectories: []`): source of "
             "ego poses; for a rig that stands still, `source: fixed`."
         )
         pairs = "trajectories: ['tool:base_link', 'CAM_WRIST : global']"
         assert "required by vision" in refusal(f"{MINIMAL}vision: {{{pairs}}}\n", tmp_path)
-        assert "required by nuscenes and vision (unless it has `trajectories: []`):" in refusal(
-            f"{MINIMAL}vision: {{}}\nnuscenes: {{}}\n", tmp_path
+        assert (
+            "required by nuscenes and vision (unless it has `trajectories` without `global`, such as `trajectories: []`):"
+            in refusal(f"{MINIMAL}vision: {{}}\nnuscenes: {{}}\n", tmp_path)
         )
         for pairs in ("[]", "['tool:base_link']"):
             recipe = parsed(f"{MINIMAL}vision: {{trajectories: {pairs}}}\n", tmp_path)

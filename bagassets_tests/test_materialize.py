@@ -54,6 +54,9 @@ def test_everything_of_a_recording_that_nobody_registered_yet(project):
     done = materialize(project, "*", "a.bag")
     assert done.returncode == 0, done.stderr[-2000:]
     assert latest(project, "nuscenes_tables", "a.bag") is not None
+    with open_instance(str(project)) as instance:
+        (inputs,) = instance.fetch_materializations(dg.AssetKey("dataset_inputs"), limit=9).records
+        assert inputs.run_id, "once, and by the run"
     version = project / "dataset" / "nuscenes" / "v1.0-test"
     assert [bag["key"] for bag in json.loads((version / "dataset.lock.json").read_text())["bags"]] == [
         "a.bag"

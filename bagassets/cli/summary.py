@@ -11,6 +11,7 @@ from bagassets.base.json_types import JsonMapping
 from bagassets.base.quantities import count_text, span_text
 from bagassets.cli.terminal import print_lines, quoted
 from bagassets.engine.build_report import BuildReport, Remark, SummaryRow, remark_lines
+from bagassets.formats.nuscenes.schema import NAME as NUSCENES
 from bagassets.formats.nuscenes.schema import devkit_split_name
 
 if TYPE_CHECKING:
@@ -152,7 +153,10 @@ def _print_dataset(report: BuildReport, console: "Console") -> None:
     if report.splits and report.outcomes and not has_recordings:
         print_lines(console, "         It is empty: no recording can be part of it, for the reasons above.")
     if has_recordings:
-        print_lines(console, f"splits:  {splits_text(report.splits)}")
+        print_lines(
+            console,
+            f"splits:  {splits_text(report.splits, of_nuscenes=f'{NUSCENES}_dataset' in report.datasets)}",
+        )
 
 
 def _print_own(report: BuildReport, console: "Console") -> None:
@@ -175,15 +179,15 @@ def _print_own(report: BuildReport, console: "Console") -> None:
         print_lines(console, f"{name}: not made ({why})")
 
 
-def splits_text(splits: Mapping[str, JsonMapping]) -> str:
-    """Return the share of each split, the share asked for if that is far off, and its name in the devkit."""
+def splits_text(splits: Mapping[str, JsonMapping], *, of_nuscenes: bool = True) -> str:
+    """Return the share of each split, the share asked for if that is far off, and its name in the devkit of nuScenes."""
     parts = []
     has_time = any(share["share"] for share in splits.values())  # not if each recording is but a moment
     for name, share in splits.items():
         asked = f", {share['asked']:.0%} asked for" if share["is_far"] else ""
         time = f" ({share['share']:.0%} of the time{asked})" if has_time else ""
         parts.append(f"{name} {share['recordings']}{time}")
-    renamed = [devkit_split_name(name) for name in splits if devkit_split_name(name) != name]
+    renamed = [devkit_split_name(name) for name in splits if of_nuscenes and devkit_split_name(name) != name]
     return ", ".join(parts) + (f"; in the devkit {', '.join(renamed)}" if renamed else "")
 
 

@@ -89,15 +89,23 @@ def dataset_states(
     return found
 
 
-def record_inputs(instance: dg.DagsterInstance, workspace: Workspace, inputs: DatasetInputs) -> bool:
+def record_inputs(
+    instance: dg.DagsterInstance, workspace: Workspace, inputs: DatasetInputs, *, in_run: bool = False
+) -> bool:
     """Record `dataset_inputs` without a run (about 10 ms) if it changed, or records that it points to did; return whether.
 
     Its tags name its inputs, as those of a run would: without them Dagster would mark it as stale.
+
+    Args:
+        instance: where it is recorded.
+        workspace: the recipe.
+        inputs: what it is made from.
+        in_run: a run asks, which may have recorded it itself: then what it points to does not count.
     """
     read = dict.fromkeys(_read_of_recordings(workspace.recipe), inputs.digest)
     made = Made(DATASET_INPUTS, inputs.digest, INPUTS_CODE_VERSION, {}, read)
     recorder = Recorder(instance, workspace, DATASET)
-    is_new = not recorder.is_recorded(made)
+    is_new = not recorder.is_recorded(replace(made, inputs={}) if in_run else made)
     if is_new:
         recorder.record(replace(made, metadata=inputs_metadata(inputs)))
     return is_new
@@ -139,7 +147,7 @@ def dataset_assets(recipe: Recipe, names: Naming) -> list[dg.AssetsDefinition]:
                     made = Made(asset, digest, version, metadata, {})
                 else:
                     # Also if it is made alone. What a step reads Dagster looks up before the step begins.
-                    if record_inputs(instance, workspace, planned.inputs):
+                    if record_inputs(instance, workspace, planned.inputs, in_run=True):
                         step = context.op_execution_context.get_step_execution_context()
                         step.fetch_external_input_asset_version_info()
                     made = make_dataset(instance, workspace, planned, asset, context.run.run_id)

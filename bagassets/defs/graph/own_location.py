@@ -28,7 +28,7 @@ from bagassets.defs.runs.execution import CodeLocation
 
 _OURS = CodeLocation().module
 _WORKSPACE = "workspace.yaml"
-_PACKAGE = str(Path(__file__).resolve().parent.parent)
+_PACKAGE = str(Path(__file__).resolve().parents[2])
 # Names of imported modules that are ours, Python's, or those of an installed package.
 _INSTALLED: set[str] = set()
 

@@ -14,6 +14,7 @@ from bagassets.formats.format import Entry, Format, Link, LooseFiles, Samples
 from bagassets.formats.json_files import column_texts, row_blocks
 from bagassets.formats.nuscenes.dataset_checks import CHECKS, check
 from bagassets.formats.nuscenes.join import join
+from bagassets.formats.nuscenes.schema import NAME
 from bagassets.formats.nuscenes.selection import select
 from bagassets.formats.nuscenes.settings import NuScenes
 from bagassets.formats.nuscenes.tables import FILES, NUSCENES_TABLES
@@ -86,7 +87,7 @@ def _samples(tables: Artifact) -> Samples:
 
 
 NUSCENES = Format(
-    name="nuscenes",
+    name=NAME,
     version=3,
     description="""The nuScenes dataset of all recordings, which the nuscenes-devkit loads.
 

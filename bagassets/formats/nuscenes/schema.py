@@ -79,6 +79,7 @@ _ALL = (
     ),
 )
 
+NAME = "nuscenes"
 TABLES: Mapping[str, Table] = MappingProxyType({table.name: table for table in _ALL})
 SHARED_TABLES = tuple(table.name for table in _ALL if table.shared)
 RECORDING_TABLES = tuple(table.name for table in _ALL if not table.shared)

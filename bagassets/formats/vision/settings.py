@@ -27,7 +27,7 @@ FramePair = Annotated[str, AfterValidator(_pair)]
 class Vision(DatasetSettings):
     """The vision dataset: image sequences in plain folders, each with its trajectory."""
 
-    without_poses: ClassVar[str] = "`trajectories: []`"
+    without_poses: ClassVar[str] = "`trajectories` without `global`, such as `trajectories: []`"
 
     output: Path = Field(Path("dataset/vision"), description="Folder of the dataset.")
     cameras: tuple[ChannelName, ...] | None = Field(
