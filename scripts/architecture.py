@@ -2,7 +2,7 @@
 
     python scripts/architecture.py          # a picture for light pages and one for dark pages
 
-The assets, their order and what they read are those of the code; `bagassets_tests/test_architecture.py` compares the pictures.
+The assets, their order and what they read are those of the code; `bagassets_tests/project/test_architecture.py` compares the pictures.
 """
 
 from dataclasses import dataclass

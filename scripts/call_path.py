@@ -259,7 +259,7 @@ class Floors:
     """
 
     def __init__(self, like: str | None) -> None:
-        from bagassets_tests.test_layers import LEVEL, ROOMS  # not in each process that is traced
+        from bagassets_tests.project.test_layers import LEVEL, ROOMS  # not in each process that is traced
 
         self.level, self.rooms = LEVEL, ROOMS
         self.now: dict[str, str] = {}

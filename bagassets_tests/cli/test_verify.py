@@ -1,0 +1,481 @@
+"""`bagassets verify`: damage of any kind is found, named and healed; actions give the same bytes again."""
+
+import json
+import os
+import random
+import shutil
+
+import pytest
+from click.testing import CliRunner
+
+from bagassets.assets import calibration
+from bagassets.cli.main import root
+from bagassets.cli.rebuild_process import other_environment
+from bagassets.engine.rebuild import known_actions, rebuild
+from bagassets.forkserver.client import Client
+from bagassets.formats.assembly import assemble
+from bagassets.formats.catalogue import recording_assets
+from bagassets.formats.dataset_integrity import find_damage
+from bagassets.formats.format import Part
+from bagassets.formats.nuscenes.format import NUSCENES
+from bagassets.formats.vision.format import VISION
+from bagassets.recipe import load_recipe
+from bagassets.recordings.discover import find_one
+from bagassets.recordings.open import open_recording
+from bagassets.store.action import Step
+from bagassets.store.integrity import artifact_damage, check_store
+from bagassets.store.store import Store
+from bagassets_tests.formats.test_dataset import content
+from bagassets_tests.nuscenes_checks import check_dataset
+from bagassets_tests.services import make_project as make_command_project
+from bagassets_tests.small_drive import write_drive
+from bagassets_tests.whole.test_end_to_end import build_all, make_project
+
+pytestmark = pytest.mark.once
+
+VERSION = "v1.0-test"
+NAMES = {"ros1": "a.bag", "mcap": "c.mcap"}
+
+
+def make_dataset(recipe):
+    store = Store(recipe.store_path)
+    made = build_all(recipe)
+    parts = [Part(key, key, assets["nuscenes_tables"].artifact.digest) for key, assets in made.items()]
+    assemble(NUSCENES, parts, recipe.nuscenes, store, recipe.nuscenes.output)
+    return made
+
+
+@pytest.fixture(scope="module")
+def template(tmp_path_factory):
+    recipe = make_project(tmp_path_factory.mktemp("project"), **NAMES)
+    make_dataset(recipe)
+    return recipe
+
+
+@pytest.fixture
+def project(template, tmp_path):
+    """A copy of a built project, so that each test can spoil its own."""
+    shutil.copytree(template.bags.root, tmp_path / "bags", copy_function=shutil.copy2)
+    recipe = make_project(tmp_path)
+    shutil.copytree(template.state, recipe.state)
+    make_dataset(recipe)
+    return recipe
+
+
+def store_of(recipe):
+    return Store(recipe.store_path)
+
+
+def artifact_of(recipe, step, channel=""):
+    known = next(
+        k
+        for k in known_actions(recording_assets(recipe), store_of(recipe))
+        if (k.step, k.channel) == (step, channel)
+    )
+    return store_of(recipe).artifact(known.artifact)
+
+
+def overwrite(path, data):
+    path.chmod(0o644)
+    path.write_bytes(data)
+
+
+def run(recipe, *args, status=0):
+    command = ["verify", "--recipe", str(recipe.state.parent / "recipe.yaml"), *map(str, args)]
+    result = CliRunner().invoke(root, command, standalone_mode=False)
+    assert result.exception is None, result.exception
+    assert (result.return_value or 0) == status, result.output
+    return result
+
+
+def load_recipe_with(recipe, text):
+    file = recipe.state.parent / "recipe.yaml"
+    file.write_text(file.read_text() + text)
+    return load_recipe(file)
+
+
+class TestStore:
+    def test_a_store_as_it_was_written_is_whole(self, project):
+        counted = []
+        assert list(check_store(store_of(project), counted.append)) == []
+        assert sum(counted) == len(list((project.store_path / "artifacts").glob("*/*")))
+        assert list(find_damage(project, store_of(project))) == []
+
+    def test_an_empty_store_is_whole(self, tmp_path):
+        assert list(check_store(Store(tmp_path / "none"))) == []
+
+    def test_files_of_artifacts_cannot_be_overwritten_by_accident(self, project):
+        image = next(artifact_of(project, "frames", "CAM_FRONT").files.glob("*.jpg"))
+        assert image.stat().st_mode & 0o222 == 0
+        linked = next((project.nuscenes.output / "samples" / "CAM_FRONT").iterdir())
+        assert linked.stat().st_mode & 0o222 == 0
+
+    @pytest.mark.parametrize(
+        ("spoil", "reason"),
+        [
+            (lambda path: path.unlink(), "is missing"),
+            (lambda path: overwrite(path, path.read_bytes()[:-1]), "bytes instead of"),
+            (lambda path: overwrite(path, path.read_bytes()[:-1] + b"?"), "was changed"),
+            (lambda path: path.with_name("more").write_bytes(b""), "more does not belong to it"),
+            (
+                lambda path: (path.parents[1] / "manifest.json").write_bytes(b"{}"),
+                "manifest.json was changed",
+            ),
+            (lambda path: (path.parents[1] / "manifest.json").unlink(), "manifest.json cannot be read"),
+        ],
+    )
+    def test_each_kind_of_damage_is_reported(self, project, spoil, reason):
+        artifact = artifact_of(project, "calibration")
+        spoil(artifact.path("calibration.json"))
+        assert reason in artifact_damage(artifact)[0]
+        (damage,) = check_store(store_of(project))
+        assert (damage.kind, damage.digest) == ("artifact", artifact.digest)
+        assert damage.step == "calibration" or "manifest" in reason
+        assert reason in str(damage)
+
+    def test_an_artifact_that_is_gone_is_reported_by_the_action_that_made_it(self, project):
+        artifact = artifact_of(project, "calibration")
+        shutil.rmtree(artifact.folder)
+        damages = list(check_store(store_of(project)))
+        assert {(d.kind, d.step) for d in damages} == {("action", "calibration")}
+        assert artifact.digest[:16] in str(damages[0])
+
+    @pytest.mark.parametrize("content", [b"", b"{", b"{}", b'{"action": {"step": "x"}, "artifact": "0"}'])
+    def test_a_torn_record_is_reported_and_forgotten(self, project, content):
+        store = store_of(project)
+        path = next((project.store_path / "actions").glob("*/*.json"))
+        overwrite(path, content)
+        (damage,) = check_store(store)
+        assert (damage.kind, damage.digest) == ("action", path.stem)
+        store.forget(damage.digest)
+        assert list(check_store(store)) == []
+
+    def test_what_is_just_being_written_is_no_damage(self, project):
+        store = store_of(project)
+        pending = store.begin(Step("slow", 1).action({}, {}))
+        pending.out.write("half", b"half")
+        actions = next((project.store_path / "actions").iterdir())
+        (actions / ".abc.json.123").write_bytes(b"{")
+        assert list(check_store(store)) == []
+        pending.discard()
+
+
+class TestHealing:
+    @pytest.mark.parametrize("seed", range(4))
+    def test_whatever_is_damaged_the_next_build_makes_it_again(self, project, seed):
+        store = store_of(project)
+        before = {
+            path: path.read_bytes()
+            for path in sorted(project.store_path.rglob("files/**/*"))
+            if path.is_file()
+        }
+        tables = {path: path.read_bytes() for path in (project.nuscenes.output / VERSION).iterdir()}
+        dice = random.Random(seed)
+        for path in dice.sample(sorted(before), 12):
+            if not path.exists():
+                continue
+            kind = dice.choice(["remove", "change", "folder", "manifest"])
+            if kind == "remove":
+                path.unlink()
+            elif kind == "change":
+                overwrite(path, b"?" * path.stat().st_size)
+            else:
+                folder = next(p for p in path.parents if p.name == "files").parent
+                shutil.rmtree(folder) if kind == "folder" else (folder / "manifest.json").unlink(
+                    missing_ok=True
+                )
+        assert run(project, status=3).stdout.count("damaged") >= 1
+        make_dataset(project)
+        assert list(check_store(store)) == []
+        # Files of artifacts that were gone altogether could not be checked the first time.
+        if list(find_damage(project, store)):
+            run(project, status=3)
+        make_dataset(project)
+        assert {path: path.read_bytes() for path in before} == before
+        assert {path: path.read_bytes() for path in tables} == tables
+        assert check_dataset(project.nuscenes.output, VERSION) == []
+        assert run(project).stdout == "Store and datasets are intact.\n"
+
+    def test_a_dataset_outlives_its_store(self, project):
+        files = {path: path.read_bytes() for path in project.nuscenes.output.rglob("*.jpg")}
+        shutil.rmtree(project.store_path / "artifacts")
+        assert "is gone" in run(project, status=3).stdout
+        assert {path: path.read_bytes() for path in files} == files
+
+    def test_it_names_recording_step_and_file(self, project):
+        artifact = artifact_of(project, "frames", "CAM_FRONT")
+        image = next(artifact.files.glob("*.jpg"))
+        image.unlink()
+        found = json.loads(run(project, "--json", status=3).stdout)
+        (damaged,) = found["damaged"]
+        assert damaged["step"] == "frames"
+        assert damaged["what"] in {"frames CAM_FRONT of a.bag", "frames CAM_FRONT of c.mcap"}
+        assert damaged["reasons"] == [f"{image.name} is missing"]
+        assert found["taken_out"] is True
+        assert not artifact.folder.exists()
+
+    def test_report_only_changes_nothing(self, project):
+        artifact = artifact_of(project, "calibration")
+        overwrite(artifact.path("calibration.json"), b"?")
+        for _ in range(2):
+            assert "Nothing was changed" in run(project, "--report-only", status=3).stderr
+        assert artifact.path("calibration.json").read_bytes() == b"?"
+
+    def test_a_damaged_artifact_is_not_in_the_way_of_a_new_one(self, project):
+        store = store_of(project)
+        artifact = artifact_of(project, "calibration")
+        digest, text = artifact.digest, artifact.path("calibration.json").read_bytes()
+        artifact.path("calibration.json").unlink()
+        for path in (project.store_path / "actions").glob("*/*.json"):
+            if json.loads(path.read_bytes()).get("artifact") == digest:
+                path.unlink()
+        build_all(project)
+        assert store.artifact(digest).path("calibration.json").read_bytes() == text
+
+
+class TestDatasets:
+    def spoil_first(self, project, channel="CAM_FRONT"):
+        return next((project.nuscenes.output / "samples" / channel).iterdir())
+
+    def test_a_file_that_is_gone(self, project):
+        path = self.spoil_first(project)
+        path.unlink()
+        assert f"dataset  {path}: is missing" in run(project, status=3).stdout
+        assert not path.exists()
+        make_dataset(project)
+        assert run(project).stderr.endswith("artifacts checked\n")
+
+    def test_a_copy_that_was_changed(self, project):
+        path = self.spoil_first(project)
+        content = path.read_bytes()
+        path.unlink()
+        path.write_bytes(b"?" * len(content))
+        (project.nuscenes.output / VERSION / "dataset.lock.json").touch()  # nobody saw it
+        assert f"{path}: was changed" in run(project, status=3).stdout
+        make_dataset(project)
+        assert path.read_bytes() == content
+
+    def test_a_link_that_was_written_through_damages_both_and_both_heal(self, project):
+        path = self.spoil_first(project)
+        content = path.read_bytes()
+        overwrite(path, b"?" * len(content))
+        found = json.loads(run(project, "--json", status=3).stdout)
+        # Both recordings have these very images: one artifact, linked under two names.
+        assert {entry["path"][-25:] for entry in found["datasets"]} == {str(path)[-25:]}
+        assert str(path) in [entry["path"] for entry in found["datasets"]]
+        assert [entry["step"] for entry in found["damaged"]] == ["frames"]
+        make_dataset(project)
+        assert path.read_bytes() == content
+        run(project)
+
+    def test_files_of_other_versions_are_looked_at_too(self, project):
+        store, other = store_of(project), project.nuscenes.model_copy(update={"version": "v1.0-other"})
+        made = build_all(project)["a.bag"]["nuscenes_tables"].artifact.digest
+        assemble(NUSCENES, [Part("a.bag", "c", made)], other, store, other.output)
+        (other.output / "v1.0-other" / "log.json").write_bytes(b"[]")
+        assert f"{other.output}/v1.0-other/log.json: was changed" in run(project, status=3).stdout
+
+    def test_a_vision_dataset(self, project):
+        recipe = load_recipe_with(project, "vision: {output: dataset/vision}\n")
+        made = build_all(recipe)
+        parts = [Part(k, k, assets["vision_sequences"].artifact.digest) for k, assets in made.items()]
+        store, output = store_of(recipe), recipe.vision.output
+        assemble(VISION, parts, recipe.vision, store, recipe.vision.output, splits=recipe.splits)
+        assert list(find_damage(recipe, store)) == []
+        before = content(output)
+        image = next(output.rglob("*.jpg"))
+        image.unlink()
+        (output / "annotations" / "train.manifest.json").write_bytes(b"{}")
+        run(recipe, status=3)
+        assemble(VISION, parts, recipe.vision, store, recipe.vision.output, splits=recipe.splits)
+        assert content(output) == before
+        run(recipe)
+
+    def test_a_table_that_was_changed(self, project):
+        path = project.nuscenes.output / VERSION / "sample.json"
+        content = path.read_bytes()
+        path.write_bytes(content.replace(b"0", b"1", 1))
+        assert f"{path}: was changed" in run(project, status=3).stdout
+        make_dataset(project)
+        assert path.read_bytes() == content
+
+
+class TestRebuild:
+    def test_known_actions_are_those_of_the_recordings(self, project):
+        known = list(known_actions(recording_assets(project), store_of(project)))
+        assert {k.key for k in known} == {"a.bag", "c.mcap"}
+        steps = {str(k) for k in known if k.key == "a.bag"}
+        assert steps >= {"inventory of a.bag", "frames CAM_FRONT of a.bag", "sweeps LIDAR_TOP of a.bag"}
+
+    def test_every_action_gives_the_same_bytes_in_another_environment(self, project):
+        result = run(project, "--rebuild", 1000, "--json")
+        made = json.loads(result.stdout)
+        assert len(made["actions"]) == len(
+            {k.action for k in known_actions(recording_assets(project), store_of(project))}
+        )
+        assert {entry["result"] for entry in made["actions"]} == {"same"}
+        assert made["environment"]["PYTHONHASHSEED"]
+
+    def test_what_a_library_prints_is_not_taken_for_the_answer(self, project, monkeypatch):
+        monkeypatch.setenv("OPENCV_LOG_LEVEL", "DEBUG")
+        made = json.loads(run(project, "--rebuild", 1000, "--json").stdout)
+        assert {entry["result"] for entry in made["actions"]} == {"same"}
+
+    def test_the_environment_is_another(self, monkeypatch):
+        monkeypatch.setattr("platform.machine", lambda: "x86_64")
+        assert other_environment()["OPENBLAS_CORETYPE"] == "Nehalem"
+
+    def test_a_seed_chooses_the_same_again(self, project):
+        one, two = (run(project, "--rebuild", 3, "--seed", 5).stdout for _ in range(2))
+        assert one == two
+        assert one.count("same ") == 3
+
+    def test_a_step_that_is_not_deterministic_is_caught(self, project, monkeypatch, tmp_path):
+        real = calibration.make_calibration
+
+        def odd(use, recording, out):
+            out.write("odd.txt", b"other")
+            return real(use, recording, out)
+
+        monkeypatch.setattr(calibration, "make_calibration", odd)
+        known = [k for k in known_actions(recording_assets(project), store_of(project)) if k.key == "a.bag"]
+        digests = {k.action: k for k in known}
+        scratch = tmp_path / "scratch"
+        made = rebuild(
+            recording_assets(project), store_of(project), "a.bag", set(digests), scratch, threads=2
+        )
+        results = {digests[m.action].step: m for m in made}
+        assert results["calibration"].differing == ("odd.txt",)
+        assert results["inventory"].artifact == next(k.artifact for k in known if k.step == "inventory")
+        assert list(check_store(store_of(project))) == []
+
+    def test_nothing_on_record_is_reported(self, tmp_path):
+        recipe = make_project(tmp_path, ros1="a.bag")
+        command = ["verify", "--rebuild", "3", "--recipe", str(tmp_path / "recipe.yaml")]
+        result = CliRunner().invoke(root, command)
+        assert "run `bagassets build` first" in str(result.exception)
+        assert not recipe.store_path.exists()
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("recordings")
+    write_drive(folder / "bags" / "a.bag", "ros1", duration_s=2.0)
+    write_drive(folder / "bags" / "b.mcap", "mcap", duration_s=2.0)
+    write_drive(folder / "bags" / "c", "ros2", duration_s=2.0)
+    project = make_command_project(folder, settle_s=0)
+    recipe = project / "recipe.yaml"
+    assert CliRunner().invoke(root, ["build", "--recipe", str(recipe)]).exit_code == 0
+    yield recipe
+    for client in Client.all_of(project / ".bagassets"):
+        client.shutdown(grace_s=0.0)
+
+
+@pytest.fixture
+def kept(recorded):
+    """The recipe; recordings are put back as they were, times included."""
+    bags = recorded.parent.parent / "bags"
+    files = [path for path in bags.rglob("*") if path.is_file()]
+    before = {path: (path.read_bytes(), path.stat().st_mtime_ns) for path in files}
+    yield recorded
+    for path, (data, mtime_ns) in before.items():
+        write_over(path, data, mtime_ns)
+
+
+class TestRecordings:
+    """`verify --recordings`: bytes that changed under a digest on record."""
+
+    def test_sound_recordings_are_reported_as_sound(self, kept):
+        done = CliRunner().invoke(
+            root, ["verify", "--recordings", "--recipe", str(kept)], standalone_mode=False
+        )
+        assert (done.return_value, done.stdout) == (0, "")
+        assert "3 recordings, " in done.stderr
+        assert "none changed" in done.stderr
+
+    @pytest.mark.parametrize("touched", [False, True])
+    @pytest.mark.parametrize(
+        ("name", "topic"),
+        [
+            ("a.bag", "/cam/image_raw"),
+            ("a.bag", "/odom"),
+            ("c/c.db3", "/points"),
+            ("c/c.db3", "/cam/camera_info"),
+        ],
+    )
+    def test_a_flipped_byte_is_named_with_file_and_topic(self, kept, name, topic, touched):
+        bags = kept.parent.parent / "bags"
+        path = bags / name
+        damaged, mtime_ns = flipped(path, bags / name.partition("/")[0], topic), path.stat().st_mtime_ns
+        write_over(path, damaged, mtime_ns + (5_000_000_000 if touched else 0))
+        done = CliRunner().invoke(
+            root, ["verify", "--recordings", "--json", "--recipe", str(kept)], standalone_mode=False
+        )
+        assert done.return_value == 3
+        wrong = [
+            entry for entry in json.loads(done.stdout)["recordings"] if entry["files"] or entry["problem"]
+        ]
+        assert [[file["path"] for file in entry["files"]] for entry in wrong] == [[str(path)]]
+        assert wrong[0]["files"][0]["touched"] == touched
+        assert [entry["topic"] for entry in wrong[0]["topics"]] == [topic]
+        assert wrong[0]["problem"] is None
+        reported = CliRunner().invoke(
+            root, ["verify", "--recordings", "--recipe", str(kept)], standalone_mode=False
+        )
+        assert f"changed  {path}: the digest on record is " in reported.stdout
+        assert f"topic {topic}: some of its " in reported.stdout
+        # Nothing was accepted by looking.
+        again = CliRunner().invoke(
+            root, ["verify", "--recordings", "--recipe", str(kept)], standalone_mode=False
+        )
+        assert again.stdout == reported.stdout
+
+    def test_damage_that_a_checksum_finds_is_named_by_file(self, kept):
+        path = kept.parent.parent / "bags" / "b.mcap"
+        data = bytearray(path.read_bytes())
+        data[len(data) // 3] ^= 0x40
+        write_over(path, data, path.stat().st_mtime_ns)
+        done = CliRunner().invoke(
+            root, ["verify", "--recordings", "--recipe", str(kept)], standalone_mode=False
+        )
+        assert done.return_value == 3
+        assert f"changed  {path}" in done.stdout
+        assert f"its topics cannot be compared: {path}: it cannot be read" in done.stdout
+
+    def test_what_is_no_message_changes_no_topic(self, kept):
+        path = kept.parent.parent / "bags" / "c" / "metadata.yaml"
+        write_over(path, path.read_bytes().replace(b"rosbags", b"rosbagx"), path.stat().st_mtime_ns)
+        done = CliRunner().invoke(
+            root, ["verify", "--recordings", "--recipe", str(kept)], standalone_mode=False
+        )
+        assert done.return_value == 3, done.stdout
+        assert f"changed  {path}" in done.stdout
+        assert "no topic: only an index, a header" in done.stdout
+
+    def test_a_recording_without_record_is_reported_and_no_fault(self, kept):
+        path = kept.parent.parent / "bags" / "new.bag"
+        write_drive(path, "ros1", duration_s=1.0)
+        done = CliRunner().invoke(
+            root, ["verify", "--recordings", "--recipe", str(kept)], standalone_mode=False
+        )
+        path.unlink()
+        assert done.return_value == 0
+        assert f"unknown  {path}: it has no digest on record" in done.stdout
+
+
+def write_over(path, data, mtime_ns):
+    """Change bytes in place, and put the time back, as a failing disk does."""
+    with path.open("r+b") as file:
+        file.write(data)
+        file.truncate()
+    os.utime(path, ns=(mtime_ns, mtime_ns))
+
+
+def flipped(path, recording, topic):
+    """Return the bytes of a file with one in the middle of the payload of a message of a topic changed."""
+    with open_recording(find_one(recording)) as opened:
+        payloads = [bytes(message.data) for message in opened.messages([topic])]
+    data = bytearray(path.read_bytes())
+    at = next(found for payload in payloads if (found := data.find(payload)) >= 0) + len(payloads[0]) // 2
+    data[at] ^= 0x01
+    return bytes(data)

@@ -1,0 +1,125 @@
+"""`make test-all`: which Pythons it finds, what it says of each part, and that the lowest versions are the lowest."""
+
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+from scripts import test_all
+
+ROOT = Path(__file__).parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+SHIM = "#!/bin/sh\necho 'pyenv: command not found' >&2\nexit 127\n"
+
+
+def program(path, version):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(f"#!/bin/sh\necho {version[0]} {version[1]}\n" if version else SHIM)
+    path.chmod(0o755)
+    return str(path)
+
+
+def locked(name):
+    lines = (ROOT / name).read_text("utf-8").splitlines()
+    pins = (Requirement(line) for line in lines if line and not line.startswith("#"))
+    return {canonicalize_name(pin.name): str(pin.specifier).removeprefix("==") for pin in pins}
+
+
+@pytest.mark.parametrize("text", [*PROJECT["dependencies"], *PROJECT["optional-dependencies"]["postgres"]])
+def test_lowest_versions_are_those_that_the_package_allows(text):
+    requirement = Requirement(text)
+    [lowest] = [one.version for one in requirement.specifier if one.operator == ">="]
+    pinned = locked("requirements-lowest.lock")[canonicalize_name(requirement.name)]
+    assert pinned in requirement.specifier
+    # Of some releases only a later patch has wheels, or was published at all.
+    assert pinned.split(".")[: lowest.count(".") + 1] == lowest.split("."), (
+        "make requirements-lowest.lock again"
+    )
+
+
+def test_the_lock_holds_versions_that_the_package_allows():
+    pins = locked("requirements.lock")
+    for text in PROJECT["dependencies"]:
+        requirement = Requirement(text)
+        assert pins[canonicalize_name(requirement.name)] in requirement.specifier
+
+
+def test_pythons_are_found_on_the_path_and_among_those_of_pyenv(tmp_path, monkeypatch):
+    for name, version in {
+        "python3.14": None,
+        "python3.13": None,
+        "python3.12": (3, 12),
+        "python3": (3, 9),
+    }.items():
+        program(tmp_path / "bin" / name, version)
+    own = program(tmp_path / "own", (3, 11))
+    pyenv = program(tmp_path / "pyenv" / "versions" / "3.13.0" / "bin" / "python", (3, 13))
+    program(tmp_path / "pyenv" / "versions" / "3.12.1" / "bin" / "python", (3, 12))
+    program(tmp_path / "pyenv" / "versions" / "3.14.1" / "bin" / "python", None)
+    monkeypatch.setenv("PATH", str(tmp_path / "bin"))
+    monkeypatch.setenv("PYENV_ROOT", str(tmp_path / "pyenv"))
+    monkeypatch.setattr(sys, "executable", own)
+    assert test_all.find_pythons() == {(3, 11): own, (3, 12): "python3.12", (3, 13): pyenv}
+
+
+@pytest.fixture
+def parts(monkeypatch):
+    def fail():
+        test_all._run(sys.executable, "-c", "raise SystemExit(3)")
+
+    def pass_():
+        test_all._run(sys.executable, "-c", "print('1 passed')")
+
+    def lack():
+        raise test_all.LeftOutError("there is no Python 3.99")
+
+    parts = {
+        "good": test_all.Part("what works", pass_),
+        "bad": test_all.Part("what does not", fail),
+        "lacking": test_all.Part("what cannot be tried", lack),
+    }
+    monkeypatch.setattr(test_all, "PARTS", parts)
+
+
+def test_each_part_says_what_it_does_and_how_long_it_took(parts, capfd):
+    assert test_all.main(["good", "lacking"]) == 0
+    said = capfd.readouterr().out
+    assert "== good: what works\n" in said
+    assert "\n1 passed\n" in said
+    assert "== good: passed (" in said
+    lines = [line.split(maxsplit=3) for line in said.rstrip().splitlines()[-3:]]
+    assert [(line[0], line[2]) for line in lines] == [("good", "s"), ("lacking", "s"), ("all", "s")]
+    assert "left out: there is no Python 3.99" in said
+
+
+def test_a_part_that_fails_does_not_keep_others_from_running(parts, capfd):
+    assert test_all.main(["bad", "good"]) == 1
+    said = capfd.readouterr().out
+    assert "== bad: FAILED: " in said
+    assert "exit status 3" in said
+    assert "== good: passed" in said
+
+
+def test_what_a_part_leaves_running_ends_with_it(monkeypatch, tmp_path):
+    monkeypatch.setattr(test_all, "_AT_MOST_S", 2.0)
+    code = "import os, sys, time; open(sys.argv[1], 'w').write(str(os.getpid())); time.sleep(600)"
+    with pytest.raises(test_all.FailedError, match="took more than 2 s"):
+        test_all._run(sys.executable, "-c", code, str(tmp_path / "pid"))
+    assert not Path("/proc", (tmp_path / "pid").read_text()).exists()
+
+
+def test_an_unknown_part_is_refused(capsys):
+    with pytest.raises(SystemExit):
+        test_all.main(["longest"])
+    assert "no part 'longest'; the parts are long, lowest, newest" in capsys.readouterr().err
+
+
+def test_without_the_python_that_it_needs_a_part_is_left_out(monkeypatch, capfd):
+    monkeypatch.setattr(test_all, "find_pythons", dict)
+    assert test_all.main(["lowest", "newest"]) == 0
+    said = capfd.readouterr().out
+    assert "lowest: left out: there is no Python 3.11" in said
+    assert "newest: left out: there is no Python" in said
