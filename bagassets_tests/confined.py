@@ -26,14 +26,14 @@ def confined(inventory: str, recording: Path, others: Iterable[Path]) -> Iterato
         recording: the recording; there for the passes over it only.
         others: files and folders that no step may read.
     """
-    run_pass = execute.run_pass
+    make_action, run_pass = run_action, execute.run_pass
 
     def run_confined(store, action, make, subject=None):
         def make_confined(out):
             with nothing_but(store, {*action.inputs.values(), inventory}, [recording, *others]):
                 return make(out)
 
-        return run_action(store, action, make_confined, subject)
+        return make_action(store, action, make_confined, subject)
 
     def pass_confined(graph, opened, nodes, *rest):
         declared = {digest for node in nodes for digest in node.action.inputs.values()}
@@ -42,7 +42,7 @@ def confined(inventory: str, recording: Path, others: Iterable[Path]) -> Iterato
 
     with pytest.MonkeyPatch.context() as patch:
         for module in [*sys.modules.values()]:
-            if getattr(module, "run_action", None) is run_action:
+            if getattr(module, "run_action", None) is make_action:
                 patch.setattr(module, "run_action", run_confined)
         patch.setattr(execute, "run_pass", pass_confined)
         yield
