@@ -72,11 +72,16 @@ class _Moved:
     ) -> ModuleSpec | None:
         return ModuleSpec(name, cast("Loader", self)) if _name_now(name) != name else None
 
-    def create_module(self, _spec: ModuleSpec) -> None:
-        """Leave it to Python."""
+    def create_module(self, spec: ModuleSpec) -> ModuleType:
+        """Return the module itself: with another one in its place, a thread could not find what is in a package."""
+        module = import_module(_name_now(spec.name))
+        spec.loader_state = module.__spec__
+        return module
 
     def exec_module(self, module: ModuleType) -> None:
-        sys.modules[module.__name__] = import_module(_name_now(module.__name__))
+        """Give the module back what Python has replaced by the spec of the former name."""
+        if module.__spec__ is not None and module.__spec__.loader_state is not None:
+            module.__spec__ = module.__spec__.loader_state
 
 
 def _name_now(name: str) -> str:

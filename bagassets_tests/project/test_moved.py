@@ -78,3 +78,26 @@ def test_other_names_are_not_found():
         ModuleNotFoundError, match=r"bagassets\.quality\.nothing|bagassets\.assets\.quality\.nothing"
     ):
         import_module("bagassets.quality.nothing")
+
+
+def test_threads_that_import_by_a_former_name_at_once_find_it():
+    """Also one that comes while another is about to load the package: that takes long here."""
+    code = (
+        "import sys, threading, time, bagassets; from importlib.util import find_spec; failed = []\n"
+        "class Slow:\n"
+        "    def find_spec(self, name, *_):\n"
+        "        if name == 'bagassets.assets.quality': time.sleep(0.5)\n"
+        "sys.meta_path.insert(0, Slow())\n"
+        "def load(after_s):\n"
+        "    time.sleep(after_s)\n"
+        "    try:\n"
+        "        find_spec('bagassets.quality.finding')\n"
+        "    except ImportError as err:\n"
+        "        failed.append(err)\n"
+        "threads = [threading.Thread(target=load, args=[after_s]) for after_s in (0.0, 0.2)]\n"
+        "[one.start() for one in threads]; [one.join() for one in threads]\n"
+        "import bagassets.assets.quality as now\n"
+        "print(failed, now.__spec__.name, sys.modules['bagassets.quality'] is now)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert done.stdout == "[] bagassets.assets.quality True\n"
