@@ -37,7 +37,7 @@ from bagassets.store.artifact import Artifact
 
 # What Dagster itself records of an input that was never materialized.
 _NO_VERSION, _NO_RECORD = "INITIAL", "NULL"
-_SUCCEEDED = "SUCCEEDED"  # as Dagster's `AssetCheckExecutionRecordStatus` has it
+_SUCCEEDED, _PLANNED = "SUCCEEDED", "PLANNED"  # as Dagster's `AssetCheckExecutionRecordStatus` has it
 _PARTS = ("dagster_event", "event_specific_data")  # of an event, one in the other
 
 
@@ -162,9 +162,23 @@ class Recorder:
                 asset = self._names.asset_of(evaluation.asset_key)
                 message = f"Check {evaluation.check_name} of {asset}{self._of} {outcome}."
                 self.instance.handle_new_event(self._entry(kind, evaluation, message))
+            if isinstance(self._context, RunStep) and self._is_planned:
+                self._forget_planned_checks()
         finally:  # also those before one that cannot be made
             if isinstance(storage, SqlEventLogStorage):
                 record_passed(storage, passed)
+
+    def _forget_planned_checks(self) -> None:
+        """Drop what Dagster has noted of checks that the run is to make of this recording, once they are made.
+
+        What passed is inserted; and what there is no result of, as of a recording that is skipped, would be red if another
+        recording of the run failed.
+        """
+        storage, table = self.instance.event_log_storage, AssetCheckExecutionsTable
+        if isinstance(storage, SqlEventLogStorage):
+            ours = table.c.run_id == self.run_id, table.c.partition == self.key
+            with storage.index_connection() as connection:
+                connection.execute(table.delete().where(*ours, table.c.execution_status == _PLANNED))
 
     @contextmanager
     def giving_up(self, begun: Collection[str]) -> Iterator[None]:
