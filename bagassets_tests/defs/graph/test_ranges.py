@@ -134,14 +134,14 @@ def test_some_assets_of_some_recordings(project, monkeypatch):
     """A step that reads nothing of the first one has nothing left to do."""
     build(project, monkeypatch)
     with open_project(project) as (instance, _):
-        run = materialize(instance, "d.bag", "b.bag", "key:calibration or key:nuscenes_tables")
+        run = materialize(instance, "d.bag", "b.bag", "key:bag or key:nuscenes_tables")
         assert run.status == dg.DagsterRunStatus.SUCCESS
         made = instance.all_logs(run.run_id, of_type=dg.DagsterEventType.ASSET_MATERIALIZATION)
         said = sorted(
             (one.asset_materialization.partition, one.asset_materialization.asset_key.path[-1])
             for one in made
         )
-    assert said == sorted((key, name) for key in KEYS for name in ("calibration", "nuscenes_tables"))
+    assert said == sorted((key, name) for key in KEYS for name in ("bag", "nuscenes_tables"))
     assert survey(project).is_settled
 
 
