@@ -213,7 +213,9 @@ def test_each_dataset_and_the_map_say_what_of_theirs_changed(tmp_path, monkeypat
     build(recipe_file, monkeypatch)
     mapped = command("explain", "trajectory_map", recipe=recipe_file)
     assert "made from ego_poses of 1 recording, 1 as before\n" in mapped
-    recipe_file.write_text(recipe_file.read_text().replace("min_length_s: 0.5", "min_length_s: 0.2, length_s: 0.5"))
+    recipe_file.write_text(
+        recipe_file.read_text().replace("min_length_s: 0.5", "min_length_s: 0.2, length_s: 0.5")
+    )
     build(recipe_file, monkeypatch, select=("nuscenes_tables", "vision_sequences"))
     told = json.loads(command("status", "--json", recipe=recipe_file, status=3))["dataset_reasons"]
     assert told == {
