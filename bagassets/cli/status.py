@@ -71,6 +71,7 @@ def status(recipe: Path, bags: tuple[str, ...], show_all: bool, as_json: bool) -
     from bagassets.engine.build_report import BuildOptions
     from bagassets.engine.choose import SelectionError
     from bagassets.formats.catalogue import problems_of
+    from bagassets.formats.emptiness import left_behind
 
     try:
         with planning_shown() as on_planned, open_project(recipe) as (instance, known_as):
@@ -81,7 +82,7 @@ def status(recipe: Path, bags: tuple[str, ...], show_all: bool, as_json: bool) -
             own = project.survey(instance, pending, options)
     except SelectionError as err:
         raise click.UsageError(str(err)) from err
-    problems = list(problems_of(workspace.recipe))
+    problems = [*problems_of(workspace.recipe), *left_behind(workspace.recipe)]
     if as_json:
         echo_json(status_json(pending, own, problems))
     else:
@@ -95,7 +96,7 @@ def status(recipe: Path, bags: tuple[str, ...], show_all: bool, as_json: bool) -
 
 
 def status_json(pending: "PendingWork", own: "OwnProject", problems: Sequence[str] = ()) -> JsonObject:
-    """Return all states as JSON, and the problems of installed packages."""
+    """Return all states as JSON, and the problems of installed packages, and of datasets that nothing asks for any more."""
     bags = {key: bag for key, bag in pending.plan.bags.items() if key in pending.chosen}
     return {
         "settled": pending.is_settled and own.is_settled,

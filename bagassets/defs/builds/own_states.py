@@ -203,7 +203,7 @@ class _Survey:
         self._instance, self._project, self._bags = instance, project, pending.plan.bags
         self._recordings = sorted(pending.chosen & pending.plan.bags.keys())
         self._names = project.workspace.names
-        self._versions = Versions(instance, self._names)
+        self._versions = Versions(instance, self._names, pending.leaving)
         self._code = code_digest()
         behind = (one for one in datasets.values() if one.state != "fresh")
         self._datasets = {**datasets, DATASET_INPUTS: next(behind, AssetState("fresh", ""))}
