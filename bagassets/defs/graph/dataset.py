@@ -33,6 +33,7 @@ from bagassets.formats.dataset_build import (
     is_on_disk,
     select_inputs,
 )
+from bagassets.formats.format import ByGroups
 from bagassets.formats.report_data import build_map, map_path, report_data, report_path
 from bagassets.recipe.model import Recipe
 from bagassets.report.page import report_page
@@ -158,7 +159,9 @@ def dataset_assets(recipe: Recipe, names: Naming) -> list[dg.AssetsDefinition]:
     versions = dataset_code_versions(recipe)
     found = [definition(DATASET_INPUTS, INPUTS_CODE_VERSION, {"json"}, _INPUTS, select_inputs)]
     for name, one in datasets_of(recipe).items():
-        found.append(definition(name, versions[name], one.kind.kinds, one.description, one.kind.join))
+        how = one.kind.join
+        make = how.finish if isinstance(how, ByGroups) else how
+        found.append(definition(name, versions[name], one.kind.kinds, one.description, make))
     if TRAJECTORY_MAP in versions:
         found.append(definition(TRAJECTORY_MAP, versions[TRAJECTORY_MAP], {"html"}, _MAP, build_map))
     return found
