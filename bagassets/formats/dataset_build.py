@@ -18,6 +18,7 @@ from bagassets.formats.assembly import DatasetSummary, assemble, without_copies
 from bagassets.formats.catalogue import formats, formats_of
 from bagassets.formats.dataset_lock import DatasetLock, read_lock
 from bagassets.formats.format import FACTS, AnyFormat, Part, Selection
+from bagassets.formats.groups import GroupsRecord
 from bagassets.recipe.format_settings import DEFAULT_FORMAT
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_base import DatasetSettings
@@ -387,9 +388,11 @@ def build_dataset(
             skipped={**inputs.skipped, **chosen.skipped},
             failed=inputs.failed.get(kind.name, {}),
             suspects=suspects,
+            record=None if (groups := publication.groups()) is None else GroupsRecord.from_json(groups),
             permit=permit,
         )
-        publication.write(output, summary.published, summary.links, suspects)
+        groups = None if summary.record is None else summary.record.as_json()
+        publication.write(output, summary.published, summary.links, suspects, summary.gone, groups)
     if dataset.selection is None:
         return summary
     return replace(summary, facts={**summary.facts, "scenes_left_out": chosen.left_out})
