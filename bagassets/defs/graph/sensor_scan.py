@@ -19,7 +19,7 @@ from bagassets.defs.records.partitions import (
     active_runs,
     add_partitions,
     held_by_backfills,
-    remove_partition,
+    remove_partitions,
 )
 from bagassets.defs.records.workspace import Workspace
 from bagassets.defs.runs.launching import launching_of
@@ -133,8 +133,7 @@ class Scan:
                 f"They will be dropped in {steps.doubted_s:.0f} s."
             )
             return None
-        for key in steps.remove:
-            remove_partition(self._instance, self._names, key)
+        remove_partitions(self._instance, self._names, steps.remove)
         cursor.forget([key for key in cursor.asked if key not in there and key != DATASET])
         return replace(state, gone=tuple(held))
 
