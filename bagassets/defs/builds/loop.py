@@ -79,7 +79,7 @@ class BuildLoop:
     def _begin_look(self) -> Planning:
         self.snapshot, self.is_partial = Snapshot(self._instance, self._workspace, self._own.files), False
         with span("read records"):
-            return begin_planning(self._instance, self._workspace)
+            return begin_planning(self._instance, self._workspace, thorough=False)
 
     def _on_planned(self, done: int, total: int) -> None:
         self._on_event(Event.planning(done, total))

@@ -89,7 +89,7 @@ class Scan:
         if quiet and cursor.quiet == quiet:
             cursor.looked_s = now_s
             return []
-        planning = begin_planning(self._instance, self._workspace, live, discovery)
+        planning = begin_planning(self._instance, self._workspace, live, discovery, thorough=False)
         planned = plan_instance(self._instance, self._workspace, planning)
         self._unsettled.forget_settled(planned.plan)
         known = {key for key, bag in planned.plan.bags.items() if bag.assets["bag"].state == "fresh"}
