@@ -50,8 +50,10 @@ def batches(todo: Batch, sizes: Mapping[str, int], jobs: int, most_per_run: int 
     heapify(dealt)
     for key in small:  # the largest first, each to the batch that is smallest so far
         size, number, keys = dealt[0]
-        heapreplace(dealt, (size + sizes[key] + _AT_ALL_BYTES, number, [*keys, key]))
-    groups = [keys for _, _, keys in dealt] + [[key] for key in todo if key not in set(small)]
+        keys.append(key)
+        heapreplace(dealt, (size + sizes[key] + _AT_ALL_BYTES, number, keys))
+    shared = frozenset(small)
+    groups = [keys for _, _, keys in dealt] + [[key] for key in todo if key not in shared]
     groups.sort(key=lambda keys: (-sum(sizes[key] for key in keys), keys))
     return [{key: todo[key] for key in keys} for keys in groups]
 

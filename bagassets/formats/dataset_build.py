@@ -256,7 +256,7 @@ def select_inputs(plan: Plan, live: frozenset[str]) -> DatasetInputs:
     A recording whose newest content failed is left out rather than included with old content. So is one of which newer
     content is on record than its part was made from: some assets were made alone, or a run was interrupted.
     """
-    made = {name for bag in plan.bags.values() for name in bag.assets}
+    made = {name for bag in plan.bags.values() for name in bag.names}
     kinds = [kind for kind in formats() if kind.part in made]
     parts: dict[str, list[Part]] = {kind.name: [] for kind in kinds}
     failed: dict[str, dict[str, str]] = {kind.name: {} for kind in kinds}
@@ -265,14 +265,15 @@ def select_inputs(plan: Plan, live: frozenset[str]) -> DatasetInputs:
         if bag.skipped is not None:
             skipped[key] = bag.skipped
             continue
+        names, recorded = bag.names, bag.recorded
         for kind in kinds:
-            if kind.part not in bag.assets:
+            if kind.part not in names:
                 continue
-            reason = _failure(bag, kind.part)
+            reason = None if bag.settled else _failure(bag, kind.part)
             if reason is not None:
                 failed[kind.name][key] = reason
-            elif key in live and kind.part in bag.recorded and "bag" in bag.recorded:
-                parts[kind.name].append(Part(key, bag.recorded["bag"], bag.recorded[kind.part]))
+            elif key in live and kind.part in recorded and "bag" in recorded:
+                parts[kind.name].append(Part(key, recorded["bag"], recorded[kind.part]))
     return DatasetInputs({name: tuple(each) for name, each in parts.items()}, skipped, failed, plan.ties)
 
 

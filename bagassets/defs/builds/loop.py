@@ -22,7 +22,7 @@ from bagassets.defs.builds.pending_work import (
 from bagassets.defs.builds.snapshot import Snapshot
 from bagassets.defs.graph.dataset import record_inputs
 from bagassets.defs.records.instance_plan import begin_planning
-from bagassets.defs.records.partitions import active_runs, add_partitions, remove_partition
+from bagassets.defs.records.partitions import active_runs, add_partitions, remove_partitions
 from bagassets.defs.records.touched import record_touched
 from bagassets.defs.runs.launching import launching_of
 from bagassets.defs.runs.run_pool import EndedRun, Listener, RunPool
@@ -80,7 +80,7 @@ class BuildLoop:
     def _begin_look(self) -> Planning:
         self.snapshot, self.is_partial = Snapshot(self._instance, self._workspace, self._own.files), False
         with span("read records"):
-            return begin_planning(self._instance, self._workspace)
+            return begin_planning(self._instance, self._workspace, thorough=False)
 
     def _on_planned(self, done: int, total: int) -> None:
         self._on_event(Event.planning(done, total))
@@ -115,8 +115,7 @@ class BuildLoop:
                 steps = next_steps(state, rules)
                 if steps.doubted_s is not None:
                     self._refuse()
-                for key in steps.remove:
-                    remove_partition(self._instance, names, key)
+                remove_partitions(self._instance, names, steps.remove)
                 add_partitions(self._instance, names, steps.register)
                 if self.interrupted or not (steps.runs or following):
                     return

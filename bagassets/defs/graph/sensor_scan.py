@@ -19,7 +19,7 @@ from bagassets.defs.records.partitions import (
     active_runs,
     add_partitions,
     held_by_backfills,
-    remove_partition,
+    remove_partitions,
 )
 from bagassets.defs.records.workspace import Workspace
 from bagassets.defs.runs.launching import launching_of
@@ -89,7 +89,7 @@ class Scan:
         if quiet and cursor.quiet == quiet:
             cursor.looked_s = now_s
             return []
-        planning = begin_planning(self._instance, self._workspace, live, discovery)
+        planning = begin_planning(self._instance, self._workspace, live, discovery, thorough=False)
         planned = plan_instance(self._instance, self._workspace, planning)
         self._unsettled.forget_settled(planned.plan)
         known = {key for key, bag in planned.plan.bags.items() if bag.assets["bag"].state == "fresh"}
@@ -133,8 +133,7 @@ class Scan:
                 f"They will be dropped in {steps.doubted_s:.0f} s."
             )
             return None
-        for key in steps.remove:
-            remove_partition(self._instance, self._names, key)
+        remove_partitions(self._instance, self._names, steps.remove)
         cursor.forget([key for key in cursor.asked if key not in there and key != DATASET])
         return replace(state, gone=tuple(held))
 
