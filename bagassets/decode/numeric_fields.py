@@ -7,13 +7,15 @@ import re
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from numbers import Real
+from types import SimpleNamespace
 from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bagassets.base.errors import DecodeError, UnsetError
-from bagassets.decode.fields import members, stamp_ns
+from bagassets.decode.fields import members
+from bagassets.recordings.heads import head_of, time_ns
 from bagassets.recordings.model import Message
 
 MOST_ELEMENTS = 1_000
@@ -55,27 +57,25 @@ def numbers_at(message: Message, path: str) -> Numbers:
         value = _element(value, step, path) if isinstance(step, int) else _member(value, step, path)
     if isinstance(value, _NUMBER):
         return Numbers((path,), (float(value),), named=False)
-    if _is_array(value) and not (len(value) and members(value[0])):
+    if _is_array(value) and not (len(value) and _members(value[0])):
         return _array(value, path, around)
     found = list(_inside(value, path))
     return Numbers(tuple(label for label, _ in found), [number for _, number in found], named=False)
 
 
 def own_stamp_ns(message: Message) -> int:
-    """Return the stamp of a message in nanoseconds: that of its header, or a time `stamp` or `timestamp`.
+    """Return the stamp of a message in nanoseconds: that of its header, or its `timestamp` or `stamp`.
 
     Raises:
         DecodeError: it has none, or it is zero.
     """
-    source = getattr(message, "header", message)
-    for name in ("stamp", "timestamp"):
-        time: Any = getattr(source, name, None)
-        if hasattr(time, "sec"):
-            stamp = stamp_ns(time)
-            if stamp:
-                return stamp
-            raise DecodeError("its stamp is zero; set `clock: log` in the recipe")
-    raise DecodeError("it has no header with a stamp; set `clock: log` in the recipe")
+    head = head_of(message)
+    stamp_ns = time_ns(getattr(message, "stamp", None)) if head is None else head[0]
+    if stamp_ns is None:
+        raise DecodeError("it has no header with a stamp; set `clock: log` in the recipe")
+    if not stamp_ns:
+        raise DecodeError("its stamp is zero; set `clock: log` in the recipe")
+    return stamp_ns
 
 
 @lru_cache(1_000)
@@ -87,7 +87,7 @@ def _member(value: Message, name: str, path: str) -> Message:
     try:
         member: Message = getattr(value, name)
     except AttributeError:
-        there = ", ".join(members(value))
+        there = ", ".join(_members(value))
         raise DecodeError(f"there is no field {path}: {name} is not one of {there or 'its parts'}") from None
     return member
 
@@ -98,6 +98,14 @@ def _element(value: Message, index: int, path: str) -> Message:
     if index >= len(value):
         raise UnsetError(f"its array is too short for {path}")
     return value[index]
+
+
+def _members(value: Message) -> tuple[str, ...]:
+    """Return the names of the fields of a message of ROS, protobuf or JSON; none of anything else."""
+    if isinstance(value, SimpleNamespace):
+        return tuple(vars(value))
+    descriptor = getattr(value, "DESCRIPTOR", None)
+    return members(value) if descriptor is None else tuple(field.name for field in descriptor.fields)
 
 
 def _is_array(value: object) -> TypeGuard[Sequence[Message]]:
@@ -132,7 +140,7 @@ def _inside(value: Message, path: str) -> Iterator[tuple[str, float]]:
     """Yield the path of each number in a message, or in a list of messages, and the number."""
     if isinstance(value, _NUMBER):
         yield path, float(value)
-    elif names := members(value):
+    elif names := _members(value):
         for name in names:
             yield from _inside(getattr(value, name), f"{path}.{name}")
     elif _is_array(value):
