@@ -139,7 +139,7 @@ def _processing(topic: TopicSummary) -> int:
     words = set(tokens(topic.name))
     steps = (
         (1, not topic.velodyne and modality_of(topic) == "lidar"),
-        (1, topic.msgtype == "sensor_msgs/msg/CompressedImage"),
+        (1, topic.msgtype.endswith("/CompressedImage")),
         (4, words & {"rect", "rectified", "undistorted"}),
         (2, words & {"mono", "grey", "gray"}),  # the colour of the same camera says more
         (2, words & {"track", "tracks", "object", "objects"}),
@@ -148,7 +148,7 @@ def _processing(topic: TopicSummary) -> int:
 
 
 def _is_flat(topic: TopicSummary) -> bool:
-    return topic.msgtype == "sensor_msgs/msg/LaserScan"
+    return topic.msgtype.endswith("/LaserScan")
 
 
 def _lidar_rank(sensor: Sensor) -> int:
