@@ -72,6 +72,7 @@ def assemble(
     dealt: Mapping[str, str] | None = None,
     skipped: Mapping[str, str] | None = None,
     failed: Mapping[str, str] | None = None,
+    damaged: Mapping[str, str] | None = None,
     expected: Mapping[str, str] | None = None,
     suspects: AbstractSet[str] | None = None,
     permit: Callable[[], None] = lambda: None,
@@ -91,6 +92,7 @@ def assemble(
         dealt: recording -> split; None to deal these recordings by `splits`.
         skipped: recordings that take no part -> reason, for the lock file.
         failed: recordings that failed -> reason, for the lock file.
+        damaged: recordings that were read although they are damaged -> how much of them, for the lock file.
         expected: name -> digest of the joined files; if they differ, nothing is swapped.
         suspects: files that changed since they were published and are compared with their sources; all others are
             trusted. None if that is unknown.
@@ -122,6 +124,7 @@ def assemble(
         known = before if suspects is not None and f"{folder}/{LOCK}" not in suspects else None
         needs = _needs(kind, members, before)
         left_out = {"duplicates": duplicates, "skipped": skipped or {}, "failed": failed or {}}
+        left_out |= {"damaged": damaged} if damaged else {}
         lock = json_bytes(_lock(kind, settings, splits, shares, members, needs, joined, left_out))
         (new / LOCK).write_bytes(lock)
         has_links = kind.places is not None or (

@@ -131,8 +131,10 @@ class DamageMap:
     def share(self) -> str:
         """Return in words how many messages were read of how many."""
         lost = sum(self.lost.values())
-        unknown = "" if self.is_total_known else "; how many there were is not known"
-        return f"{self.read} of {count_text(self.read + lost, 'message')} can be read{unknown}"
+        if self.is_total_known:
+            return f"{self.read} of {count_text(self.read + lost, 'message')} can be read"
+        least = f", at least {lost} are lost" if lost else ""
+        return f"{count_text(self.read, 'message')} can be read{least}; how many there were is not known"
 
     def sentences(self) -> Iterator[str]:
         """Yield a sentence for each finding and hole, and one about all losses."""

@@ -21,7 +21,7 @@ from mcap.stream_reader import MAGIC_SIZE
 
 from bagassets.base.errors import SizeLimitError
 from bagassets.recipe.model import Limits
-from bagassets.recordings.damage import DamageError
+from bagassets.recordings.damage import NO_BEGINNING, DamageError
 from bagassets.recordings.mcap_chunk import MESSAGE_HEADER, RECORD_HEADER, Place
 from bagassets.recordings.mcap_file import McapFile
 from bagassets.recordings.mcap_index import ChunkPlace, McapIndex, add_bytes, read_index
@@ -89,7 +89,7 @@ class SalvagedMcap(McapFile):
         self._has_chunks = announced is not None and bool(announced.chunks)
         has_end = self._walk()
         if not self._index.channels:
-            raise DamageError("magic" if not self._ends and not self._outside else "it has no channels")
+            raise DamageError(NO_BEGINNING if not self._ends and not self._outside else "it has no channels")
         found = sum(self._in_chunk.values(), Counter(self._outside[1::4]))
         if announced is None:
             self._damage.find(f"{self.path.name}: {NO_INDEX}")

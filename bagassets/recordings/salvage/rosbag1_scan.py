@@ -21,7 +21,7 @@ from rosbags.rosbag1.reader import Chunk, Header, RecordType
 from bagassets.base.errors import SizeLimitError
 from bagassets.recipe.model import Limits
 from bagassets.recordings.chunks import LatestChunks, detached
-from bagassets.recordings.damage import DamageError
+from bagassets.recordings.damage import NO_BEGINNING, DamageError
 from bagassets.recordings.model import OnRead
 from bagassets.recordings.rosbag1 import ENTRY, SIZE, IndexReader, Records, in_order, sized, text_in
 from bagassets.recordings.salvage.damage_map import NO_INDEX, Damage, Extent, Hole, times_around
@@ -82,7 +82,7 @@ class SalvagedBag(IndexReader):
             is_indexed = self._read_index()
             self._walk(len(_MAGIC))
             if not has_magic and not self._found:
-                raise DamageError("magic")  # noqa: TRY301  (the file is closed below)
+                raise DamageError(NO_BEGINNING)  # noqa: TRY301  (the file is closed below)
             for position in sorted(self._found):
                 self._take_chunk(position)
             self.connections = [self._by_id[one] for one in sorted(self._by_id)]
