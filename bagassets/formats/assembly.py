@@ -78,6 +78,7 @@ def assemble(
     dealt: Mapping[str, str] | None = None,
     skipped: Mapping[str, str] | None = None,
     failed: Mapping[str, str] | None = None,
+    damaged: Mapping[str, str] | None = None,
     expected: Mapping[str, str] | None = None,
     suspects: AbstractSet[str] | None = None,
     record: GroupsRecord | None = None,
@@ -98,6 +99,7 @@ def assemble(
         dealt: recording -> split; None to deal these recordings by `splits`.
         skipped: recordings that take no part -> reason, for the lock file.
         failed: recordings that failed -> reason, for the lock file.
+        damaged: recordings that were read although they are damaged -> how much of them, for the lock file.
         expected: name -> digest of the joined files; if they differ, nothing is swapped.
         suspects: files that changed since they were published and are compared with their sources; all others are
             trusted. None if that is unknown.
@@ -113,6 +115,7 @@ def assemble(
     chosen, duplicates = without_copies(parts)
     dealt = deal([part.key for part in chosen], splits) if dealt is None else dealt
     left_out = {"duplicates": duplicates, "skipped": skipped or {}, "failed": failed or {}}
+    left_out |= {"damaged": damaged} if damaged else {}
     joint = Joint(kind, chosen, settings, splits, dealt, left_out, store)
     folder = kind.folder(settings)
     current = output / folder

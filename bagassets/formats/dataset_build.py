@@ -1,12 +1,13 @@
 """The datasets of a recipe: which recordings enter them, and building them."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from collections.abc import Set as AbstractSet
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from bagassets.assets.ego_poses import EGO_POSES
+from bagassets.assets.inventory import INVENTORY
 from bagassets.base.errors import BagAssetsError, DatasetError
 from bagassets.base.json_types import JsonObject
 from bagassets.base.trace import span
@@ -277,6 +278,13 @@ def select_inputs(plan: Plan, live: frozenset[str]) -> DatasetInputs:
     return DatasetInputs({name: tuple(each) for name, each in parts.items()}, skipped, failed, plan.ties)
 
 
+def _damaged(plan: Plan, store: Store, parts: Iterable[Part]) -> dict[str, str]:
+    """Return recording -> how much of it was read, of those that are damaged."""
+    found = ((part.key, plan.bags[part.key].current_artifact(store, INVENTORY.name)) for part in parts)
+    shares = ((key, one.summary().get("damage")) for key, one in found if one is not None)
+    return {key: share for key, share in shares if share is not None}
+
+
 @dataclass(frozen=True)
 class DatasetContents:
     """The recordings of a dataset.
@@ -388,6 +396,7 @@ def build_dataset(
             dealt=inputs.dealt(recipe.splits, store),
             skipped={**inputs.skipped, **chosen.skipped},
             failed=inputs.failed.get(kind.name, {}),
+            damaged=_damaged(plan, store, chosen.parts),
             suspects=suspects,
             record=None if (groups := publication.groups()) is None else GroupsRecord.from_json(groups),
             permit=permit,

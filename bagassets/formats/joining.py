@@ -44,7 +44,8 @@ class Joint(Generic[S]):
         settings: the format's section of the recipe.
         splits: the recipe's `splits`.
         dealt: recording -> split.
-        left_out: `duplicates`, `skipped`, `failed` -> recording -> why it takes no part.
+        left_out: `duplicates`, `skipped`, `failed` -> recording -> why it takes no part; `damaged` ->
+            recording -> how much of it was read.
         store: has the artifacts.
     """
 
