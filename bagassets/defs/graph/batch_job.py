@@ -13,7 +13,7 @@ from bagassets.base.quantities import count_text
 from bagassets.defs.graph.checks import check_recording, run_dataset_checks
 from bagassets.defs.graph.dataset import dataset_is_current, make_dataset, record_inputs
 from bagassets.defs.graph.making import make_recording
-from bagassets.defs.records.instance_plan import InstancePlan, plan_instance
+from bagassets.defs.records.instance_plan import plan_instance
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.records.recorder import Recorder
 from bagassets.defs.records.reporting import errors_explained
@@ -21,8 +21,9 @@ from bagassets.defs.records.workspace import Workspace
 from bagassets.defs.runs.exclusive import RecordingLock
 from bagassets.defs.runs.run_progress import note_begun, note_ended
 from bagassets.engine.batches import DATASET, Batch
+from bagassets.engine.plan import Plan
 from bagassets.engine.unsettled import Unsettled
-from bagassets.formats.dataset_build import dataset_code_versions
+from bagassets.formats.dataset_build import DatasetInputs, dataset_code_versions, select_inputs
 from bagassets.recordings.model import RecordingFiles
 
 _MOST_NAMED = 3
@@ -56,12 +57,13 @@ def batch_job(names: Naming) -> dg.JobDefinition:
                 with _noted(context, recorder, failed):
                     _make_recording(context, recorder, lock, found.get(key))
         if DATASET in batch:
-            planned = plan_instance(instance, workspace)
-            record_inputs(instance, workspace, planned.inputs)
-            if not dataset_is_current(instance, workspace, planned.inputs):
+            plan = plan_instance(instance, workspace)
+            inputs = select_inputs(plan)
+            record_inputs(instance, workspace, inputs)
+            if not dataset_is_current(instance, workspace, inputs):
                 recorder = Recorder(instance, workspace, DATASET, context, batch[DATASET])
                 with _noted(context, recorder, failed):
-                    _make_datasets(recorder, planned)
+                    _make_datasets(recorder, plan, inputs)
         if failed:
             raise dg.Failure(_describe(failed, len(batch.keys() - {DATASET})), allow_retries=False)
 
@@ -119,13 +121,13 @@ def _make_recording(
         unsettled.discard(key)
 
 
-def _make_datasets(recorder: Recorder, planned: InstancePlan) -> None:
+def _make_datasets(recorder: Recorder, plan: Plan, inputs: DatasetInputs) -> None:
     instance, workspace, problems = recorder.instance, recorder.workspace, []
     for asset in dataset_code_versions(workspace.recipe):
         if asset not in recorder.wanted:
             continue
         try:
-            recorder.record(make_dataset(instance, workspace, planned, asset, recorder.run_id))
+            recorder.record(make_dataset(instance, workspace, plan, inputs, asset, recorder.run_id))
             recorder.record_checks(run_dataset_checks(workspace, asset))
         except RunEndedError:
             raise
