@@ -251,7 +251,7 @@ def split_on_disk(recipe: Recipe) -> Mapping[str, str]:
     return {} if lock is None else lock.splits
 
 
-def select_inputs(plan: Plan, live: frozenset[str]) -> DatasetInputs:
+def select_inputs(plan: Plan) -> DatasetInputs:
     """Select the current parts of all live recordings that take part.
 
     A recording whose newest content failed is left out rather than included with old content. So is one of which newer
@@ -273,7 +273,7 @@ def select_inputs(plan: Plan, live: frozenset[str]) -> DatasetInputs:
             reason = None if bag.settled else _failure(bag, kind.part)
             if reason is not None:
                 failed[kind.name][key] = reason
-            elif key in live and kind.part in recorded and "bag" in recorded:
+            elif key in plan.live and kind.part in recorded and "bag" in recorded:
                 parts[kind.name].append(Part(key, recorded["bag"], recorded[kind.part]))
     return DatasetInputs({name: tuple(each) for name, each in parts.items()}, skipped, failed, plan.ties)
 
