@@ -23,6 +23,7 @@ from bagassets.formats.groups import (
     RowsOnDisk,
     TornError,
     cut,
+    read_rows,
     write_rows,
 )
 from bagassets.formats.json_files import Frame, framed, framed_row, write_hashed
@@ -234,13 +235,8 @@ def _rows_gone(path: Path, record: GroupsRecord, groups: AbstractSet[str]) -> di
         TornError: the lock is not the one on record.
     """
     try:
-        with path.open("rb") as file:
-            texts = []
-            for digest, start, rows in record.starts(LOCK):
-                if digest not in groups:
-                    file.seek(start)
-                    texts.append(file.read(rows.size))
-        return {row["key"]: locked_bag(row) for row in json.loads(b"[%b]" % b",".join(texts))}
+        gone = read_rows(path, record, record.groups.keys() - groups)
+        return {row["key"]: locked_bag(row) for row in json.loads(gone)}
     except (OSError, ValueError, KeyError, TypeError) as err:
         raise TornError from err
 
