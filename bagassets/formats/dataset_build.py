@@ -355,7 +355,7 @@ def build_dataset(
             skipped={**inputs.skipped, **chosen.skipped},
             failed=inputs.failed.get(kind.name, {}),
             suspects=suspects,
-            record=None if (groups := publication.groups()) is None else GroupsRecord.from_json(groups),
+            record=GroupsRecord.from_json(publication.groups()),
             permit=permit,
         )
         groups = None if summary.record is None else summary.record.as_json()

@@ -19,7 +19,7 @@ from blake3 import blake3
 
 from bagassets.base.cache import Cache, Changes
 from bagassets.base.fingerprints import PlanNeeded, loaded_code_fingerprint
-from bagassets.base.json_types import JsonObject
+from bagassets.base.json_types import Json, JsonObject
 from bagassets.formats.format import Part
 from bagassets.formats.json_files import SEPARATOR, Frame
 
@@ -90,13 +90,16 @@ class GroupsRecord:
         return {"made_by": self.made_by, "files": self.files, "groups": groups}
 
     @classmethod
-    def from_json(cls, value: JsonObject) -> "GroupsRecord":
-        """Inverse of `as_json`."""
-        groups = {
-            digest: GroupRecord({name: Rows(*one) for name, one in rows.items()}, facts, durations_s)
-            for digest, (rows, facts, durations_s) in value["groups"].items()
-        }
-        return cls(value["made_by"], value["files"], groups)
+    def from_json(cls, value: Json) -> "GroupsRecord | None":
+        """Inverse of `as_json`; None if it was none, or of another version."""
+        try:
+            groups = {
+                digest: GroupRecord({name: Rows(*one) for name, one in rows.items()}, facts, durations_s)
+                for digest, (rows, facts, durations_s) in value["groups"].items()
+            }
+            return cls(value["made_by"], value["files"], groups)
+        except (AttributeError, KeyError, TypeError, ValueError):
+            return None
 
     def starts(self, name: str) -> Iterator[tuple[str, int, Rows]]:
         """Yield each group with rows in a joined file, where these begin in it, and what they are."""

@@ -83,7 +83,7 @@ class JoinedFolder:
         lock: digest of the lock.
         shares: share of each split.
         members: the recordings that were joined again.
-        before: recordings of the dataset on disk that may have changed.
+        before: recordings of the groups on disk that are no more.
         record: what is to be put on record of groups; None if the format has none.
     """
 
@@ -95,16 +95,13 @@ class JoinedFolder:
     record: GroupsRecord | None
 
 
-def join_into(
-    new: Path, joint: Joint[S], on_disk: Path, before: Mapping[str, LockedBag], record: GroupsRecord | None
-) -> JoinedFolder:
+def join_into(new: Path, joint: Joint[S], on_disk: Path, record: GroupsRecord | None = None) -> JoinedFolder:
     """Write the joined files and the lock into an empty folder.
 
     Args:
         new: the folder.
         joint: what is joined.
         on_disk: the folder of the dataset on disk.
-        before: its recordings; only those that may have changed matter.
         record: what is on record of its groups; None has everything joined again.
 
     Raises:
@@ -120,6 +117,7 @@ def join_into(
         if group.digest not in known
     }
     again = [member for some in members.values() for member in some]
+    before: Mapping[str, LockedBag] = {}
     if record is not None:
         before = _rows_gone(on_disk / LOCK, record, frozenset(group.digest for group in groups))
     durations_s = {

@@ -18,7 +18,7 @@ from typing import TypedDict
 
 from bagassets.base.cache import Cache, Changes
 from bagassets.base.fingerprints import PlanNeeded, Signature, signature
-from bagassets.base.json_types import JsonObject
+from bagassets.base.json_types import Json
 
 _HEAD, _LINKS, _GROUPS = "published", "links", "groups"
 # Lists of links are stored in pieces of about this size, some six hundred links, which are checked in a millisecond.
@@ -123,14 +123,13 @@ class Publication:
             self._put_head({**head, "files": files, "folders": folders})
         return True
 
-    def groups(self) -> JsonObject | None:
+    def groups(self) -> Json:
         """Return what is on record of groups of recordings, which only holds while no file has changed; None without it."""
         try:
             (content,) = self._cache.get(_GROUPS, self.asset)
         except PlanNeeded:
             return None
-        groups: JsonObject | None = json.loads(content)
-        return groups
+        return json.loads(content)
 
     def write(
         self,

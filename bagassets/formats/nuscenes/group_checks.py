@@ -56,10 +56,9 @@ def prove(settings: NuScenes, publication: Publication) -> Proven | frozenset[st
     Raises:
         DatasetError: a table that exists once is missing or cannot be read.
     """
-    on_record = publication.groups()
-    if on_record is None or publication.changed_files(settings.output) != frozenset():
+    record = GroupsRecord.from_json(publication.groups())
+    if record is None or publication.changed_files(settings.output) != frozenset():
         return frozenset()
-    record = GroupsRecord.from_json(on_record)
     shared = {name: read_table(settings.output / settings.version, name) for name in SHARED_TABLES}
     known = {name: {row["token"] for row in rows} for name, rows in shared.items()}
     memory = FoundInGroups(publication.state, publication.asset)
