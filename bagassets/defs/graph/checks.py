@@ -179,7 +179,7 @@ def run_dataset_checks(
         return []
     severities = checking.dataset_checks(workspace.recipe, dataset.kind)
     names = severities.keys() if names is None else names
-    findings = checking.check_dataset(dataset, frozenset(names))
+    findings = checking.check_dataset(dataset, frozenset(names), workspace.recipe.state)
     key = workspace.names.key(asset)
     return [_result(key, name, findings[name], severities.get(name, "skip")) for name in names]
 
