@@ -225,7 +225,7 @@ class KeptPlan(BagPlan):
 
     row: bytes
     made: bytes
-    skipped, names, recorded, findings = map(_line, range(4))
+    skipped, names, recorded = map(_line, range(3))
     assets, format, channels, optional, rig = map(
         _of_rest, ("assets", "format", "channels", "optional", "rig")
     )
@@ -241,6 +241,12 @@ class KeptPlan(BagPlan):
         """Compare as the plans that they are."""
         plan = BagPlan.from_row(self.key, self.row)
         return plan == (BagPlan.from_row(other.key, other.row) if isinstance(other, KeptPlan) else other)
+
+    @property
+    def findings(self) -> tuple[tuple[str, str, str], ...] | None:
+        """See `BagPlan`."""
+        found = json.loads(self.row.split(b"\n", 4)[3])
+        return None if found is None else tuple(map(tuple, found))
 
     @property
     def artifacts(self) -> tuple[str, ...]:
