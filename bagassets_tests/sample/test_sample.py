@@ -43,7 +43,8 @@ def test_a_seed_is_a_drive(tmp_path, file_format):
 
 
 @pytest.mark.parametrize(
-    ("file_format", "compression"), [(f, c) for f, known in COMPRESSIONS.items() for c in known]
+    ("file_format", "compression"),
+    [(f, c) for f, known in COMPRESSIONS.items() for c in known if f != "foxglove"],
 )
 def test_every_compression_holds_the_same_messages(tmp_path, file_format, compression):
     name = {"ros1": "d.bag", "ros2": "d", "mcap": "d.mcap"}[file_format]
