@@ -16,7 +16,7 @@ from typing import Literal
 from bagassets.base.errors import PluginError
 from bagassets.base.plugins import DecoderPlugin, Family, installed_decoders
 
-AnyFamily = Family | Literal["packets", "fix", "imu", "camera_info", "transforms"]
+AnyFamily = Family | Literal["video", "packets", "fix", "imu", "camera_info", "transforms"]
 """The kinds of results of decoders; packages may add decoders to the families in `bagassets.base.plugins.Family`."""
 
 Bulk = Literal["no", "large", "yes"]
@@ -68,6 +68,8 @@ BUILT_IN = (
     _line("image", "sensor_msgs/CompressedImage", "compressed_image:decode_compressed_image", bulk="yes"),
     _line("image", "foxglove_msgs/RawImage", "image:decode_image", bulk="yes"),
     _line("image", "foxglove_msgs/CompressedImage", "compressed_image:decode_compressed_image", bulk="yes"),
+    _line("video", "foxglove_msgs/CompressedVideo", "video:decode_video_packet", bulk="yes"),
+    _line("video", "ffmpeg_image_transport_msgs/FFMPEGPacket", "video:decode_video_packet"),
     _line("cloud", "sensor_msgs/PointCloud2", "pointcloud2:decode_pointcloud2", bulk="yes"),
     _line("cloud", "sensor_msgs/LaserScan", "laserscan:decode_laserscan", bulk="yes"),
     _line("cloud", "foxglove_msgs/PointCloud", "pointcloud2:decode_pointcloud2", bulk="yes"),
@@ -125,8 +127,9 @@ _COMMON_PACKAGES = frozenset(
         "tf2_msgs",
     ]
 )
-# Messages that are recognized by their fields, as errors call them.
+# Messages of another family for the same channels, or recognized by their fields, as errors call them.
 _FOUND_BY_FIELDS: Mapping[AnyFamily, str] = {
+    "image": "video (foxglove_msgs/CompressedVideo, ffmpeg_image_transport_msgs/FFMPEGPacket)",
     "cloud": "Velodyne packets (velodyne_msgs/VelodyneScan, ethernet_msgs/Packet and the like)",
     "radar": "the targets of a radar (radar_msgs/RadarScan, RadarTracks and the like)",
 }

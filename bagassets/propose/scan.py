@@ -25,6 +25,7 @@ from bagassets.decode.pointcloud2 import POINT_CLOUDS, read_pointcloud2, without
 from bagassets.decode.poses import decode_transform
 from bagassets.decode.registry import AnyFamily, bulk_types, families_of, find_decoder
 from bagassets.decode.robots import robot_of, robots_of
+from bagassets.decode.video import VideoPacket, decoder_version
 from bagassets.geometry.se3 import SE3
 from bagassets.propose.naming import is_radar_list
 from bagassets.propose.poses import propose_pose
@@ -299,6 +300,12 @@ def _image(facts: Facts, decode: Decode, value: Message, _msgtype: str) -> None:
     facts |= {"frames": (reading.frame_id,), "encoding": reading.encoding, "is_16_bit": is_16_bit}
 
 
+def _video(facts: Facts, decode: Decode, value: Message, _msgtype: str) -> None:
+    packet: VideoPacket = decode(value)
+    facts |= {"frames": (packet.frame_id,), "encoding": packet.codec, "is_16_bit": False}
+    decoder_version()
+
+
 def _radar(facts: Facts, decode: Decode, value: Message, msgtype: str) -> None:
     check_points(value, _LIMITS.cloud_points)
     reading: RadarReading = decode(value, msgtype, None)
@@ -343,6 +350,7 @@ def _packets(facts: Facts, decode: Decode, value: Message, _msgtype: str) -> Non
 
 _FACTS: Mapping[AnyFamily, Callable[[Facts, Decode, Message, str], None]] = {
     "image": _image,
+    "video": _video,
     "radar": _radar,
     "pose": _pose,
     "fix": _fix,
