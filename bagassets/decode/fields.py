@@ -111,7 +111,9 @@ def rigid_transform(position: Message, orientation: Message) -> SE3:
 
 def members(message: Message) -> tuple[str, ...]:
     """Return the names of a message's fields."""
-    return tuple(field.name for field in fields(message)) if is_dataclass(message) else ()
+    if not is_dataclass(message):
+        return ()
+    return tuple(field.name for field in fields(message) if field.name != "__msgtype__")  # of rosbags
 
 
 def check_points(message: Message, most_points: int) -> None:

@@ -127,7 +127,7 @@ class McapFile:
 
         def places_in(offset: int) -> Iterator[tuple[int, int, int, int, int]]:
             nonlocal waiting
-            places = kept_places(messages_in(chunks.at(offset), channels))
+            places = kept_places(self._messages_in(offset, chunks.at(offset), channels))
             if waiting and waiting + len(places) > _MOST_WAITING:
                 raise DamageError("too many of its chunks overlap in time; run `mcap sort` on it")
             waiting += len(places)
@@ -143,6 +143,9 @@ class McapFile:
         ]
         for log_time_ns, channel, begin, end, offset in merged(streams, itemgetter(0)):
             yield channel, log_time_ns, detached(memoryview(chunks.at(offset))[begin:end])
+
+    def _messages_in(self, _: int, content: bytes, channels: Collection[int]) -> Iterator[Place]:
+        return messages_in(content, channels)
 
     def _load(self, offset: int) -> bytes:
         return load_chunk(
