@@ -307,6 +307,24 @@ class SalvagedMcap(McapFile):
         streams = [(0, 0, self._in_chunks(channels)), (0, 1, self._outside_chunks(channels))]
         return merged(streams, itemgetter(1))
 
+    def records(self) -> Iterator[tuple[int, int, int, int, bytes | memoryview]]:
+        """Yield channel, sequence number, log time, publish time and payload of each message, in the order of the file."""
+        for chunk in sorted(self._index.chunks, key=lambda one: one.offset):
+            content = self._load(chunk.offset)
+            for opcode, begin, end in self._records_in(chunk.offset, content):
+                if opcode == Opcode.MESSAGE and begin + MESSAGE_HEADER.size <= end:
+                    head = MESSAGE_HEADER.unpack_from(content, begin)
+                    yield *head, memoryview(content)[begin + MESSAGE_HEADER.size : end]
+        for begin, end in zip(self._outside[2::4], self._outside[3::4], strict=True):
+            self._file.seek(begin - MESSAGE_HEADER.size)
+            head = MESSAGE_HEADER.unpack(self._file.read(MESSAGE_HEADER.size))
+            yield *head, self._file.read(end - begin)
+
+    @property
+    def index(self) -> McapIndex:
+        """Channels and schemas."""
+        return self._index
+
     def _places_outside(self, channels: Collection[int]) -> Iterator[Place]:
         columns = (self._outside[number::4] for number in range(4))
         return (place for place in zip(*columns, strict=True) if place[1] in channels)

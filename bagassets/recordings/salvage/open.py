@@ -7,7 +7,7 @@ from typing import TypeVar
 
 from bagassets.base.errors import BagAssetsError, RecordingError
 from bagassets.recipe.model import Limits
-from bagassets.recordings.damage import refuse_pointer, unreadable
+from bagassets.recordings.damage import refuse_pointer, suffix_of, unreadable
 from bagassets.recordings.journals import scratch_folder
 from bagassets.recordings.model import OnRead, RecordingFiles
 from bagassets.recordings.open import open_recording
@@ -64,18 +64,17 @@ def _one(
     if path.is_dir():
         return SalvagedFolder(path, message_definitions, limits, on_read, damage)
     refuse_pointer(path)
-    suffixes = [suffix for suffix in path.suffixes if suffix != ".active"]
-    if suffixes[-1:] == [".zstd"]:
+    if path.suffix == ".zstd":
         sizes = Sizes(path, path.stat().st_size, limits)
         with scratch_folder(path, path.stat().st_size) as folder:
             plain = folder / path.stem
             if problem := unpack_file(path, plain, sizes, on_read):
                 damage.hole(Hole(path.name, path.stat().st_size, path.stat().st_size, problem))
             return _one(plain, message_definitions, limits, on_read, damage)
-    if suffixes[-1:] == [".mcap"]:
+    if suffix_of(path) == ".mcap":
         mcap = SalvagedMcap(path, limits, on_read, damage)
         return FileRecording(path, "mcap", mcap, message_definitions, limits)
-    if suffixes[-1:] == [".db3"]:
+    if suffix_of(path) == ".db3":
         database = SalvagedDatabase(path, limits, on_read, damage)
         database.note_unnamed()
         return FileRecording(path, "ros2", database, message_definitions, limits)

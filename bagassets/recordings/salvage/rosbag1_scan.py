@@ -63,7 +63,7 @@ class SalvagedBag(IndexReader):
         self._found: dict[int, _Found] = {}
         self._data_end = 0  # where the index begins; 0 if nothing says so
         self._by_id: dict[int, Connection] = {}
-        self.md5sums: dict[int, str] = {}
+        self.fields: dict[int, Header] = {}
         self._announced: Counter[int] = Counter()
         self._counts_at: dict[int, dict[int, int]] = {}
         super().__init__(path, limits, on_read)
@@ -118,12 +118,12 @@ class SalvagedBag(IndexReader):
         return True
 
     def read_connection(self) -> Connection:
-        """Read one connection, and keep its checksum for a copy."""
+        """Read one connection, and keep its fields for a copy."""
         begin = self._opened.tell()
         one = super().read_connection()
         self._opened.seek(begin)
         Header.read(self._opened)
-        self.md5sums[one.id] = Header.read(self._opened).get("md5sum", b"*").decode("ascii", "replace")
+        self.fields[one.id] = Header.read(self._opened)
         return one
 
     def _take_connection(self, one: Connection) -> None:
