@@ -228,9 +228,16 @@ class SalvagedMcap(McapFile):
             if opcode == Opcode.MESSAGE:
                 found[_CHANNEL.unpack_from(content, begin)[0]] += 1
             elif opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
-                with suppress(Exception):
-                    add_bytes(self._index, opcode, content[begin:end], self._sizes)
+                self._add(opcode, content[begin:end])
         self._in_chunk[chunk] = counts | found
+
+    def _add(self, opcode: int, fields: bytes) -> None:
+        try:
+            add_bytes(self._index, opcode, fields, self._sizes)
+        except SizeLimitError:
+            raise
+        except Exception:  # noqa: BLE001  (as above)
+            self._damage.find(f"{self.path.name}: a channel or schema cannot be read")
 
     def _note_hole(self, begin: int, end: int) -> None:
         reason = what_is_there(self._file, begin, end)

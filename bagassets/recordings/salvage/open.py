@@ -91,17 +91,20 @@ def _series(
     damage: Damage,
 ) -> Recording:
     """Open the parts that can be; each of the others is a hole."""
+    once: dict[Path, Recording] = {}
 
     def opened(path: Path) -> Recording:
-        return open_salvaged(path, message_definitions, limits, on_read, damage)
+        return once.pop(path, None) or open_salvaged(path, message_definitions, limits, on_read, damage)
 
     parts = []
     for part in recording.parts:
+        before = dict(damage.holes), dict(damage.findings)
         try:
-            opened(part.path).close()
+            once[part.path] = open_salvaged(part.path, message_definitions, limits, on_read, damage)
         except RecordingError as err:
             if err.transient:
                 raise
+            damage.holes, damage.findings = before
             damage.is_total_known = False
             damage.hole(
                 Hole(part.path.name, 0, part.size, str(err).removeprefix(f"{part.path}: ").rstrip("."))

@@ -120,6 +120,7 @@ class SalvagedBag(IndexReader):
     def read_connection(self) -> Connection:
         """Read one connection, and keep its fields for a copy."""
         begin = self._opened.tell()
+        self._connections_read = len(self._by_id)  # the same one may be met several times
         one = super().read_connection()
         self._opened.seek(begin)
         Header.read(self._opened)
