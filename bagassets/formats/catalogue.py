@@ -16,6 +16,7 @@ from bagassets.assets.ego_poses import EGO_POSES
 from bagassets.assets.frames import FRAMES
 from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.preview import PREVIEW
+from bagassets.assets.signals import SIGNALS
 from bagassets.assets.sweeps import SWEEPS
 from bagassets.base.errors import DatasetError, PluginError
 from bagassets.base.plugins import ASSETS, FORMATS, Extension, installed_extensions
@@ -38,6 +39,7 @@ OUR_ASSETS: tuple[AnyAsset, ...] = (
     ANNOTATIONS,
     FRAMES,
     SWEEPS,
+    SIGNALS,
     *(asset for kind in OURS for asset in kind.assets),
     PREVIEW,
 )

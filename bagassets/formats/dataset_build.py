@@ -1,12 +1,13 @@
 """The datasets of a recipe: which recordings enter them, and building them."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from collections.abc import Set as AbstractSet
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from bagassets.assets.ego_poses import EGO_POSES
+from bagassets.assets.inventory import INVENTORY
 from bagassets.base.errors import BagAssetsError, DatasetError
 from bagassets.base.json_types import JsonObject
 from bagassets.base.trace import span
@@ -18,6 +19,7 @@ from bagassets.formats.assembly import DatasetSummary, assemble, without_copies
 from bagassets.formats.catalogue import formats, formats_of
 from bagassets.formats.dataset_lock import DatasetLock, read_lock
 from bagassets.formats.format import FACTS, AnyFormat, Part, Selection
+from bagassets.formats.groups import GroupsRecord
 from bagassets.recipe.format_settings import DEFAULT_FORMAT
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_base import DatasetSettings
@@ -255,7 +257,7 @@ def select_inputs(plan: Plan) -> DatasetInputs:
     A recording whose newest content failed is left out rather than included with old content. So is one of which newer
     content is on record than its part was made from: some assets were made alone, or a run was interrupted.
     """
-    made = {name for bag in plan.bags.values() for name in bag.assets}
+    made = {name for bag in plan.bags.values() for name in bag.names}
     kinds = [kind for kind in formats() if kind.part in made]
     parts: dict[str, list[Part]] = {kind.name: [] for kind in kinds}
     failed: dict[str, dict[str, str]] = {kind.name: {} for kind in kinds}
@@ -264,15 +266,23 @@ def select_inputs(plan: Plan) -> DatasetInputs:
         if bag.skipped is not None:
             skipped[key] = bag.skipped
             continue
+        names, recorded = bag.names, bag.recorded
         for kind in kinds:
-            if kind.part not in bag.assets:
+            if kind.part not in names:
                 continue
-            reason = _failure(bag, kind.part)
+            reason = None if bag.settled else _failure(bag, kind.part)
             if reason is not None:
                 failed[kind.name][key] = reason
-            elif key in plan.live and kind.part in bag.recorded and "bag" in bag.recorded:
-                parts[kind.name].append(Part(key, bag.recorded["bag"], bag.recorded[kind.part]))
+            elif key in plan.live and kind.part in recorded and "bag" in recorded:
+                parts[kind.name].append(Part(key, recorded["bag"], recorded[kind.part]))
     return DatasetInputs({name: tuple(each) for name, each in parts.items()}, skipped, failed, plan.ties)
+
+
+def _damaged(plan: Plan, store: Store, parts: Iterable[Part]) -> dict[str, str]:
+    """Return recording -> how much of it was read, of those that are damaged."""
+    found = ((part.key, plan.bags[part.key].current_artifact(store, INVENTORY.name)) for part in parts)
+    shares = ((key, one.summary().get("damage")) for key, one in found if one is not None)
+    return {key: share for key, share in shares if share is not None}
 
 
 @dataclass(frozen=True)
@@ -386,10 +396,13 @@ def build_dataset(
             dealt=inputs.dealt(recipe.splits, store),
             skipped={**inputs.skipped, **chosen.skipped},
             failed=inputs.failed.get(kind.name, {}),
+            damaged=_damaged(plan, store, chosen.parts),
             suspects=suspects,
+            record=None if (groups := publication.groups()) is None else GroupsRecord.from_json(groups),
             permit=permit,
         )
-        publication.write(output, summary.published, summary.links, suspects)
+        groups = None if summary.record is None else summary.record.as_json()
+        publication.write(output, summary.published, summary.links, suspects, summary.gone, groups)
     if dataset.selection is None:
         return summary
     return replace(summary, facts={**summary.facts, "scenes_left_out": chosen.left_out})

@@ -17,7 +17,7 @@ from bagassets.defs.builds.pending_work import Asked, PendingWork, what_is_asked
 from bagassets.defs.builds.snapshot import Snapshot
 from bagassets.defs.graph.dataset import record_inputs
 from bagassets.defs.records.instance_plan import planner_of, replan_instance
-from bagassets.defs.records.partitions import active_runs, add_partitions, remove_partition
+from bagassets.defs.records.partitions import active_runs, add_partitions, remove_partitions
 from bagassets.defs.records.touched import record_touched
 from bagassets.defs.runs.launching import launching_of
 from bagassets.defs.runs.run_pool import EndedRun, Listener, RunPool
@@ -72,7 +72,7 @@ class BuildLoop:
         discovery = self._workspace.discover()
         asked = what_is_asked(self._workspace, discovery, self._options, self._own)
         with span("read records"):
-            return asked, planner_of(self._instance, self._workspace, discovery=discovery)
+            return asked, planner_of(self._instance, self._workspace, discovery=discovery, thorough=False)
 
     def _end_look(self, asked: Asked, planner: Planner) -> PendingWork:
         with span("plan"):
@@ -112,8 +112,7 @@ class BuildLoop:
                 steps = next_steps(state, rules)
                 if steps.doubted_s is not None:
                     self._refuse()
-                for key in steps.remove:
-                    remove_partition(self._instance, names, key)
+                remove_partitions(self._instance, names, steps.remove)
                 add_partitions(self._instance, names, steps.register)
                 if self.interrupted or not (steps.runs or following):
                     return

@@ -34,6 +34,7 @@ from bagassets.formats.dataset_build import (
     select_inputs,
     what_changed,
 )
+from bagassets.formats.format import ByGroups
 from bagassets.formats.report_data import build_map, map_path, report_data, report_path
 from bagassets.recipe.model import Recipe
 from bagassets.report.page import report_page
@@ -148,7 +149,8 @@ def dataset_assets(recipe: Recipe, names: Naming) -> list[dg.AssetsDefinition]:
     versions = dataset_code_versions(recipe)
     found = [definition(DATASET_INPUTS, INPUTS_CODE_VERSION, {"json"}, _INPUTS, select_inputs)]
     for name, one in made_once(recipe).items():
-        kinds, make = (one.kind.kinds, one.kind.join) if isinstance(one, Dataset) else ({"html"}, build_map)
+        kinds, how = (one.kind.kinds, one.kind.join) if isinstance(one, Dataset) else ({"html"}, build_map)
+        make = how.finish if isinstance(how, ByGroups) else how
         found.append(definition(name, versions[name], kinds, one.description, make))
     return found
 

@@ -26,6 +26,8 @@ def planner_of(
     discovery: Discovery | None = None,
     ids: Mapping[str, Mapping[str, int]] | None = None,
     kept: Mapping[str, BagPlan] = MappingProxyType({}),
+    *,
+    thorough: bool = True,
 ) -> Planner:
     """Return what plans everything, from what Dagster's records and the folders are now.
 
@@ -36,6 +38,7 @@ def planner_of(
         discovery: recordings to take as being on disk; default: those that are.
         ids: see `Plan.storage_ids`; default: as they are.
         kept: states of recordings that are not planned again.
+        thorough: see `Planner`.
 
     Raises:
         BagAssetsError: the recipe or the bag root is not usable.
@@ -54,6 +57,7 @@ def planner_of(
             partial(fetch_recorded, instance, names),
             kept,
             partial(quick_findings, workspace.recipe, workspace.store, found),
+            thorough=thorough,
         )
 
 
