@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable, Mapping
 from collections.abc import Set as AbstractSet
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 from bagassets.assets.ego_poses import EGO_POSES
@@ -156,7 +157,7 @@ class DatasetInputs:
     failed: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     ties: Ties = field(default_factory=Ties)
 
-    @property
+    @cached_property
     def digest(self) -> str:
         """Digest of everything that shapes the datasets except the recipe."""
         value: JsonObject = {"parts": [], "skipped": dict(self.skipped), "failed": {}}
