@@ -9,7 +9,7 @@ import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import TypeVar
@@ -20,7 +20,18 @@ from bagassets.base.errors import DatasetError
 from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.engine.splits import SplitShare, deal, moves, shares_of
 from bagassets.formats.dataset_lock import FORMAT, LOCK, DatasetLock, read_lock
-from bagassets.formats.format import FACTS, Entry, Format, Joined, Link, LooseFiles, Member, Part, UnitFolders
+from bagassets.formats.format import (
+    FACTS,
+    Entry,
+    Format,
+    Joined,
+    Kept,
+    Link,
+    LooseFiles,
+    Member,
+    Part,
+    UnitFolders,
+)
 from bagassets.formats.guard import GUARD, guarded, refuse_unexpected
 from bagassets.formats.json_files import json_bytes
 from bagassets.formats.linking import Linker
@@ -103,6 +114,11 @@ def assemble(
     """
     splits = splits or Splits()
     members, duplicates = _members(kind, parts, splits, store, dealt)
+    misfits = {} if kind.misfits is None else kind.misfits({one.part.key: one.facts for one in members})
+    members = [
+        replace(one, number=number)
+        for number, one in enumerate(m for m in members if m.part.key not in misfits)
+    ]
     shares = shares_of(
         [(member.part.key, kind.duration_s(member.facts)) for member in members],
         splits,
@@ -117,11 +133,18 @@ def assemble(
         leftovers = sorted(output.glob(f"{folder}.tmp-*"))
         new = output / f"{folder}.tmp-{uuid4().hex}"
         new.mkdir()
-        joined = kind.join(members, settings, shares, new)
+        if kind.rejoin is None:
+            joined = kind.join(members, settings, shares, new)
+        else:
+            joined = kind.rejoin(members, settings, shares, new, _kept(current, before, suspects))
         refuse_unexpected(new, joined.files, expected)
         known = before if suspects is not None and f"{folder}/{LOCK}" not in suspects else None
         needs = _needs(kind, members, before)
-        left_out = {"duplicates": duplicates, "skipped": skipped or {}, "failed": failed or {}}
+        left_out = {
+            "duplicates": duplicates,
+            "skipped": {**(skipped or {}), **misfits},
+            "failed": failed or {},
+        }
         lock = json_bytes(_lock(kind, settings, splits, shares, members, needs, joined, left_out))
         (new / LOCK).write_bytes(lock)
         has_links = kind.places is not None or (
@@ -177,6 +200,14 @@ def without_copies(parts: Iterable[Part]) -> tuple[list[Part], dict[str, str]]:
         first.setdefault(part.content, part)
     copies = {part.key: first[part.content].key for part in ordered if first[part.content] is not part}
     return list(first.values()), copies
+
+
+def _kept(current: Path, before: DatasetLock | None, suspects: AbstractSet[str] | None) -> Kept:
+    """Return the joined files of the dataset on disk that nobody has touched; none if that is unknown."""
+    if before is None or suspects is None or f"{current.name}/{LOCK}" in suspects:
+        return Kept()
+    untouched = {name: one for name, one in before.files.items() if f"{current.name}/{name}" not in suspects}
+    return Kept(current, untouched)
 
 
 def _needs(
@@ -310,8 +341,8 @@ def _is_same(new: Path, current: Path, digests: Mapping[str, str]) -> bool:
     """Tell whether `current` has the lock and the joined files of `new`, byte for byte."""
     try:
         return (current / LOCK).read_bytes() == (new / LOCK).read_bytes() and all(
-            (current / name).stat().st_size == (new / name).stat().st_size
-            and digest_file(current / name) == digest
+            (here := (current / name).stat()).st_size == (there := (new / name).stat()).st_size
+            and (here.st_ino == there.st_ino or digest_file(current / name) == digest)
             for name, digest in digests.items()
         )
     except OSError:

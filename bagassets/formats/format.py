@@ -113,6 +113,23 @@ class Joined:
 
 
 @dataclass(frozen=True)
+class Kept:
+    """Joined files of the dataset on disk that are as they were published, for formats that join large ones.
+
+    Attributes:
+        folder: the folder that is swapped.
+        digests: file in it -> digest.
+    """
+
+    folder: Path = Path()
+    digests: Mapping[str, str] = field(default_factory=dict)
+
+    def path(self, name: str) -> Path:
+        """Return the path of a file."""
+        return self.folder / name
+
+
+@dataclass(frozen=True)
 class UnitFolders:
     """Links of a format with one folder per recording.
 
@@ -203,6 +220,10 @@ class Format(Generic[S]):
         checks: checks of the finished dataset.
         check: settings and names of `checks` -> name -> finding.
         distribution: name and version of the package that adds it; "" for formats of bagassets.
+        rejoin: `join` that may link files from the dataset on disk, which other recordings did not change, instead of
+            writing them again; what comes out must be the same. None: there is nothing to gain.
+        misfits: recording -> facts, of all that are to be joined -> why some cannot be, as sentences; they are left out. None: all
+            recordings fit.
     """
 
     name: str
@@ -228,6 +249,8 @@ class Format(Generic[S]):
     checks: Sequence[DatasetCheck] = ()
     check: Callable[[S, AbstractSet[str]], Mapping[str, Finding]] | None = None
     distribution: str = ""
+    rejoin: Callable[[Sequence[Member], S, Sequence[SplitShare], Path, Kept], Joined] | None = None
+    misfits: Callable[[Mapping[str, Facts]], Mapping[str, str]] | None = None
 
     @property
     def asset(self) -> str:
