@@ -63,6 +63,8 @@ class CameraUse:
         decoder: the plug-in that decodes them; None for a built-in decoder.
         camera: the calibrated lens; None for a camera without intrinsics.
         camera_from: what the lens is from, as `CalibratedCamera.source`.
+        video: what decodes video; None for images.
+        period_ns: median time between two packets of video.
     """
 
     channel: str
@@ -71,6 +73,8 @@ class CameraUse:
     decoder: Mapping[str, str] | None = omitted()
     camera: CameraLens | None
     camera_from: str = for_messages("")
+    video: str | None = omitted()
+    period_ns: int | None = omitted()
 
     def __str__(self) -> str:
         return f"{self.channel} ({self.settings.topic})"

@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 
 from bagassets.base.errors import DecodeError
-from bagassets.decode.fields import stamp_and_frame
+from bagassets.decode.fields import byte_array, head
 from bagassets.decode.image import Pixels, demosaic
 from bagassets.decode.image_structure import JPEG, PNG, check_jpeg, check_png
 from bagassets.decode.model import ImageReading
@@ -36,11 +36,11 @@ def decode_compressed_image(message: Message) -> ImageReading:
     Raises:
         DecodeError: it is neither a JPEG nor a PNG.
     """
-    stamp_ns, frame_id = stamp_and_frame(message.header)
+    stamp_ns, frame_id = head(message)
     text = str(message.format)
     if "compressedDepth" in text:
         raise DecodeError("compressedDepth images are not supported; record the raw depth topic")
-    data = np.ascontiguousarray(message.data, np.uint8).data
+    data = byte_array(message.data).data
     start = bytes(data[: len(PNG)])
     kind = "jpeg" if start.startswith(JPEG) else "png" if start == PNG else ""
     if not kind:

@@ -1,4 +1,4 @@
-"""`sensor_msgs/Image`: raw pixels in the encodings of sensor_msgs/image_encodings.hpp."""
+"""`sensor_msgs/Image` and `foxglove.RawImage`: raw pixels in the encodings of sensor_msgs/image_encodings.hpp."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from bagassets.base.errors import DecodeError
-from bagassets.decode.fields import stamp_and_frame
+from bagassets.decode.fields import byte_array, head
 from bagassets.decode.model import ImageReading
 from bagassets.geometry.undistortion import Pixels
 from bagassets.recordings.model import Message
@@ -62,23 +62,23 @@ def decode_image(message: Message) -> ImageReading:
     Raises:
         DecodeError: the encoding is unknown, or the size does not fit the data.
     """
-    stamp_ns, frame_id = stamp_and_frame(message.header)
+    stamp_ns, frame_id = head(message)
     encoding = str(message.encoding).lower()
     layout = ENCODINGS.get(encoding)
     if layout is None:
         raise DecodeError(f"image encoding '{message.encoding}' is not supported")
     width, height, step = int(message.width), int(message.height), int(message.step)
-    data = np.asarray(message.data).view(np.uint8)
+    data = byte_array(message.data)
     row_bytes = width * layout.channels * layout.bytes_per_channel
     if not width or not height or step < row_bytes or len(data) < (height - 1) * step + row_bytes:
         raise DecodeError(
             f"an image of {width}x{height} in {encoding} with step {step} does not fit {len(data)} bytes"
         )
     # The last row may end with its last pixel, without padding.
-    rows = np.ndarray((height, row_bytes), np.uint8, np.ascontiguousarray(data), strides=(step, 1))
+    rows = np.ndarray((height, row_bytes), np.uint8, data, strides=(step, 1))
     pixels: Pixels = rows
     if layout.bytes_per_channel == 2:
-        order = ">u2" if message.is_bigendian else "<u2"
+        order = ">u2" if getattr(message, "is_bigendian", False) else "<u2"
         pixels = np.ascontiguousarray(rows).view(order).astype(np.uint16, copy=False)
     if layout.channels > 1:
         pixels = pixels.reshape(height, width, layout.channels)

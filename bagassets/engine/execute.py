@@ -177,8 +177,8 @@ def _result(node: Node, outcome: Outcome) -> AssetResult:
 
 
 def _make(graph: Graph, node: Node) -> None:
-    """Make a node if it can be, and settle it."""
-    if node.is_open:
+    """Make a node if it can be, and settle it; if its action fails, what its asset tries then."""
+    while node.is_open:
         graph.settle(node, _run_action(graph, node, graph.inputs, graph.store))
 
 

@@ -1,11 +1,12 @@
 """The plan: the state of every asset of every recording."""
 
+import json
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from hashlib import sha256
-from typing import TYPE_CHECKING, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
-from bagassets.base.json_types import Json, JsonObject
+from bagassets.base.json_types import JsonObject
 from bagassets.engine.splits import Ties
 from bagassets.recordings.digest import RecordingStat
 from bagassets.recordings.model import Format
@@ -110,6 +111,11 @@ class BagPlan:
     findings: tuple[tuple[str, str, str], ...] | None = field(default=None, compare=False)
 
     @property
+    def names(self) -> Collection[str]:
+        """The names of its assets."""
+        return self.assets
+
+    @property
     def skipped(self) -> str | None:
         """Why the recording is skipped, or None."""
         return next((state.reason for state in self.assets.values() if state.state == "skipped"), None)
@@ -156,6 +162,8 @@ class BagPlan:
             retry_failed: retry what failed before on the same input.
             select: assets that matter, with those that they read (see `RecordingAssets.with_upstream`). None = all.
         """
+        if self.settled:
+            return ()
         idle = {"fresh", "skipped"} | (set() if retry_failed else {"failed"})
         if self.failed is not None and not retry_failed:
             # What depends on a failed asset stays unknown: a run would gain nothing.
@@ -178,18 +186,66 @@ class BagPlan:
         """Return the states as JSON."""
         return {name: state.as_json() for name, state in self.assets.items()}
 
-    def as_row(self) -> list[Json]:
-        """Return a settled plan without its key as compact JSON: there may be 10,000 of them."""
-        facts = [self.assets, self.format, self.recorded, self.channels, sorted(self.optional), self.rig]
-        return [*facts, self.findings]
+    def as_row(self) -> bytes:
+        """Return a settled plan without its key as lines of JSON: what is asked of 100,000 at a time, and the rest."""
+        rest = [self.assets, self.format, self.channels, sorted(self.optional), self.rig]
+        lines = [self.skipped, [*self.assets], self.recorded, self.findings, rest]
+        return b"\n".join(json.dumps(one, separators=(",", ":")).encode() for one in lines)
 
     @classmethod
-    def from_row(cls, key: str, row: list[Json]) -> Self:
-        """Inverse of `as_row`, from decoded JSON."""
-        states, file_format, recorded, channels, optional, rig, findings = row
+    def from_row(cls, key: str, row: bytes) -> "BagPlan":
+        """Inverse of `as_row`."""
+        _, _, recorded, found, (states, file_format, channels, optional, rig) = map(
+            json.loads, row.split(b"\n")
+        )
         assets = {name: AssetState(*state) for name, state in states.items()}
-        plan = cls(key, assets, file_format, recorded, tuple(channels), frozenset(optional), rig)
-        return plan if findings is None else replace(plan, findings=tuple(map(tuple, findings)))
+        findings = None if found is None else tuple(map(tuple, found))
+        return BagPlan(
+            key, assets, file_format, recorded, tuple(channels), frozenset(optional), rig, findings=findings
+        )
+
+
+def _line(number: int) -> Any:  # noqa: ANN401  (of whatever type)
+    return property(lambda kept: json.loads(kept.row.split(b"\n", number + 1)[number].decode()))
+
+
+def _of_rest(name: str) -> Any:  # noqa: ANN401  (likewise)
+    return property(lambda kept: getattr(BagPlan.from_row(kept.key, kept.row), name))
+
+
+class KeptPlan(BagPlan):
+    """A settled plan as it was kept, decoded each time that it is asked for more than that: nobody asks most of them.
+
+    Args:
+        key: partition key.
+        row: see `BagPlan.as_row`.
+        made: digests of its artifacts, 32 bytes each.
+    """
+
+    row: bytes
+    made: bytes
+    skipped, names, recorded, findings = map(_line, range(4))
+    assets, format, channels, optional, rig = map(
+        _of_rest, ("assets", "format", "channels", "optional", "rig")
+    )
+    failed = unusable = None
+    settled, can_be_retried = True, False
+
+    def __init__(self, key: str, row: bytes, made: bytes) -> None:
+        vars(self).update(key=key, row=row, made=made)
+
+    __hash__ = None  # type: ignore[assignment]  # as that of a plan, which has mappings
+
+    def __eq__(self, other: object) -> bool:
+        """Compare as the plans that they are."""
+        plan = BagPlan.from_row(self.key, self.row)
+        return plan == (BagPlan.from_row(other.key, other.row) if isinstance(other, KeptPlan) else other)
+
+    @property
+    def artifacts(self) -> tuple[str, ...]:
+        """See `BagPlan`."""
+        text = self.made.hex()
+        return tuple(text[start : start + 64] for start in range(0, len(text), 64))
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from bagassets.base.alike import names_text
 from bagassets.engine.freshness.plan_cache import PlanCache, RecordingFingerprint, recording_fingerprint
 from bagassets.engine.graph import Graph
 from bagassets.engine.inputs import files_beside
-from bagassets.engine.plan import AssetState, BagPlan, Plan, Recorded, version_as_input
+from bagassets.engine.plan import AssetState, BagPlan, KeptPlan, Plan, Recorded, version_as_input
 from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.engine.splits import Ties
 from bagassets.engine.unsettled import Unsettled
@@ -163,6 +163,7 @@ class Planning:
         fetch: takes assets and partition keys, and returns partition key -> asset -> what Dagster recorded last.
         kept: states of recordings that are not planned again.
         check: returns what quick checks find in a recording with nothing to do (`BagPlan.findings`); kept with its plan.
+        thorough: look at all artifacts, however many there are; see `PlanCache`.
     """
 
     assets: RecordingAssets
@@ -175,9 +176,11 @@ class Planning:
     fetch: Fetch
     kept: Mapping[str, BagPlan] = field(default_factory=dict)
     check: Callable[[BagPlan], tuple[tuple[str, str, str], ...] | None] = lambda _: None
+    thorough: bool = True
 
     def __post_init__(self) -> None:
-        self._cache = PlanCache(self.assets.recipe.state, self.store.root / "artifacts")
+        artifacts = self.store.root / "artifacts"
+        self._cache = PlanCache(self.assets.recipe.state, artifacts, thorough=self.thorough)
         self._before = self._cache.load()
         self._unsettled = Unsettled(self.assets.recipe.state).noted()
         self._fingerprints = {} if self.project is None else self._current_fingerprints(self.project)
@@ -225,6 +228,7 @@ class Planning:
         self._cache.save(
             {key: (self._fingerprints[key], bag.as_row(), bag.artifacts) for key, bag in settled.items()},
             self._before.keys() - unchanged - settled.keys(),
+            all_checked=not self.kept,
         )
         ordered = {key: bags[key] for key in recordings}
         found = self.discovery
@@ -272,17 +276,17 @@ class Planning:
         if key not in self._last:
             return False
         entry, now = self._last[key]
-        last = entry.recording_fingerprint
+        last = entry.fingerprint
         return (last.files, last.bag) == (now.files, now.bag)
 
     def _unchanged(self) -> dict[str, BagPlan]:
         """Return the last plans of the recordings that have not changed since."""
-        found = {}
+        found: dict[str, BagPlan] = {}
         for key, (entry, now) in self._last.items():
-            if entry.recording_fingerprint != now:
+            if entry.fingerprint != now:
                 continue
-            bag = BagPlan.from_row(key, entry.plan)
-            if self._cache.holds(entry, bag.artifacts):
+            bag = KeptPlan(key, entry.row, entry.made)
+            if self._cache.holds(entry):
                 found[key] = bag
             else:
                 _remove_incomplete(self.store, bag)
@@ -298,15 +302,15 @@ class Planning:
         for key in keys:
             if key in self._last:
                 entry, now = self._last[key]
-                if now.bag is not None and entry.recording_fingerprint.rest == now.rest:
+                if now.bag is not None and entry.fingerprint.rest == now.rest:
                     alike.append(key)
         for some in _batches(alike):
             for key, records in self.fetch(("bag",), some).items():
                 entry = self._before[key]
-                last = BagPlan.from_row(key, entry.plan)
+                last = BagPlan.from_row(key, entry.row)
                 digest, _, state = _bag_state(self.discovery.recordings[key], records.get("bag"), self.index)
                 is_same = state.state == "fresh" and digest == last.assets["bag"].data_version
-                if is_same and self._cache.holds(entry, last.artifacts):
+                if is_same and self._cache.holds(entry):
                     found[key] = last
         return found
 

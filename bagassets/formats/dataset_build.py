@@ -1,12 +1,13 @@
 """The datasets of a recipe: which recordings enter them, and building them."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from collections.abc import Set as AbstractSet
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from bagassets.assets.ego_poses import EGO_POSES
+from bagassets.assets.inventory import INVENTORY
 from bagassets.base.errors import BagAssetsError, DatasetError
 from bagassets.base.json_types import JsonObject
 from bagassets.base.trace import span
@@ -18,6 +19,7 @@ from bagassets.formats.assembly import DatasetSummary, assemble, without_copies
 from bagassets.formats.catalogue import formats, formats_of
 from bagassets.formats.dataset_lock import DatasetLock, read_lock
 from bagassets.formats.format import FACTS, AnyFormat, Part, Selection
+from bagassets.formats.groups import GroupsRecord
 from bagassets.recipe.format_settings import DEFAULT_FORMAT
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_base import DatasetSettings
@@ -37,12 +39,24 @@ class Dataset:
         kind: its format.
         settings: its section of the recipe.
         selection: the conditions of a named dataset; None for the whole one.
+        whole: the dataset that a named one has scenes of.
     """
 
     asset: str
     kind: AnyFormat
     settings: DatasetSettings
     selection: NamedDataset | None = None
+    whole: "Dataset | None" = None
+
+    @property
+    def part(self) -> str:
+        """The asset of recordings that it is made from."""
+        return self.kind.part
+
+    @property
+    def published_in(self) -> Path:
+        """The folder that has all its files."""
+        return self.settings.output
 
     @property
     def description(self) -> str:
@@ -67,6 +81,9 @@ class Dataset:
 
     def code_version(self, splits: Splits) -> str:
         """Return `<version>-<digest of the recipe fields>`."""
+        if self.selection is not None and self.whole is not None:
+            chosen = self.selection.model_dump(mode="json", exclude={"output"})
+            return f"{self.kind.version}-{digest_json([self.whole.code_version(splits), chosen])[:12]}"
         fields: list[object] = [
             self.settings.model_dump(mode="json", exclude={"output"}),
             splits.model_dump(mode="json"),
@@ -76,22 +93,48 @@ class Dataset:
         return f"{self.kind.version}-{digest_json(fields)[:12]}"
 
 
+@dataclass(frozen=True)
+class RouteMap:
+    """The map of all recordings, which is made once, as datasets are.
+
+    Attributes:
+        published_in: the folder that has its files.
+        asset: its name in Dagster.
+        part: the asset of recordings that it is made from.
+        description: description for the web UI.
+    """
+
+    published_in: Path
+    asset: str = trajectory_map.STEP.name
+    part: str = EGO_POSES.name
+    description: str = """Where all recordings were driven: an interactive map with a layer per split and a heat layer.
+
+Without a network, it shows the same routes on a plain grid."""
+
+    def code_version(self, splits: Splits) -> str:
+        """Return `<version>-<digest of the recipe fields>`."""
+        return f"{trajectory_map.STEP.version}-{digest_json([splits.model_dump(mode='json')])[:12]}"
+
+
 def datasets_of(recipe: Recipe) -> dict[str, Dataset]:
     """Return asset -> dataset: first one per format, then the named ones."""
+    return {asset: one for asset, one in made_once(recipe).items() if isinstance(one, Dataset)}
+
+
+def made_once(recipe: Recipe) -> dict[str, Dataset | RouteMap]:
+    """Return asset -> what is made once of all recordings: a dataset per format, the map, then the named datasets."""
     sections = recipe.dataset_settings
-    found = {kind.asset: Dataset(kind.asset, kind, sections[kind.name]) for kind in formats_of(recipe)}
+    wholes = {kind.name: Dataset(kind.asset, kind, sections[kind.name]) for kind in formats_of(recipe)}
+    found: dict[str, Dataset | RouteMap] = {one.asset: one for one in wholes.values()}
+    if recipe.preview.has_map:
+        route_map = RouteMap(recipe.state)
+        found[route_map.asset] = route_map
     for named in recipe.datasets:
-        kind = next(kind for kind in formats_of(recipe) if kind.name == DEFAULT_FORMAT)
+        whole = wholes[DEFAULT_FORMAT]
         update = {"output": named.output} | ({"version": named.version} if named.version else {})
-        found[named.asset] = Dataset(named.asset, kind, sections[kind.name].model_copy(update=update), named)
+        settings = whole.settings.model_copy(update=update)
+        found[named.asset] = Dataset(named.asset, whole.kind, settings, named, whole)
     return found
-
-
-def made_from(recipe: Recipe) -> dict[str, str]:
-    """Return each dataset, and the map -> the asset of recordings that it is made from."""
-    return {asset: one.kind.part for asset, one in datasets_of(recipe).items()} | {
-        trajectory_map.STEP.name: EGO_POSES.name
-    }
 
 
 @dataclass(frozen=True)
@@ -214,7 +257,7 @@ def select_inputs(plan: Plan, live: frozenset[str]) -> DatasetInputs:
     A recording whose newest content failed is left out rather than included with old content. So is one of which newer
     content is on record than its part was made from: some assets were made alone, or a run was interrupted.
     """
-    made = {name for bag in plan.bags.values() for name in bag.assets}
+    made = {name for bag in plan.bags.values() for name in bag.names}
     kinds = [kind for kind in formats() if kind.part in made]
     parts: dict[str, list[Part]] = {kind.name: [] for kind in kinds}
     failed: dict[str, dict[str, str]] = {kind.name: {} for kind in kinds}
@@ -223,15 +266,23 @@ def select_inputs(plan: Plan, live: frozenset[str]) -> DatasetInputs:
         if bag.skipped is not None:
             skipped[key] = bag.skipped
             continue
+        names, recorded = bag.names, bag.recorded
         for kind in kinds:
-            if kind.part not in bag.assets:
+            if kind.part not in names:
                 continue
-            reason = _failure(bag, kind.part)
+            reason = None if bag.settled else _failure(bag, kind.part)
             if reason is not None:
                 failed[kind.name][key] = reason
-            elif key in live and kind.part in bag.recorded and "bag" in bag.recorded:
-                parts[kind.name].append(Part(key, bag.recorded["bag"], bag.recorded[kind.part]))
+            elif key in live and kind.part in recorded and "bag" in recorded:
+                parts[kind.name].append(Part(key, recorded["bag"], recorded[kind.part]))
     return DatasetInputs({name: tuple(each) for name, each in parts.items()}, skipped, failed, plan.ties)
+
+
+def _damaged(plan: Plan, store: Store, parts: Iterable[Part]) -> dict[str, str]:
+    """Return recording -> how much of it was read, of those that are damaged."""
+    found = ((part.key, plan.bags[part.key].current_artifact(store, INVENTORY.name)) for part in parts)
+    shares = ((key, one.summary().get("damage")) for key, one in found if one is not None)
+    return {key: share for key, share in shares if share is not None}
 
 
 @dataclass(frozen=True)
@@ -261,21 +312,22 @@ def dataset_contents(recipe: Recipe, inputs: DatasetInputs, asset: str) -> Datas
     Raises:
         DatasetError: its lock cannot be read.
     """
-    part, dataset = made_from(recipe)[asset], datasets_of(recipe).get(asset)
-    name = inputs.first if dataset is None else dataset.kind.name
+    made = made_once(recipe)[asset]
+    name = made.kind.name if isinstance(made, Dataset) else inputs.first
     parts, copies = without_copies(inputs.parts.get(name, ()))
     left_out = {**inputs.skipped, **inputs.failed.get(name, {})}
     left_out |= {
         key: f"the same content as {first}, which is in it for both" for key, first in copies.items()
     }
-    if dataset is None:  # the map, which has no lock
-        return DatasetContents(part, None, {one.key: one.content for one in parts}, left_out)
-    lock, is_whole = dataset.lock, dataset.selection is None
+    if isinstance(made, RouteMap):
+        on_map = trajectory_map.recordings_on_map(made.published_in)
+        return DatasetContents(made.part, on_map, {one.key: one.content for one in parts}, left_out)
+    lock, is_whole = made.lock, made.selection is None
     now = {one.key: one.artifact if is_whole else one.content for one in parts}
     if lock is None:
-        return DatasetContents(part, {}, now, left_out)
+        return DatasetContents(made.part, {}, now, left_out)
     if (
-        not is_whole or dataset.kind.misfits is not None
+        not is_whole or made.kind.misfits is not None
     ):  # which are selected, or fit, is known once they are made
         selected_out = {key: why for key, why in lock.value["skipped"].items() if key in now}
         left_out |= selected_out
@@ -283,7 +335,18 @@ def dataset_contents(recipe: Recipe, inputs: DatasetInputs, asset: str) -> Datas
     last = {key: bag.artifact if is_whole else bag.content for key, bag in lock.bags.items()}
     before = {key for why in ("skipped", "failed", "duplicates") for key in lock.value[why]}
     returned = tuple(sorted(before - left_out.keys() - now.keys()))
-    return DatasetContents(part, last, now, left_out, returned)
+    return DatasetContents(made.part, last, now, left_out, returned)
+
+
+def what_changed(recipe: Recipe, inputs: DatasetInputs, asset: str) -> str:
+    """Return why a dataset is to be made again that was made from other inputs: these are the inputs of all datasets."""
+    made = made_once(recipe)[asset]
+    with suppress(DatasetError):  # its lock cannot be read
+        if isinstance(made, Dataset) and made.selection is None:
+            contents = dataset_contents(recipe, inputs, asset)
+            if contents.last == contents.now:
+                return "only what is left out, or in other datasets, changed since it was made"
+    return "its recordings changed since it was made"
 
 
 def _failure(bag: BagPlan, part: str) -> str | None:
@@ -335,32 +398,21 @@ def build_dataset(
             dealt=inputs.dealt(recipe.splits, store),
             skipped={**inputs.skipped, **chosen.skipped},
             failed=inputs.failed.get(kind.name, {}),
+            damaged=_damaged(plan, store, chosen.parts),
             suspects=suspects,
+            record=None if (groups := publication.groups()) is None else GroupsRecord.from_json(groups),
             permit=permit,
         )
-        publication.write(output, summary.published, summary.links, suspects)
+        groups = None if summary.record is None else summary.record.as_json()
+        publication.write(output, summary.published, summary.links, suspects, summary.gone, groups)
     if dataset.selection is None:
         return summary
     return replace(summary, facts={**summary.facts, "scenes_left_out": chosen.left_out})
 
 
 def dataset_code_versions(recipe: Recipe) -> dict[str, str]:
-    """Return dataset asset -> code version, for all datasets of a recipe, in order."""
-    datasets = datasets_of(recipe)
-    versions = {
-        asset: dataset.code_version(recipe.splits)
-        for asset, dataset in datasets.items()
-        if dataset.selection is None
-    }
-    if recipe.preview.has_map:
-        fields = [recipe.splits.model_dump(mode="json")]
-        versions[trajectory_map.STEP.name] = f"{trajectory_map.STEP.version}-{digest_json(fields)[:12]}"
-    for asset, dataset in datasets.items():
-        if dataset.selection is not None:
-            chosen = dataset.selection.model_dump(mode="json", exclude={"output"})
-            digest = digest_json([versions[dataset.kind.asset], chosen])
-            versions[asset] = f"{dataset.kind.version}-{digest[:12]}"
-    return versions
+    """Return asset -> code version, for all datasets of a recipe and the map, in order."""
+    return {asset: one.code_version(recipe.splits) for asset, one in made_once(recipe).items()}
 
 
 def dataset_folders(recipe: Recipe) -> dict[str, Path]:
@@ -370,5 +422,5 @@ def dataset_folders(recipe: Recipe) -> dict[str, Path]:
 
 def is_on_disk(recipe: Recipe, asset: str) -> bool:
     """Tell whether a dataset on disk is as it was published."""
-    root = recipe.state if asset == trajectory_map.STEP.name else dataset_folders(recipe)[asset]
+    root = made_once(recipe)[asset].published_in
     return Publication(recipe.state, asset).is_as_published(root, lambda path: digest_file(Path(path)))

@@ -18,7 +18,13 @@ from bagassets.engine.track import track_on_record
 from bagassets.formats import trajectory_map
 from bagassets.formats.catalogue import formats, recording_assets
 from bagassets.formats.checking import Verdict, check_bag, check_datasets
-from bagassets.formats.dataset_build import datasets_of, deal_contents, recordings_without_scenes
+from bagassets.formats.dataset_build import (
+    DatasetInputs,
+    dataset_contents,
+    datasets_of,
+    deal_contents,
+    recordings_without_scenes,
+)
 from bagassets.formats.format import FACTS as PART_FACTS
 from bagassets.formats.format import AnyFormat
 from bagassets.recipe.model import Recipe
@@ -94,8 +100,8 @@ def report_path(recipe: Recipe) -> Path:
     return recipe.state / "report.html"
 
 
-def build_map(recipe: Recipe, store: Store, plan: Plan) -> Outcome:
-    """Make the map of all recordings, and write it to `map_path`.
+def build_map(recipe: Recipe, store: Store, plan: Plan, inputs: DatasetInputs) -> Outcome:
+    """Make the map of all recordings, write it to `map_path`, and note what it was made from.
 
     Raises:
         DatasetError: it cannot be written.
@@ -103,6 +109,9 @@ def build_map(recipe: Recipe, store: Store, plan: Plan) -> Outcome:
     outcome = trajectory_map.map_of(store, _map_routes(recipe, store, plan))
     page = outcome.artifact.path(trajectory_map.MAP).read_text(encoding="utf-8")
     write_page(map_path(recipe), page)
+    trajectory_map.note_recordings(
+        recipe.state, dataset_contents(recipe, inputs, trajectory_map.STEP.name).now
+    )
     digests = {map_path(recipe).name: digest_bytes(page.encode())}
     Publication(recipe.state, trajectory_map.STEP.name).write(recipe.state, digests, {}, None)
     return outcome

@@ -39,6 +39,8 @@ from bagassets.recipe.model_signals import Signal, SignalName
 from bagassets.recipe.model_splits import Splits
 
 S = TypeVar("S", bound=DatasetSettings)
+Recover = Literal["refuse", "complete", "all"]
+"""What becomes of damaged recordings."""
 
 
 class GreyRange(Model):
@@ -282,6 +284,12 @@ class Bags(Model):
         description="Drives in several files: path of the whole drive below the root -> paths of its parts in order, `true` for "
         "the numbered files beside it (`drive.bag: true` joins drive_0.bag, drive_1.bag, …), or `false` to keep these apart; "
         "default: files are joined if their numbers, topics and times leave no doubt.",
+    )
+    recover: Recover = Field(
+        "complete",
+        description="What becomes of damaged recordings, which are read in place: `refuse` fails them; `complete` uses those of which "
+        "every record is whole and no count is contradicted, such as one whose recorder was stopped before it wrote an index; "
+        "`all` uses what can be read, and counts the rest as lost.",
     )
     digest_attributes: bool = Field(
         False,

@@ -165,6 +165,7 @@ class Checks(Model):
     """Checks of finished assets, shown in Dagster per recording and for the dataset."""
 
     enabled: bool = Field(True, description="Run checks.")
+    recording_whole: Check = Field(Check(severity="warn"), description="Nothing of a recording is damaged.")
     channels_present: ChannelsCheck = Field(
         ChannelsCheck(), description="Configured channels have messages and files."
     )

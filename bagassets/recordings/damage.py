@@ -34,6 +34,7 @@ _REASONS = (
     (r"[Cc]ompression '?(\w*)'? is not supported", r"its compression '\1' is not supported"),
     (r"unexpected|[Ee]nd ?[Oo]f ?[Ff]ile|[Tt]runcated|Got only|cut off|incomplete", "it ends too early, or is damaged"),
 )  # fmt: skip
+NO_BEGINNING = "it does not begin as such a file does"
 _CONTRADICTS = "its bytes contradict each other"
 
 
@@ -59,7 +60,7 @@ def unreadable(path: Path, err: BaseException) -> RecordingError:
         )
     reason = _reason(err)
     if begins_as is None and path.suffix in _BEGINNINGS and reason == _CONTRADICTS:
-        reason = "it does not begin as such a file does"
+        reason = NO_BEGINNING
     return RecordingError(f"{path}: it cannot be read ({reason}); {advice_for(path)}.")
 
 

@@ -111,7 +111,7 @@ def discover(bags: Bags, *, joined: bool = True) -> Discovery:
     if not bags.root.is_dir():
         raise RecordingError(f"{bags.root}: no such folder; correct bags.root in the recipe.")
     walk = _Walk(bags)
-    walk.folder(bags.root, "", ())
+    walk.folder(bags.root, "", _identities(bags.root.resolve().parents))
     found = sorted(walk.recordings, key=attrgetter("relative"))
     if bags.include != ("**",) or bags.exclude:
         reasons = {one.relative: _exclusion(bags, one.relative) for one in found}
@@ -137,6 +137,16 @@ def discover(bags: Bags, *, joined: bool = True) -> Discovery:
         series.asked,
         {_key(relative): whole for relative, whole in series.near.items()},
     )
+
+
+def _identities(folders: Iterable[Path]) -> tuple[tuple[int, int], ...]:
+    """Return device and inode of folders, as far as they can be seen."""
+    found = []
+    for folder in folders:
+        with suppress(OSError):
+            status = folder.stat()
+            found.append((status.st_dev, status.st_ino))
+    return tuple(found)
 
 
 def find_one(path: Path) -> RecordingFiles:
@@ -234,7 +244,7 @@ class _Walk:
     """A walk below the bag root that collects recordings in no particular order.
 
     Links are followed as by `find -L`: a folder linked twice is walked twice, so that the result does not depend on the
-    order in which the disk lists names; a folder linked within itself is not.
+    order in which the disk lists names; a folder linked within itself is not, be it one that the bag root lies in.
     """
 
     bags: Bags

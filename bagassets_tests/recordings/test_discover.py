@@ -168,6 +168,21 @@ def test_links_are_followed_but_not_in_circles(tmp_path):
     assert discover(Bags(root=tmp_path)).excluded == [("broken.bag", nowhere), ("self.bag", nowhere)]
 
 
+def test_a_link_to_a_folder_that_holds_the_bag_root_is_not_walked(tmp_path):
+    touch(tmp_path, "outside/a.bag", "x/root/b.bag")
+    root = tmp_path / "x" / "root"
+    for name, target in (
+        ("top", tmp_path),
+        ("up", tmp_path / "x"),
+        ("all", "/"),
+        ("aside", tmp_path / "outside"),
+    ):
+        (root / name).symlink_to(target)
+    (tmp_path / "by_link").symlink_to(root)
+    for one in (root, tmp_path / "by_link"):
+        assert relatives(one) == ["aside/a.bag", "b.bag"]
+
+
 def forbid(monkeypatch, folder):
     """Make a folder unreadable; chmod would not stop tests that run as root."""
     scandir = os.scandir

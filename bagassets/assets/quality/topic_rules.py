@@ -72,6 +72,14 @@ def _several_robots(rig: Rig, inventory: Inventory) -> list[str]:
     ]
 
 
+def recording_whole(inventory: Inventory) -> Finding:
+    """Check that nothing of the recording is damaged."""
+    damage = inventory.damage
+    if damage is None:
+        return Finding([], {"damaged": False})
+    return Finding(list(damage.sentences()), {"damaged": True, "lost": sum(damage.lost.values())})
+
+
 def topic_rates(rig: Rig, inventory: Inventory, check: TopicsCheck) -> Finding:
     """Check mean rates and longest pauses of topics, by log time."""
     problems = []

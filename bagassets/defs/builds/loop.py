@@ -3,6 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import ExitStack
 from typing import NoReturn
 
 import dagster as dg
@@ -21,7 +22,7 @@ from bagassets.defs.builds.pending_work import (
 from bagassets.defs.builds.snapshot import Snapshot
 from bagassets.defs.graph.dataset import record_inputs
 from bagassets.defs.records.instance_plan import begin_planning
-from bagassets.defs.records.partitions import active_runs, add_partitions, remove_partition
+from bagassets.defs.records.partitions import active_runs, add_partitions, remove_partitions
 from bagassets.defs.records.touched import record_touched
 from bagassets.defs.runs.launching import launching_of
 from bagassets.defs.runs.run_pool import EndedRun, Listener, RunPool
@@ -79,7 +80,7 @@ class BuildLoop:
     def _begin_look(self) -> Planning:
         self.snapshot, self.is_partial = Snapshot(self._instance, self._workspace, self._own.files), False
         with span("read records"):
-            return begin_planning(self._instance, self._workspace)
+            return begin_planning(self._instance, self._workspace, thorough=False)
 
     def _on_planned(self, done: int, total: int) -> None:
         self._on_event(Event.planning(done, total))
@@ -101,25 +102,29 @@ class BuildLoop:
         names, log = self._workspace.names, self._workspace.recipe.state / "code-server.log"
         following = self._going_on()
         tries: Counter[str] = Counter()
-        with RunPool(
-            self._instance, names, self._options.jobs, self._on_event, log, self._own.location
-        ) as pool:
-            rules = Rules(
-                pool.jobs, pool.most_per_run, patience_s=0.0 if self._options.allow_empty else math.inf
-            )
-            self.ended = pool.ended
+        launching = launching_of(self._instance)
+        rules = Rules(
+            launching.most_at_once or self._options.jobs,
+            launching.recordings_per_run,
+            patience_s=0.0 if self._options.allow_empty else math.inf,
+        )
+        pool: RunPool | None = None
+        with ExitStack() as stack:
             while True:
                 state = self._state(tries, following)
                 steps = next_steps(state, rules)
                 if steps.doubted_s is not None:
                     self._refuse()
-                for key in steps.remove:
-                    remove_partition(self._instance, names, key)
+                remove_partitions(self._instance, names, steps.remove)
                 add_partitions(self._instance, names, steps.register)
-                if pool.interrupted or not (steps.runs or following):
+                if self.interrupted or not (steps.runs or following):
                     return
-                if not pool.ended:
+                if pool is None:
                     self._on_event(self._planned())
+                    pool = stack.enter_context(
+                        RunPool(self._instance, names, rules.jobs, self._on_event, log, self._own.location)
+                    )
+                    self.ended = pool.ended
                 pool.work(steps.runs, following, steps.without_steps)
                 self.interrupted = pool.interrupted
                 asked = {key for run in steps.runs for key in run} & pool.ended.keys()

@@ -36,7 +36,7 @@ from bagassets.formats.catalogue import formats
 from bagassets.formats.dataset_build import (
     DatasetInputs,
     dataset_code_versions,
-    made_from,
+    made_once,
     split_on_disk,
 )
 from bagassets.propose.project import dagster_home
@@ -94,6 +94,11 @@ class PendingWork(Asked, InstancePlan):
         runs = len(batches(self.todo, {key: size for key, (size, _) in todo.items()}, jobs))
         planner = Planner(workspace.assets, workspace.store)
         return made_again(planner, self.plan, self.recorded, todo, jobs, runs)
+
+    @property
+    def leaving(self) -> frozenset[str]:
+        """The registered recordings that are gone, and whose partitions a build removes."""
+        return frozenset(self.plan.removed) - self.held.keys()
 
     @property
     def dataset_is_current(self) -> bool:
@@ -184,7 +189,7 @@ def _asked(
         return Asked(chosen, None, datasets, options.retry_failed)
     if own is not None:
         wanted = (wanted & frozenset(ours)) | own.ours_read_by(wanted)
-    parts = made_from(recipe)
+    parts = {name: one.part for name, one in made_once(recipe).items()}
     assets = workspace.assets.with_upstream(parts.get(name, name) for name in wanted)
     chosen_datasets = tuple(name for name in datasets if name in wanted)
     return Asked(chosen, assets, chosen_datasets, options.retry_failed)

@@ -13,7 +13,7 @@ from bagassets.base.errors import BagAssetsError
 from bagassets.base.escaping import markdown
 from bagassets.defs.graph.check_records import findings_on_record
 from bagassets.defs.records.artifact_files import page_link
-from bagassets.defs.records.events import recorded_wholes
+from bagassets.defs.records.events import recorded_whole, recorded_wholes
 from bagassets.defs.records.fence import refuse_if_ended
 from bagassets.defs.records.instance_plan import InstancePlan, plan_instance
 from bagassets.defs.records.naming import DATASET_INPUTS, Naming
@@ -23,24 +23,25 @@ from bagassets.defs.records.workspace import Workspace
 from bagassets.engine.batches import DATASET
 from bagassets.engine.plan import AssetState
 from bagassets.engine.targets import Evidence, Read, Target, target_state
-from bagassets.formats import trajectory_map
 from bagassets.formats.catalogue import formats, formats_of, recording_assets
 from bagassets.formats.dataset_build import (
+    Dataset,
     DatasetInputs,
     build_dataset,
     dataset_code_versions,
-    datasets_of,
     is_on_disk,
+    made_once,
     select_inputs,
+    what_changed,
 )
+from bagassets.formats.format import ByGroups
 from bagassets.formats.report_data import build_map, map_path, report_data, report_path
 from bagassets.recipe.model import Recipe
 from bagassets.report.page import report_page
 from bagassets.report.write import write_page
 
-TRAJECTORY_MAP = trajectory_map.STEP.name
 INPUTS_CODE_VERSION = "1"
-_READS = (Read(DATASET_INPUTS, "whole", "its recordings changed since it was made"),)
+_READS = (Read(DATASET_INPUTS, "whole"),)
 _CODE_CHANGED = "its settings, the splits or its version changed"
 MOST_REPORTED = 1000
 """It takes a millisecond or two for each recording, and a change of one is not to cost more the more there are."""
@@ -50,9 +51,6 @@ _INPUTS = """Which recordings the datasets are made from, and why others are lef
 Its data version is a digest over the partition keys and data versions of all recordings that take part, so it changes
 with each of them and when one is removed, however many there are; Dagster itself compares at most 100 partitions. The
 sensor and `bagassets build` record it without a run."""
-_MAP = """Where all recordings were driven: an interactive map with a layer per split and a heat layer.
-
-Without a network, it shows the same routes on a plain grid."""
 
 
 def dataset_is_current(instance: dg.DagsterInstance, workspace: Workspace, inputs: DatasetInputs) -> bool:
@@ -82,6 +80,7 @@ def dataset_states(
             last,
             {} if last is None else last.inputs,
             is_whole=partial(is_on_disk, recipe, asset),
+            changed=partial(what_changed, recipe, inputs, asset),
             waits_for=waits_for,
             is_due=is_due,
         )
@@ -89,26 +88,16 @@ def dataset_states(
     return found
 
 
-def record_inputs(
-    instance: dg.DagsterInstance, workspace: Workspace, inputs: DatasetInputs, *, in_run: bool = False
-) -> bool:
-    """Record `dataset_inputs` without a run (about 10 ms) if it changed, or records that it points to did; return whether.
+def record_inputs(instance: dg.DagsterInstance, workspace: Workspace, inputs: DatasetInputs) -> None:
+    """Record `dataset_inputs` without a run (about 10 ms) if it changed, or records that it points to did.
 
     Its tags name its inputs, as those of a run would: without them Dagster would mark it as stale.
-
-    Args:
-        instance: where it is recorded.
-        workspace: the recipe.
-        inputs: what it is made from.
-        in_run: a run asks, which may have recorded it itself: then what it points to does not count.
     """
     read = dict.fromkeys(_read_of_recordings(workspace.recipe), inputs.digest)
     made = Made(DATASET_INPUTS, inputs.digest, INPUTS_CODE_VERSION, {}, read)
     recorder = Recorder(instance, workspace, DATASET)
-    is_new = not recorder.is_recorded(replace(made, inputs={}) if in_run else made)
-    if is_new:
+    if not recorder.is_recorded(made):
         recorder.record(replace(made, metadata=inputs_metadata(inputs)))
-    return is_new
 
 
 def _read_of_recordings(recipe: Recipe) -> list[str]:
@@ -147,7 +136,9 @@ def dataset_assets(recipe: Recipe, names: Naming) -> list[dg.AssetsDefinition]:
                     made = Made(asset, digest, version, metadata, {})
                 else:
                     # Also if it is made alone. What a step reads Dagster looks up before the step begins.
-                    if record_inputs(instance, workspace, planned.inputs, in_run=True):
+                    recorded = recorded_whole(instance, names, DATASET_INPUTS)
+                    if recorded is None or recorded.data_version != planned.inputs.digest:
+                        record_inputs(instance, workspace, planned.inputs)
                         step = context.op_execution_context.get_step_execution_context()
                         step.fetch_external_input_asset_version_info()
                     made = make_dataset(instance, workspace, planned, asset, context.run.run_id)
@@ -157,10 +148,10 @@ def dataset_assets(recipe: Recipe, names: Naming) -> list[dg.AssetsDefinition]:
 
     versions = dataset_code_versions(recipe)
     found = [definition(DATASET_INPUTS, INPUTS_CODE_VERSION, {"json"}, _INPUTS, select_inputs)]
-    for name, one in datasets_of(recipe).items():
-        found.append(definition(name, versions[name], one.kind.kinds, one.description, one.kind.join))
-    if TRAJECTORY_MAP in versions:
-        found.append(definition(TRAJECTORY_MAP, versions[TRAJECTORY_MAP], {"html"}, _MAP, build_map))
+    for name, one in made_once(recipe).items():
+        kinds, how = (one.kind.kinds, one.kind.join) if isinstance(one, Dataset) else ({"html"}, build_map)
+        make = how.finish if isinstance(how, ByGroups) else how
+        found.append(definition(name, versions[name], kinds, one.description, make))
     return found
 
 
@@ -174,11 +165,11 @@ def make_dataset(
         RunEndedError: the run was given up meanwhile.
     """
     recipe = workspace.recipe  # as it is now: this process may be older
-    version, read = dataset_code_versions(recipe)[asset], {DATASET_INPUTS: planned.inputs.digest}
-    permit = partial(refuse_if_ended, instance, run_id)
-    if asset == TRAJECTORY_MAP:
+    dataset, read = made_once(recipe)[asset], {DATASET_INPUTS: planned.inputs.digest}
+    version, permit = dataset.code_version(recipe.splits), partial(refuse_if_ended, instance, run_id)
+    if not isinstance(dataset, Dataset):
         permit()
-        outcome = build_map(recipe, workspace.store, planned.plan)
+        outcome = build_map(recipe, workspace.store, planned.plan, planned.inputs)
         metadata = {
             "open": dg.MetadataValue.md(f"[Open the map]({page_link('map')})"),
             "map": dg.MetadataValue.path(str(map_path(recipe))),
@@ -186,7 +177,6 @@ def make_dataset(
             **outcome.artifact.summary(),
         }
         return Made(asset, outcome.artifact.digest, version, metadata, read)
-    dataset = datasets_of(recipe)[asset]
     summary = build_dataset(dataset, recipe, workspace.store, planned.plan, planned.inputs, permit)
     failed = planned.inputs.failed.get(dataset.kind.name, {})
     is_first = dataset.kind in formats_of(recipe)[:1] and dataset.selection is None  # the report is about all

@@ -11,15 +11,15 @@ from bagassets.base.errors import RecordingError
 from bagassets.base.quantities import count_text
 from bagassets.defs.graph.dataset import dataset_is_current, record_inputs
 from bagassets.defs.graph.sensor_cursor import Cursor, Request
-from bagassets.defs.records.batches import batch_config, batch_of
+from bagassets.defs.records.batches import PARTITION_TAG, batch_config, recordings_of
 from bagassets.defs.records.events import all_assets, live_partitions
 from bagassets.defs.records.instance_plan import begin_planning, plan_instance, workspace_fingerprint
+from bagassets.defs.records.naming import WHOLE_GRAPH
 from bagassets.defs.records.partitions import (
-    PARTITION_TAG,
     active_runs,
     add_partitions,
     held_by_backfills,
-    remove_partition,
+    remove_partitions,
 )
 from bagassets.defs.records.workspace import Workspace
 from bagassets.defs.runs.launching import launching_of
@@ -89,7 +89,7 @@ class Scan:
         if quiet and cursor.quiet == quiet:
             cursor.looked_s = now_s
             return []
-        planning = begin_planning(self._instance, self._workspace, live, discovery)
+        planning = begin_planning(self._instance, self._workspace, live, discovery, thorough=False)
         planned = plan_instance(self._instance, self._workspace, planning)
         self._unsettled.forget_settled(planned.plan)
         known = {key for key, bag in planned.plan.bags.items() if bag.assets["bag"].state == "fresh"}
@@ -133,8 +133,7 @@ class Scan:
                 f"They will be dropped in {steps.doubted_s:.0f} s."
             )
             return None
-        for key in steps.remove:
-            remove_partition(self._instance, self._names, key)
+        remove_partitions(self._instance, self._names, steps.remove)
         cursor.forget([key for key in cursor.asked if key not in there and key != DATASET])
         return replace(state, gone=tuple(held))
 
@@ -160,13 +159,16 @@ class Scan:
             return {}
         since = dt.datetime.fromtimestamp(self.cursor.looked_s - _CLOCKS_DIFFER_S, dt.UTC)
         filters = dg.RunsFilter(statuses=_ENDED, updated_after=since)
-        assets = frozenset(all_assets())
+        assets, keys_of = frozenset(all_assets()), recordings_of(self._instance, self._names)
         ended: dict[str, dg.DagsterRun] = {}
         for record in self._instance.get_run_records(filters, order_by="update_timestamp", ascending=True):
             run = record.dagster_run
-            if PARTITION_TAG in run.tags and self._names.is_about(run, assets):
+            if not self._names.is_about(run, assets):
+                continue
+            if PARTITION_TAG in run.tags:
                 ended[run.tags[PARTITION_TAG]] = run
-            for key in batch_of(run, self._names):
+                continue
+            for key in keys_of(run):
                 ended.pop(key, None)
         for key, run in ended.items():
             # All that it has may be up to date, and yet Dagster shows it as failed.
@@ -247,10 +249,15 @@ class Scan:
     def _was_cancelled(self, key: str) -> bool:
         """Return whether the last run of a recording was cancelled: then the same is not requested again."""
         assets, names = frozenset(all_assets()), self._names
-        alone = self._instance.get_run_records(dg.RunsFilter(tags={PARTITION_TAG: key}), limit=_LATEST)
-        shared = self._instance.get_run_records(dg.RunsFilter(job_name=names.batch_job), limit=_LATEST)
-        records = [record for record in alone if names.is_about(record.dagster_run, assets)]
-        records += [record for record in shared if key in batch_of(record.dagster_run, names)]
+        keys_of = recordings_of(self._instance, names)
+        asked = [dg.RunsFilter(tags={PARTITION_TAG: key})]
+        asked += [dg.RunsFilter(job_name=name) for name in (names.batch_job, WHOLE_GRAPH)]
+        records = [
+            record
+            for filters in asked
+            for record in self._instance.get_run_records(filters, limit=_LATEST)
+            if names.is_about(record.dagster_run, assets) and key in keys_of(record.dagster_run)
+        ]
         latest = max(records, key=lambda record: record.storage_id, default=None)
         return latest is not None and latest.dagster_run.status == dg.DagsterRunStatus.CANCELED
 

@@ -65,6 +65,8 @@ def begin_planning(
     discovery: Discovery | None = None,
     ids: Mapping[str, Mapping[str, int]] | None = None,
     kept: Mapping[str, BagPlan] = MappingProxyType({}),
+    *,
+    thorough: bool = True,
 ) -> Planning:
     """Return what plans everything, from what Dagster's records and the folders are now.
 
@@ -75,6 +77,7 @@ def begin_planning(
         discovery: recordings to take as being on disk; default: those that are.
         ids: see `InstancePlan.storage_ids`; default: as they are.
         kept: states of recordings that are not planned again.
+        thorough: see `Planning`.
 
     Raises:
         BagAssetsError: the recipe or the bag root is not usable.
@@ -98,6 +101,7 @@ def begin_planning(
             fetch,
             kept,
             lambda bag: quick_findings(workspace.recipe, workspace.store, found, bag),
+            thorough=thorough,
         )
 
 

@@ -5,6 +5,7 @@ says nothing: so any launcher of Dagster's, or of a stranger, may stand in `dags
 `ConfiguredLauncher` and says where it differs; no other file needs to know of it.
 """
 
+import os
 from collections.abc import Collection
 from pathlib import Path
 from typing import Any, Self
@@ -21,6 +22,8 @@ from bagassets.defs.dagster_private import (
 from bagassets.defs.records.databases import read_settings
 from bagassets.defs.records.projects import configured_recipe
 from bagassets.forkserver.server_files import last_lines
+from bagassets.propose.project import dagster_home
+from bagassets.recipe.model import Recipe
 
 _LAST_LINES = 30
 
@@ -106,9 +109,13 @@ def launching_of(instance: dg.DagsterInstance) -> Launching:
     return _said_by(instance.run_launcher)
 
 
-def launching_at(home: Path) -> Launching:
-    """Return how the launcher that the `dagster.yaml` of a folder names deals with runs, without opening the instance."""
-    return _said_by(read_settings(home).run_launcher)
+def executes_here(recipe_file: Path, recipe: Recipe) -> bool:
+    """Return whether the server of a project executes its runs, as far as its launcher says so; no instance is opened."""
+    try:
+        home = os.environ.get("DAGSTER_HOME") or dagster_home(recipe_file, recipe)
+        return _said_by(read_settings(Path(home)).run_launcher).executes_here
+    except Exception:  # noqa: BLE001  (whatever it is, who opens the instance meets it, too, and reports it)
+        return False
 
 
 def _said_by(launcher: object) -> Launching:

@@ -13,12 +13,14 @@ import json
 import os
 import random
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from typing import TypedDict
 
 from bagassets.base.cache import Cache, Changes
 from bagassets.base.fingerprints import PlanNeeded, Signature, signature
+from bagassets.base.json_types import JsonObject
 
-_HEAD, _LINKS = "published", "links"
+_HEAD, _LINKS, _GROUPS = "published", "links", "groups"
 # Lists of links are stored in pieces of about this size, some six hundred links, which are checked in a millisecond.
 _PIECE_BYTES = 1 << 16
 # Changes are written whenever they exceed this size.
@@ -121,12 +123,23 @@ class Publication:
             self._put_head({**head, "files": files, "folders": folders})
         return True
 
+    def groups(self) -> JsonObject | None:
+        """Return what is on record of groups of recordings, which only holds while no file has changed; None without it."""
+        try:
+            (content,) = self._cache.get(_GROUPS, self._asset)
+        except PlanNeeded:
+            return None
+        groups: JsonObject | None = json.loads(content)
+        return groups
+
     def write(
         self,
         root: str | os.PathLike[str],
         files: Mapping[str, str],
         links: Mapping[str, Callable[[], Iterable[str]]],
         suspects: frozenset[str] | None,
+        gone: AbstractSet[str] | None = None,
+        groups: object = None,
     ) -> None:
         """Record a dataset that was just published; if that fails, the next build checks it in full.
 
@@ -135,21 +148,30 @@ class Publication:
             files: name -> digest of each written file.
             links: name of a recording's part -> function that returns its links, called only if they are not on record.
             suspects: result of an earlier `changed_files`; None has all links checked again.
+            gone: parts that may be no more; the others on record stay. None: only those in `links` stay.
+            groups: what is to be on record of groups of recordings, as JSON.
         """
         root = os.fspath(root)
         changes = Changes()
         try:
-            before = self._head()["lists"]
+            head = self._head()
         except PlanNeeded:
-            before = {}
+            if gone is not None:
+                return  # of the others nothing is on record any more
+            head = _Head(root=root, files={}, digests={}, folders={}, lists={})
             changes.drop_below(_LINKS, self._asset)
+        before = head["lists"]
         # If the process is killed from here on, nothing is on record.
         changes.drop(_HEAD, self._asset)
         if not self._cache.write(changes):
             return
         changes = Changes()
+        changes.put(_GROUPS, self._asset, json.dumps(groups).encode())
         lists: dict[str, list[int]] = {}
         folders: set[bytes] = set()
+        if gone is not None:
+            lists = {part: sizes for part, sizes in before.items() if part not in gone}
+            folders = {os.fsencode(name) for name in head["folders"] if os.path.isdir(f"{root}/{name}")}
         try:
             with self._cache.kept_open():
                 for part, names in links.items():

@@ -55,9 +55,8 @@ from bagassets.defs.launchers.slurm.options import (
     options_schema,
 )
 from bagassets.defs.launchers.slurm.spool import JobSpec, Spool, SpooledRun
-from bagassets.defs.records.batches import batch_of
+from bagassets.defs.records.batches import PARTITION_TAG, batch_of
 from bagassets.defs.records.instances import pack_instance
-from bagassets.defs.records.partitions import PARTITION_TAG
 from bagassets.defs.records.projects import recipe_of_assets, recipe_of_location
 from bagassets.defs.runs.execution import mark_canceling
 from bagassets.defs.runs.launching import ConfiguredLauncher, last_words, optional_fields

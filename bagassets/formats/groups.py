@@ -1,0 +1,259 @@
+"""Groups of recordings: where no recording changed, the rows of a dataset are copied from the one on disk.
+
+A group is a run of recordings in the order of their keys. Whether a key begins one, its digest decides, so a recording that
+comes or goes changes its own group, or that before it, and no other. On record are, for each group, what it was made from,
+how many bytes each joined file has of it, and what the format has to know of it for files that exist once. Copied bytes are
+hashed while they are read: if the file is not the one on record, everything is joined again from the store.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple, Self
+
+from blake3 import blake3
+
+from bagassets.base.json_types import JsonObject
+from bagassets.formats.format import Part
+from bagassets.formats.json_files import SEPARATOR, Frame
+
+# On average, a power of 2: half as many cost half as much where one changed, and twice as much to list and to copy.
+RECORDINGS = 64
+_BLOCK_BYTES = 1 << 22
+
+
+def new_hasher() -> blake3:
+    """Return what hashes a joined file, with all processors if it is large."""
+    return blake3(max_threads=blake3.AUTO)
+
+
+class TornError(Exception):
+    """A joined file on disk is not the one on record."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """Some recordings of a dataset.
+
+    Attributes:
+        parts: the recordings.
+        first: position of the first one among all.
+        digest: of the recordings, their parts and their splits.
+    """
+
+    parts: Sequence[Part]
+    first: int
+    digest: str
+
+
+class Rows(NamedTuple):
+    """What a joined file has of one group, or of all."""
+
+    size: int
+    number: int
+
+
+@dataclass(frozen=True)
+class GroupRecord:
+    """What is on record of a group.
+
+    Attributes:
+        rows: joined file -> what it has of the group.
+        facts: what the format has to know of its recordings.
+        durations_s: of each recording, which count for the shares of the splits.
+    """
+
+    rows: Mapping[str, Rows]
+    facts: JsonObject
+    durations_s: Sequence[float]
+
+
+@dataclass(frozen=True)
+class GroupsRecord:
+    """What is on record of the joined files of a dataset.
+
+    Attributes:
+        made_by: digest of the code, the format and its settings.
+        files: joined file -> digest, and size of what stands before its rows.
+        groups: digest of a group -> its record, in order.
+    """
+
+    made_by: str
+    files: Mapping[str, tuple[str, int]] = field(default_factory=dict)
+    groups: Mapping[str, GroupRecord] = field(default_factory=dict)
+
+    def as_json(self) -> JsonObject:
+        """Return it as JSON."""
+        groups = {digest: [one.rows, one.facts, one.durations_s] for digest, one in self.groups.items()}
+        return {"made_by": self.made_by, "files": self.files, "groups": groups}
+
+    @classmethod
+    def from_json(cls, value: JsonObject) -> "GroupsRecord":
+        """Inverse of `as_json`."""
+        groups = {
+            digest: GroupRecord({name: Rows(*one) for name, one in rows.items()}, facts, durations_s)
+            for digest, (rows, facts, durations_s) in value["groups"].items()
+        }
+        return cls(value["made_by"], value["files"], groups)
+
+    def starts(self, name: str) -> Iterator[tuple[str, int, Rows]]:
+        """Yield each group with rows in a joined file, where these begin in it, and what they are."""
+        start = self.files[name][1]
+        for digest, group in self.groups.items():
+            rows = group.rows[name]
+            if rows.size:
+                yield digest, start, rows
+                start += rows.size + len(SEPARATOR)
+
+
+def cut(parts: Sequence[Part], splits: Mapping[str, str]) -> list[Group]:
+    """Return the groups of recordings, which come in the order of their keys.
+
+    Args:
+        parts: the recordings.
+        splits: recording -> split.
+    """
+    begins = (number for number, part in enumerate(parts) if number and _begins_group(part.key))
+    groups = []
+    for first, end in pairwise([0, *begins, len(parts)]):
+        some = parts[first:end]
+        lines = [f"{part.key}\0{part.content}\0{part.artifact}\0{splits[part.key]}" for part in some]
+        if some:
+            groups.append(Group(some, first, blake3("\n".join(lines).encode()).hexdigest()))
+    return groups
+
+
+def _begins_group(key: str) -> bool:
+    return blake3(key.encode()).digest(length=2)[0] % RECORDINGS == 0
+
+
+class RowsOnDisk:
+    """The rows of a joined file on disk, read once in their order.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+
+    def __init__(self, path: Path, record: GroupsRecord) -> None:
+        self._file = path.open("rb", buffering=0)
+        self._digest = record.files[path.name][0]
+        self._where = {digest: (start, rows.size) for digest, start, rows in record.starts(path.name)}
+        self._hasher = new_hasher()
+        self._at = 0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._file.close()
+
+    def of(self, groups: Sequence[str]) -> Iterator[bytes]:
+        """Yield the rows of groups that follow each other, with what stands between them.
+
+        Raises:
+            TornError: the file is too short.
+        """
+        start, _ = self._where[groups[0]]
+        end = sum(self._where[groups[-1]])
+        for _ in self._read(start):
+            pass
+        yield from self._read(end)
+
+    def follow_each_other(self, one: str, other: str) -> bool:
+        """Tell whether no other rows are between those of two groups."""
+        return sum(self._where[one]) + len(SEPARATOR) == self._where[other][0]
+
+    def finish(self) -> None:
+        """Read what is left.
+
+        Raises:
+            TornError: it is not the file on record.
+        """
+        while block := self._file.read(_BLOCK_BYTES):
+            self._hasher.update(block)
+        if self._hasher.hexdigest() != self._digest:
+            raise TornError
+
+    def _read(self, end: int) -> Iterator[bytes]:
+        while self._at < end:
+            block = self._file.read(min(_BLOCK_BYTES, end - self._at))
+            if not block:
+                raise TornError
+            self._hasher.update(block)
+            self._at += len(block)
+            yield block
+
+
+class Piece(NamedTuple):
+    """The rows of one group in a file that is written.
+
+    Attributes:
+        group: its digest.
+        known: what the file on disk has of it; None if it is joined.
+        texts: otherwise the rows of each of its recordings.
+    """
+
+    group: str
+    known: Rows | None
+    texts: Iterable[bytes]
+
+
+def write_rows(
+    path: Path, frame: Frame, pieces: Sequence[Piece], on_disk: RowsOnDisk | None = None
+) -> tuple[str, list[Rows]]:
+    """Write a joined file; return its digest, and what it has of each group.
+
+    Args:
+        path: the file.
+        frame: what stands around its rows.
+        pieces: the rows.
+        on_disk: the file that has those that are known.
+
+    Raises:
+        TornError: that is not the file on record.
+    """
+    hasher, found = new_hasher(), []
+    with path.open("wb", buffering=1 << 20) as file:
+
+        def write(data: bytes) -> None:
+            file.write(data)
+            hasher.update(data)
+
+        is_first = True
+
+        def begin() -> None:
+            nonlocal is_first
+            write(frame.head if is_first else SEPARATOR)
+            is_first = False
+
+        run: list[str] = []  # known groups that follow each other
+
+        def end_run() -> None:
+            if run and on_disk is not None:
+                begin()
+                for block in on_disk.of(run):
+                    write(block)
+                run.clear()
+
+        for piece in pieces:
+            if piece.known is not None and on_disk is not None:
+                if piece.known.size:
+                    if run and not on_disk.follow_each_other(run[-1], piece.group):
+                        end_run()
+                    run.append(piece.group)
+                found.append(piece.known)
+                continue
+            size = number = 0
+            for text in filter(None, piece.texts):
+                end_run()
+                begin()
+                write(text)
+                size += len(text) + len(SEPARATOR) * bool(number)
+                number += text.count(b"\n") + 1
+            found.append(Rows(size, number))
+        end_run()
+        write(frame.empty if is_first else frame.tail)
+    if on_disk is not None:
+        on_disk.finish()
+    return hasher.hexdigest(), found
