@@ -125,7 +125,7 @@ def recipes(folder):
         "CAM_FRONT": {**CAMERA, "target": dict(list(LENS.items())[2:]), "to_8bit": {"range": [0, 900]}},
         "CAM_BACK": {**BACK, "intrinsics": {**LENS, "distortion": [0.1, 0.2, 0, 0]}, "extrinsics": MOUNT,
                      "output": "png", "to_8bit": {"percentiles": [1, 99]}},
-        "CAM_LEFT": {**CAMERA, "undistort": False, "output": "as_recorded", "frame": "cam_left"},
+        "CAM_LEFT": {**CAMERA, "undistort": False, "output": "as_recorded", "frame": "cam_left", "depth_unit_m": 0.01},
     }  # fmt: skip
     chain, front = str(folder / "chain.yaml"), str(folder / "front.yaml")
     files = {

@@ -56,15 +56,17 @@ def check(recipe: Path, bags: tuple[str, ...], as_json: bool) -> int:
     loaded, store = workspace.recipe, workspace.store
     verdicts = [
         verdict
-        for key in sorted(pending.chosen)
-        for verdict in check_bag(loaded, store, pending.discovery, pending.plan.bags[key])
+        for key in sorted(pending.asked.chosen)
+        for verdict in check_bag(loaded, store, pending.plan.discovery, pending.plan.bags[key])
     ]
     if not bags:
         verdicts += check_datasets(loaded)
     if as_json:
         echo_json([verdict.as_json() for verdict in verdicts])
     else:
-        skipped = {key: pending.plan.bags[key].skipped for key in sorted(pending.chosen if bags else ())}
+        skipped = {
+            key: pending.plan.bags[key].skipped for key in sorted(pending.asked.chosen if bags else ())
+        }
         for told in told_once(((), key, why) for key, why in skipped.items() if why is not None):
             echo_lines(f"skipped {told.title}: {told.text}")
         _print(verdicts)

@@ -44,15 +44,15 @@ def report(recipe: Path, output: Path | None, no_checks: bool, as_json: bool) ->
     from bagassets.report.write import write_page
 
     with open_project(recipe) as (instance, workspace):
-        planned = plan_instance(instance, workspace)
-        checked = None if no_checks else planned.discovery
+        plan = plan_instance(instance, workspace)
+        checked = None if no_checks else plan.discovery
         with click.progressbar(
-            length=len(planned.plan.bags),
+            length=len(plan.bags),
             label="Reading recordings",
             file=sys.stderr,
             hidden=not sys.stderr.isatty(),
         ) as bar:
-            data = report_data(workspace.recipe, workspace.store, planned.plan, checked, bar.update)
+            data = report_data(workspace.recipe, workspace.store, plan, checked, bar.update)
     if as_json:
         echo_json(report_json(data))
         return

@@ -1,5 +1,6 @@
 """The datasets of a recipe: which recordings enter them, and building them."""
 
+import json
 from collections.abc import Callable, Iterable, Mapping
 from collections.abc import Set as AbstractSet
 from contextlib import suppress
@@ -19,7 +20,7 @@ from bagassets.formats.assembly import DatasetSummary, assemble, without_copies
 from bagassets.formats.catalogue import formats, formats_of
 from bagassets.formats.dataset_lock import DatasetLock, read_lock
 from bagassets.formats.format import FACTS, AnyFormat, Part, Selection
-from bagassets.formats.groups import GroupsRecord
+from bagassets.formats.groups import FoundInGroups, GroupsRecord, cut
 from bagassets.recipe.format_settings import DEFAULT_FORMAT
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_base import DatasetSettings
@@ -167,14 +168,12 @@ class DatasetInputs:
         keys = {part.key for parts in self.parts.values() for part in parts}
         return digest_json(value | self.ties.of(keys))
 
-    def dealt(
-        self, splits: Splits, store: Store, entering: Mapping[str, str] | None = None
-    ) -> dict[str, str]:
+    def dealt(self, recipe: Recipe, entering: Mapping[str, str] | None = None) -> dict[str, str]:
         """Return recording -> split, the same for all datasets, as it is once these others (key -> content) have come."""
         contents = {part.key: part.content for parts in self.parts.values() for part in parts}
         contents |= entering or {}
         made = {name: {part.key: part.artifact for part in parts} for name, parts in self.parts.items()}
-        return deal_contents(contents, splits, recordings_without_scenes(store, made), self.ties)
+        return deal_contents(contents, recipe.splits, recordings_without_scenes(recipe, made), self.ties)
 
     def as_json(self) -> JsonObject:
         """Return counts for display."""
@@ -190,22 +189,41 @@ class DatasetInputs:
         return next(iter(self.parts), "")
 
 
-def recordings_without_scenes(store: Store, parts: Mapping[str, Mapping[str, str]]) -> frozenset[str]:
+def recordings_without_scenes(recipe: Recipe, parts: Mapping[str, Mapping[str, str]]) -> frozenset[str]:
     """Return the recordings that add no scene to a dataset, such as too short ones.
 
     Args:
-        store: the artifact store.
+        recipe: the recipe, whose store has the artifacts.
         parts: format -> recording -> part.
     """
-    found = set()
+    without: set[str] = set()
     for kind in formats():
-        if kind.fills_split is None:
-            continue
-        for key, digest in parts.get(kind.name, {}).items():
-            with suppress(BagAssetsError):
-                if not kind.fills_split(store.artifact(digest).read_json(FACTS)):
-                    found.add(key)
-    return frozenset(found)
+        if kind.fills_split is not None and (of := parts.get(kind.name)):
+            memory = FoundInGroups(recipe.state, f"{kind.name}-{kind.version}-without-scenes")
+            before, found = memory.load(), {}
+            some = [Part(key, "", digest) for key, digest in sorted(of.items())]
+            for group in cut(some, dict.fromkeys(of, "")):
+                if group.digest in before:
+                    found[group.digest] = before[group.digest]
+                    without.update(json.loads(before[group.digest]))
+                    continue
+                fills = _fills_split(kind, group.parts, Store(recipe.store_path))
+                keys = [key for key, adds in fills.items() if not adds]
+                without.update(keys)
+                if len(fills) == len(group.parts):
+                    found[group.digest] = json.dumps(keys).encode()
+            memory.save(found)
+    return frozenset(without)
+
+
+def _fills_split(kind: AnyFormat, parts: Iterable[Part], store: Store) -> dict[str, bool]:
+    """Return the recordings whose part is in the store -> whether they add anything to the dataset."""
+    found = {}
+    for part in parts:
+        with suppress(BagAssetsError):
+            facts = store.artifact(part.artifact).read_json(FACTS)
+            found[part.key] = kind.fills_split is None or kind.fills_split(facts)
+    return found
 
 
 def deal_contents(
@@ -228,6 +246,8 @@ def deal_contents(
     for key, content in sorted(contents.items()):
         first.setdefault(content, key)
     with_scenes = deal((key for key in first.values() if key not in sceneless), splits, ties)
+    if len(with_scenes) == len(first):
+        return {key: with_scenes[first[content]] for key, content in contents.items()}
     pinned = splits.model_copy(update={"pinned": {**splits.pinned, **with_scenes}})
     dealt = deal(first.values(), pinned, ties)
     return {key: dealt[first[content]] for key, content in contents.items()}
@@ -251,7 +271,7 @@ def split_on_disk(recipe: Recipe) -> Mapping[str, str]:
     return {} if lock is None else lock.splits
 
 
-def select_inputs(plan: Plan, live: frozenset[str]) -> DatasetInputs:
+def select_inputs(plan: Plan) -> DatasetInputs:
     """Select the current parts of all live recordings that take part.
 
     A recording whose newest content failed is left out rather than included with old content. So is one of which newer
@@ -273,7 +293,7 @@ def select_inputs(plan: Plan, live: frozenset[str]) -> DatasetInputs:
             reason = None if bag.settled else _failure(bag, kind.part)
             if reason is not None:
                 failed[kind.name][key] = reason
-            elif key in live and kind.part in recorded and "bag" in recorded:
+            elif key in plan.live and kind.part in recorded and "bag" in recorded:
                 parts[kind.name].append(Part(key, recorded["bag"], recorded[kind.part]))
     return DatasetInputs({name: tuple(each) for name, each in parts.items()}, skipped, failed, plan.ties)
 
@@ -395,12 +415,12 @@ def build_dataset(
             store,
             output,
             splits=recipe.splits,
-            dealt=inputs.dealt(recipe.splits, store),
+            dealt=inputs.dealt(recipe),
             skipped={**inputs.skipped, **chosen.skipped},
             failed=inputs.failed.get(kind.name, {}),
             damaged=_damaged(plan, store, chosen.parts),
             suspects=suspects,
-            record=None if (groups := publication.groups()) is None else GroupsRecord.from_json(groups),
+            record=GroupsRecord.from_json(publication.groups()),
             permit=permit,
         )
         groups = None if summary.record is None else summary.record.as_json()

@@ -256,7 +256,8 @@ class Format(Generic[S]):
         select: selects the parts of a named dataset; None if the format has no named datasets.
         assets: assets of recordings that the format adds, its part among them unless bagassets has it.
         checks: checks of the finished dataset.
-        check: settings and names of `checks` -> name -> finding.
+        check: settings and names of `checks` -> name -> finding. A format that joins `ByGroups` also gets what is on record
+            of the dataset, if it is.
         distribution: name and version of the package that adds it; "" for formats of bagassets.
         rejoin: `join` that may link files from the dataset on disk, which other recordings did not change, instead of
             writing them again; what comes out must be the same. None: there is nothing to gain.
@@ -285,7 +286,7 @@ class Format(Generic[S]):
     select: Callable[[Recipe, Store, Plan, Sequence[Part], NamedDataset], Selection] | None = None
     assets: Sequence[AnyAsset] = ()
     checks: Sequence[DatasetCheck] = ()
-    check: Callable[[S, AbstractSet[str]], Mapping[str, Finding]] | None = None
+    check: Callable[..., Mapping[str, Finding]] | None = None
     distribution: str = ""
     rejoin: Callable[[Sequence[Member], S, Sequence[SplitShare], Path, Kept], Joined] | None = None
     misfits: Callable[[Mapping[str, Facts]], Mapping[str, str]] | None = None

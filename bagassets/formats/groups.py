@@ -6,7 +6,10 @@ how many bytes each joined file has of it, and what the format has to know of it
 hashed while they are read: if the file is not the one on record, everything is joined again from the store.
 """
 
+import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Set as AbstractSet
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -14,18 +17,16 @@ from typing import NamedTuple, Self
 
 from blake3 import blake3
 
-from bagassets.base.json_types import JsonObject
+from bagassets.base.cache import Cache, Changes
+from bagassets.base.fingerprints import PlanNeeded, loaded_code_fingerprint
+from bagassets.base.json_types import Json, JsonObject
 from bagassets.formats.format import Part
 from bagassets.formats.json_files import SEPARATOR, Frame
 
 # On average, a power of 2: half as many cost half as much where one changed, and twice as much to list and to copy.
 RECORDINGS = 64
-_BLOCK_BYTES = 1 << 22
-
-
-def new_hasher() -> blake3:
-    """Return what hashes a joined file, with all processors if it is large."""
-    return blake3(max_threads=blake3.AUTO)
+_BLOCK_BYTES = 1 << 20
+_KIND = "found"
 
 
 class TornError(Exception):
@@ -89,13 +90,16 @@ class GroupsRecord:
         return {"made_by": self.made_by, "files": self.files, "groups": groups}
 
     @classmethod
-    def from_json(cls, value: JsonObject) -> "GroupsRecord":
-        """Inverse of `as_json`."""
-        groups = {
-            digest: GroupRecord({name: Rows(*one) for name, one in rows.items()}, facts, durations_s)
-            for digest, (rows, facts, durations_s) in value["groups"].items()
-        }
-        return cls(value["made_by"], value["files"], groups)
+    def from_json(cls, value: Json) -> "GroupsRecord | None":
+        """Inverse of `as_json`; None if it was none, or of another version."""
+        try:
+            groups = {
+                digest: GroupRecord({name: Rows(*one) for name, one in rows.items()}, facts, durations_s)
+                for digest, (rows, facts, durations_s) in value["groups"].items()
+            }
+            return cls(value["made_by"], value["files"], groups)
+        except (AttributeError, KeyError, TypeError, ValueError):
+            return None
 
     def starts(self, name: str) -> Iterator[tuple[str, int, Rows]]:
         """Yield each group with rows in a joined file, where these begin in it, and what they are."""
@@ -128,6 +132,56 @@ def _begins_group(key: str) -> bool:
     return blake3(key.encode()).digest(length=2)[0] % RECORDINGS == 0
 
 
+class FoundInGroups:
+    """What this code has found in groups of recordings; any of it may be lost, and is found again.
+
+    Args:
+        state: the state folder.
+        what: what is looked for.
+    """
+
+    def __init__(self, state: str | os.PathLike[str], what: str) -> None:
+        self._cache = Cache(state)
+        self._what, self._below = what, f"{what}/{loaded_code_fingerprint()}/"
+        self._before: dict[str, bytes] = {}
+
+    def load(self) -> Mapping[str, bytes]:
+        """Return digest of a group -> what was found."""
+        with suppress(PlanNeeded):
+            found = self._cache.all(_KIND)
+            self._before = {
+                key.removeprefix(self._below): of for key, of in found.items() if key.startswith(self._below)
+            }
+        return self._before
+
+    def save(self, found: Mapping[str, bytes]) -> None:
+        """Replace what was loaded."""
+        changes = Changes()
+        if not self._before:  # of other code
+            changes.drop_below(_KIND, self._what)
+        for group in self._before.keys() - found.keys():
+            changes.drop(_KIND, self._below + group)
+        for group, of in found.items():
+            if self._before.get(group) != of:
+                changes.put(_KIND, self._below + group, of)
+        self._cache.write(changes)
+
+
+def read_rows(path: Path, record: GroupsRecord, groups: AbstractSet[str]) -> bytes:
+    """Return the rows that a joined file on disk has of some groups, as a JSON list. They are not compared with the record.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    texts = []
+    with path.open("rb") as file:
+        for digest, start, rows in record.starts(path.name):
+            if digest in groups:
+                file.seek(start)
+                texts.append(file.read(rows.size))
+    return b"[%b]" % SEPARATOR.join(texts)
+
+
 class RowsOnDisk:
     """The rows of a joined file on disk, read once in their order.
 
@@ -139,7 +193,7 @@ class RowsOnDisk:
         self._file = path.open("rb", buffering=0)
         self._digest = record.files[path.name][0]
         self._where = {digest: (start, rows.size) for digest, start, rows in record.starts(path.name)}
-        self._hasher = new_hasher()
+        self._hasher = blake3()
         self._at = 0
 
     def __enter__(self) -> Self:
@@ -213,7 +267,7 @@ def write_rows(
     Raises:
         TornError: that is not the file on record.
     """
-    hasher, found = new_hasher(), []
+    hasher, found = blake3(), []
     with path.open("wb", buffering=1 << 20) as file:
 
         def write(data: bytes) -> None:

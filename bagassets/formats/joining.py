@@ -23,6 +23,7 @@ from bagassets.formats.groups import (
     RowsOnDisk,
     TornError,
     cut,
+    read_rows,
     write_rows,
 )
 from bagassets.formats.json_files import Frame, framed, framed_row, write_hashed
@@ -85,7 +86,7 @@ class JoinedFolder:
         lock: digest of the lock.
         shares: share of each split.
         members: the recordings that were joined again.
-        before: recordings of the dataset on disk that may have changed.
+        before: recordings of the groups on disk that are no more.
         record: what is to be put on record of groups; None if the format has none.
     """
 
@@ -97,16 +98,13 @@ class JoinedFolder:
     record: GroupsRecord | None
 
 
-def join_into(
-    new: Path, joint: Joint[S], on_disk: Path, before: Mapping[str, LockedBag], record: GroupsRecord | None
-) -> JoinedFolder:
+def join_into(new: Path, joint: Joint[S], on_disk: Path, record: GroupsRecord | None = None) -> JoinedFolder:
     """Write the joined files and the lock into an empty folder.
 
     Args:
         new: the folder.
         joint: what is joined.
         on_disk: the folder of the dataset on disk.
-        before: its recordings; only those that may have changed matter.
         record: what is on record of its groups; None has everything joined again.
 
     Raises:
@@ -122,6 +120,7 @@ def join_into(
         if group.digest not in known
     }
     again = [member for some in members.values() for member in some]
+    before: Mapping[str, LockedBag] = {}
     if record is not None:
         before = _rows_gone(on_disk / LOCK, record, frozenset(group.digest for group in groups))
     durations_s = {
@@ -239,13 +238,8 @@ def _rows_gone(path: Path, record: GroupsRecord, groups: AbstractSet[str]) -> di
         TornError: the lock is not the one on record.
     """
     try:
-        with path.open("rb") as file:
-            texts = []
-            for digest, start, rows in record.starts(LOCK):
-                if digest not in groups:
-                    file.seek(start)
-                    texts.append(file.read(rows.size))
-        return {row["key"]: locked_bag(row) for row in json.loads(b"[%b]" % b",".join(texts))}
+        gone = read_rows(path, record, record.groups.keys() - groups)
+        return {row["key"]: locked_bag(row) for row in json.loads(gone)}
     except (OSError, ValueError, KeyError, TypeError) as err:
         raise TornError from err
 

@@ -59,7 +59,7 @@ def report_data(
     Raises:
         DatasetError: a file of a dataset cannot be read.
     """
-    dealt, copies = _dealt(recipe, store, plan), _copies(plan)
+    dealt, copies = _dealt(recipe, plan), _copies(plan)
     assets = recording_assets(recipe)
     recordings = []
     for key, bag in sorted(plan.bags.items()):
@@ -117,7 +117,7 @@ def build_map(recipe: Recipe, store: Store, plan: Plan, inputs: DatasetInputs) -
     return outcome
 
 
-def _dealt(recipe: Recipe, store: Store, plan: Plan) -> dict[str, str]:
+def _dealt(recipe: Recipe, plan: Plan) -> dict[str, str]:
     """Return recording -> split, for all that take part."""
     parts = {
         kind.name: {
@@ -125,7 +125,7 @@ def _dealt(recipe: Recipe, store: Store, plan: Plan) -> dict[str, str]:
         }
         for kind in formats()
     }
-    return deal_contents(_contents(plan), recipe.splits, recordings_without_scenes(store, parts), plan.ties)
+    return deal_contents(_contents(plan), recipe.splits, recordings_without_scenes(recipe, parts), plan.ties)
 
 
 def _contents(plan: Plan) -> dict[str, str]:
@@ -146,7 +146,7 @@ def _copies(plan: Plan) -> dict[str, str]:
 
 def _map_routes(recipe: Recipe, store: Store, plan: Plan) -> list[MapRoute]:
     """Return the recordings with poses in the order of their keys, without copies, coloured by split."""
-    splits, dealt, copies = sorted(recipe.splits.shares), _dealt(recipe, store, plan), _copies(plan)
+    splits, dealt, copies = sorted(recipe.splits.shares), _dealt(recipe, plan), _copies(plan)
     routes = []
     for key, bag in sorted(plan.bags.items()):
         track = track_on_record(recipe, store, bag) if bag.skipped is None and key not in copies else None

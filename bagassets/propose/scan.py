@@ -294,9 +294,11 @@ def _summary_of(topic: Topic) -> TopicSummary:
 def _image(facts: Facts, decode: Decode, value: Message, _msgtype: str) -> None:
     reading: ImageReading = decode(value)
     if reading.pixels is not None:
-        is_16_bit = bool(reading.pixels.dtype == np.uint16)
+        is_16_bit = bool(reading.pixels.dtype != np.uint8)
     else:
-        is_16_bit = reading.encoding == "png" and bytes((reading.encoded or b"")[24:25]) == _PNG_16_BIT
+        is_16_bit = (
+            reading.encoding.startswith("png") and bytes((reading.encoded or b"")[24:25]) == _PNG_16_BIT
+        )
     facts |= {"frames": (reading.frame_id,), "encoding": reading.encoding, "is_16_bit": is_16_bit}
 
 

@@ -6,7 +6,7 @@ read it is cheap beside a run.
 
 import os
 import time
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from contextlib import closing, suppress
 from queue import Empty, SimpleQueue
@@ -18,12 +18,12 @@ import dagster as dg
 from bagassets.base.errors import BagAssetsError
 from bagassets.base.quantities import count_text, readable_bytes
 from bagassets.base.trace import span
-from bagassets.defs.records.instance_plan import Touched
 from bagassets.defs.records.recorder import Made, Recorder
 from bagassets.defs.records.reporting import BAG_CODE_VERSION, bag_metadata
 from bagassets.defs.records.workspace import Workspace
 from bagassets.engine.build_report import Event
 from bagassets.engine.first_pass import only_reader
+from bagassets.engine.plan import Recorded
 from bagassets.recordings.digest import (
     RecordingDigest,
     RecordingStat,
@@ -41,7 +41,8 @@ _Read = tuple[RecordingStat, RecordingDigest, float]  # status before, digest, s
 def record_touched(
     instance: dg.DagsterInstance,
     workspace: Workspace,
-    touched: Mapping[str, Touched],
+    recordings: Mapping[str, RecordingFiles],
+    touched: Mapping[str, Recorded],
     jobs: int,
     on_event: Callable[[Event], None],
 ) -> dict[str, float]:
@@ -52,7 +53,8 @@ def record_touched(
     Args:
         instance: where `bag` is recorded.
         workspace: recipe, index and recordings.
-        touched: see `find_touched`.
+        recordings: those on disk.
+        touched: recordings of which only the time seems to have changed -> the latest record of `bag`.
         jobs: processors that may be used.
         on_event: called now and then while recordings are read.
 
@@ -67,15 +69,14 @@ def record_touched(
     same = {}
     with (
         span("read touched", recordings=len(touched)),
-        closing(_read(touched, workspace, jobs, on_event)) as found,
+        closing(_read([recordings[key] for key in touched], workspace, jobs, on_event)) as found,
     ):
         for key, stat, digest, seconds in found:
-            recording, recorded = touched[key]
-            if digest.digest != recorded.data_version:
+            if digest.digest != touched[key].data_version:
                 continue
-            if stat != recorded.stat:
+            if stat != touched[key].stat:
                 about = "Recorded without a run: only the time of its files had changed."
-                metadata = bag_metadata(recording, stat, digest)
+                metadata = bag_metadata(recordings[key], stat, digest)
                 made = Made("bag", digest.digest, BAG_CODE_VERSION, metadata, {}, about)
                 Recorder(instance, workspace, key).record(made)
             same[key] = seconds
@@ -83,14 +84,14 @@ def record_touched(
 
 
 def _read(
-    touched: Mapping[str, Touched], workspace: Workspace, jobs: int, on_event: Callable[[Event], None]
+    touched: Sequence[RecordingFiles], workspace: Workspace, jobs: int, on_event: Callable[[Event], None]
 ) -> Generator[tuple[str, RecordingStat, RecordingDigest, float], None, None]:
     """Yield key, status before, digest and seconds of each recording that could be read, as soon as it has been.
 
     Several are read at a time; now and then `on_event` is told how far all are.
     """
     index, store = workspace.index, workspace.store
-    size, read = sum(one.recording.size for one in touched.values()), 0
+    size, read = sum(one.size for one in touched), 0
     mutex, stopped = Lock(), Flag()
     ended: SimpleQueue[Future[_Read]] = SimpleQueue()
 
@@ -112,7 +113,7 @@ def _read(
     threads = jobs * _SHARE_A_PROCESSOR if jobs >= (os.cpu_count() or 1) > 1 else max(1, jobs)
     with ThreadPoolExecutor(threads) as pool:
         # The last first: what is made ahead of a build (`made_ahead`) begins with the first.
-        keys = {pool.submit(digest_of, touched[key].recording): key for key in reversed(list(touched))}
+        keys = {pool.submit(digest_of, one): one.key for one in reversed(touched)}
         for future in keys:
             future.add_done_callback(ended.put)
         left, show_s = len(keys), time.monotonic() + _SHOW_EVERY_S
