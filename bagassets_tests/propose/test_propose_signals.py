@@ -6,6 +6,7 @@ import yaml
 
 from bagassets.propose.proposal import propose_recipe
 from bagassets.propose.scan import scan_recording
+from bagassets.recipe import parse_recipe
 from bagassets.recordings.discover import find_one
 from bagassets.recordings.open import open_recording
 from bagassets.sample.arm import ELEMENTS
@@ -21,7 +22,9 @@ def proposed(*paths):
     for path in paths:
         with open_recording(find_one(path)) as recording:
             summaries[path.name] = scan_recording(recording)
-    proposal = propose_recipe(summaries, name="arm", root="bags")
+    proposal = propose_recipe(summaries, name="arm", root=str(paths[0].parent))
+    if proposal.rigs:
+        parse_recipe(proposal.text, paths[0].with_name("recipe.yaml"))
     return proposal, yaml.safe_load(proposal.text)
 
 
