@@ -33,7 +33,16 @@ def number_in(picture):
 
 
 def encode(
-    codec="libx264", number=40, *, gop=10, b_frames=0, matrix=None, full=False, options=None, size=None
+    codec="libx264",
+    number=40,
+    *,
+    gop=10,
+    b_frames=0,
+    matrix=None,
+    full=False,
+    options=None,
+    size=None,
+    noise=False,
 ):
     """Return the packets of a stream, in the order in which they must be decoded, with their number in time.
 
@@ -46,6 +55,7 @@ def encode(
         full: whether the range is full, tagged.
         options: of the encoder.
         size: width and height; else `SIZE`, with numbers.
+        noise: pictures are noise.
     """
     context = av.CodecContext.create(codec, "w")
     context.width, context.height = size or SIZE
@@ -58,6 +68,8 @@ def encode(
     packets = []
     for at in range(number):
         picture = painted(at) if size is None else np.zeros((*size[::-1], 3), np.uint8)
+        if noise:
+            picture = np.random.default_rng(at).integers(0, 256, picture.shape, np.uint8)
         frame = av.VideoFrame.from_ndarray(picture, format="rgb24").reformat(
             format="yuv420p", dst_colorspace=Colorspace[matrix or "ITU601"],
             dst_color_range=ColorRange.JPEG if full else ColorRange.MPEG,

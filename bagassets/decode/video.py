@@ -90,8 +90,11 @@ def decode_video_packet(message: Message) -> VideoPacket:
     return VideoPacket(stamp_ns, frame_id, codec, byte_array(message.data).tobytes())
 
 
-def decoder_version() -> str:
+def decoder_version(where: str) -> str:
     """Return what decodes video, for the keys of actions; wheels of PyAV bring their own ffmpeg.
+
+    Args:
+        where: what has video, for the error.
 
     Raises:
         DecodeError: it is not installed.
@@ -99,7 +102,9 @@ def decoder_version() -> str:
     try:
         return f"av {version('av')}"
     except PackageNotFoundError:
-        raise DecodeError("its video needs PyAV: install it with `pip install 'bagassets[video]'`") from None
+        raise DecodeError(
+            f"{where}: PyAV decodes its video, and is not installed; `pip install 'bagassets[video]'`."
+        ) from None
 
 
 class VideoStream:

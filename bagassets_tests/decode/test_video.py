@@ -1,6 +1,11 @@
 """Video: each picture stands at the time of its own message, and none that refers to what is missing is ever shown."""
 
+import os
+import pickle
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -20,6 +25,7 @@ from bagassets.decode.video import (
 from bagassets_tests.video_streams import PATCHES, SIZE, X264, encode, number_in
 
 START_NS, PERIOD_NS = 1_700_000_000_000_000_000, 50_000_000
+ROOT = Path(__file__).parents[2]
 CODECS = {"libx264": "h264", "libx265": "h265"}
 
 
@@ -211,5 +217,48 @@ def test_without_pyav_the_command_that_installs_it_is_said(monkeypatch):
         raise video.PackageNotFoundError
 
     monkeypatch.setattr(video, "version", nothing)
-    with pytest.raises(DecodeError, match=r"pip install 'bagassets\[video\]'"):
-        video.decoder_version()
+    with pytest.raises(DecodeError, match=r"^CAM \(/cam\): .*`pip install 'bagassets\[video\]'`"):
+        video.decoder_version("CAM (/cam)")
+
+
+MASKED = """
+import ctypes, hashlib, pickle, sys
+import av
+from bagassets.decode.video import VideoStream
+path, mask = sys.argv[1:]
+if mask != "none":
+    # The library that PyAV has loaded already.
+    (library,) = {line.split()[-1] for line in open("/proc/self/maps") if "libavutil" in line}
+    library = ctypes.CDLL(library)
+    before = library.av_get_cpu_flags()
+    library.av_force_cpu_flags(int(mask))
+    assert library.av_get_cpu_flags() != before
+for stream in pickle.load(open(path, "rb")):
+    video, digest = VideoStream("", 10**6, None), hashlib.sha256()
+    for picture in [*(one for packet in stream for one in video.add(packet, 0)), *video.finish()]:
+        digest.update(picture.pixels.tobytes())
+    print(digest.hexdigest())
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="finds the library in /proc")
+def test_pictures_are_the_same_bytes_whatever_the_processor_can_do(tmp_path):
+    """Of noise, and of a width that is no multiple of what vectors hold."""
+    script, streams = tmp_path / "masked.py", tmp_path / "streams"
+    script.write_text(MASKED)
+    noise = {"number": 8, "noise": True, "size": (198, 114)}
+    some = [
+        packets(encode(codec, matrix=matrix, **noise), codec)
+        for codec in CODECS
+        for matrix in (None, "ITU709")
+    ]
+    streams.write_bytes(pickle.dumps(some))
+    digests = [
+        subprocess.run(
+            [sys.executable, script, streams, mask], capture_output=True, text=True, check=True,
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
+        ).stdout.split()
+        for mask in ("none", "0")
+    ]  # fmt: skip
+    assert len(digests[0]) == len(some)
+    assert digests[0] == digests[1]

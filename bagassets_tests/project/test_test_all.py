@@ -28,11 +28,14 @@ def locked(name):
     return {canonicalize_name(pin.name): str(pin.specifier).removeprefix("==") for pin in pins}
 
 
-@pytest.mark.parametrize("text", [
+@pytest.mark.parametrize(
+    "text",
+    [
         *PROJECT["dependencies"],
         *PROJECT["optional-dependencies"]["postgres"],
         *PROJECT["optional-dependencies"]["video"],
-    ])
+    ],
+)
 def test_lowest_versions_are_those_that_the_package_allows(text):
     requirement = Requirement(text)
     [lowest] = [one.version for one in requirement.specifier if one.operator == ">="]
