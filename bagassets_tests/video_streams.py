@@ -43,6 +43,7 @@ def encode(
     options=None,
     size=None,
     noise=False,
+    pixels="yuv420p",
 ):
     """Return the packets of a stream, in the order in which they must be decoded, with their number in time.
 
@@ -56,10 +57,11 @@ def encode(
         options: of the encoder.
         size: width and height; else `SIZE`, with numbers.
         noise: pictures are noise.
+        pixels: format of the pixels.
     """
     context = av.CodecContext.create(codec, "w")
     context.width, context.height = size or SIZE
-    context.pix_fmt, context.gop_size, context.max_b_frames = "yuv420p", gop, b_frames
+    context.pix_fmt, context.gop_size, context.max_b_frames = pixels, gop, b_frames
     context.time_base, context.framerate = Fraction(1, 20), Fraction(20)
     context.options = options if options is not None else (X265 if codec == "libx265" else X264)
     if matrix is not None:
@@ -71,7 +73,7 @@ def encode(
         if noise:
             picture = np.random.default_rng(at).integers(0, 256, picture.shape, np.uint8)
         frame = av.VideoFrame.from_ndarray(picture, format="rgb24").reformat(
-            format="yuv420p", dst_colorspace=Colorspace[matrix or "ITU601"],
+            format=pixels, dst_colorspace=Colorspace[matrix or "ITU601"],
             dst_color_range=ColorRange.JPEG if full else ColorRange.MPEG,
         )  # fmt: skip
         frame.pts = at

@@ -22,7 +22,7 @@ from bagassets.decode.video import (
     VideoStream,
     decode_video_packet,
 )
-from bagassets_tests.video_streams import PATCHES, SIZE, X264, encode, number_in
+from bagassets_tests.video_streams import PATCHES, SIZE, X264, X265, encode, number_in
 
 START_NS, PERIOD_NS = 1_700_000_000_000_000_000, 50_000_000
 ROOT = Path(__file__).parents[2]
@@ -100,6 +100,16 @@ def test_what_is_missing_is_noticed_without_stamps_too(codec):
     assert all(found[n] == n for n in range(40) if not 14 <= n < 20)
 
 
+def test_pictures_that_the_decoder_holds_back_are_not_lost():
+    """A stream that says that it may have B-frames, and has none: each picture comes two packets late."""
+    options = {"preset": "medium", "x264-params": "bframes=2:b-bias=-100"}
+    some = packets(encode(b_frames=2, options=options))
+    assert shown(some) == {n: n for n in range(40)}
+    assert shown([one for at, one in enumerate(some) if at != 14]) == {
+        n: AFTER_GAP if 15 <= n < 20 else n for n in range(40) if n != 14
+    }
+
+
 def slower(packet, by, since=12):
     """Return a packet of a camera that makes a picture every `by` periods from a number on."""
     number = (packet.stamp_ns - START_NS) // PERIOD_NS
@@ -167,14 +177,16 @@ def test_b_frames_are_refused_in_any_order(codec, order):
         shown(some)
 
 
+@pytest.mark.parametrize("pixels", ["yuv420p", "yuv420p10le"])
 @pytest.mark.parametrize(
     ("matrix", "full"), [(None, False), ("ITU601", False), ("ITU709", False), ("ITU709", True)]
 )
-def test_colours_are_those_of_the_matrix_and_range_that_are_tagged(matrix, full):
-    stream = encode(number=1, matrix=matrix, full=full, options={**X264, "qp": "4"})
-    ((picture,),) = (
-        [one for packet in packets(stream) for one in VideoStream("", 10**6, None).add(packet, 0)],
-    )
+def test_colours_are_those_of_the_matrix_and_range_that_are_tagged(matrix, full, pixels):
+    codec, options = ("libx264", X264) if pixels == "yuv420p" else ("libx265", X265)
+    stream = encode(codec, 1, matrix=matrix, full=full, options={**options, "qp": "4"}, pixels=pixels)
+    video = VideoStream("", 10**6, None)
+    pictures = [one for packet in packets(stream, codec) for one in video.add(packet, 0)]
+    (picture,) = [*pictures, *video.finish()]
     for at, colour in enumerate(PATCHES):
         mean = picture.pixels[24:56, 20 + 44 * at : 32 + 44 * at].reshape(-1, 3).mean(axis=0)
         assert np.abs(mean[::-1] - colour).max() < 3.5
