@@ -157,12 +157,12 @@ def _dry_run(recipe: Path, options: "BuildOptions", *, check: bool, as_json: boo
         workspace = own.workspace
         pending = find_pending_work(instance, workspace, options, own, on_planned=on_planned)
         surveyed = own.survey(instance, pending, options)
-        moved = expected_moves(pending, workspace.recipe) if pending.datasets else {}
+        moved = expected_moves(pending, workspace.recipe) if pending.asked.datasets else {}
         # Recordings that will be built will also be checked again.
-        done = [pending.plan.bags[key] for key in sorted(pending.chosen - pending.todo.keys())]
-        remarks = tuple(remarks_on_record(workspace.recipe, workspace.store, pending.discovery, done))
+        done = [pending.plan.bags[key] for key in sorted(pending.asked.chosen - pending.todo.keys())]
+        remarks = tuple(remarks_on_record(workspace.recipe, workspace.store, pending.plan.discovery, done))
         again = pending.made_again(workspace, options.jobs)
-        empty = why_empty(workspace.recipe, recipe, workspace.store, pending.datasets)
+        empty = why_empty(workspace.recipe, recipe, workspace.store, pending.asked.datasets)
     if as_json:
         echo_json(dry_run_json(pending, surveyed, moved, remarks))
     else:

@@ -98,11 +98,11 @@ def status(recipe: Path, bags: tuple[str, ...], show_all: bool, as_json: bool) -
 
 def status_json(pending: "PendingWork", own: "OwnProject", problems: Sequence[str] = ()) -> JsonObject:
     """Return all states as JSON, and the problems of installed packages, and of datasets that nothing asks for any more."""
-    bags = {key: bag for key, bag in pending.plan.bags.items() if key in pending.chosen}
+    bags = {key: bag for key, bag in pending.plan.bags.items() if key in pending.asked.chosen}
     return {
         "settled": pending.is_settled and own.is_settled,
         "recordings": {
-            key: {"format": bag.format, "registered": key in pending.live, "assets": bag.as_json()}
+            key: {"format": bag.format, "registered": key in pending.plan.live, "assets": bag.as_json()}
             for key, bag in bags.items()
         },
         **own.as_json(),
@@ -117,7 +117,7 @@ def _print(pending: "PendingWork", own: "OwnProject", *, show_all: bool) -> None
     from rich.console import Console
 
     console = Console(highlight=False, width=None if sys.stdout.isatty() else 140)
-    bags = {key: bag for key, bag in pending.plan.bags.items() if key in pending.chosen}
+    bags = {key: bag for key, bag in pending.plan.bags.items() if key in pending.asked.chosen}
     listed = bags
     if len(bags) > MOST_ROWS and not show_all:
         listed = {key: bag for key, bag in bags.items() if not bag.settled}

@@ -3,12 +3,14 @@
 import json
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from bagassets.base.json_types import JsonObject
 from bagassets.engine.splits import Ties
 from bagassets.recordings.digest import RecordingStat
+from bagassets.recordings.discover import Discovery
 from bagassets.recordings.model import Format
 
 if TYPE_CHECKING:
@@ -210,7 +212,12 @@ def _line(number: int) -> Any:  # noqa: ANN401  (of whatever type)
 
 
 def _of_rest(name: str) -> Any:  # noqa: ANN401  (likewise)
-    return property(lambda kept: getattr(BagPlan.from_row(kept.key, kept.row), name))
+    return property(lambda kept: getattr(_decoded(kept.key, kept.row), name))
+
+
+@lru_cache(maxsize=8)  # whoever asks for more asks again
+def _decoded(key: str, row: bytes) -> BagPlan:
+    return BagPlan.from_row(key, row)
 
 
 class KeptPlan(BagPlan):
@@ -220,19 +227,21 @@ class KeptPlan(BagPlan):
         key: partition key.
         row: see `BagPlan.as_row`.
         made: digests of its artifacts, 32 bytes each.
+        mark: changes with whatever the plan rests on; see `CachedPlan`.
     """
 
     row: bytes
     made: bytes
-    skipped, names, recorded, findings = map(_line, range(4))
+    mark: bytes
+    skipped, names, recorded = map(_line, range(3))
     assets, format, channels, optional, rig = map(
         _of_rest, ("assets", "format", "channels", "optional", "rig")
     )
     failed = unusable = None
     settled, can_be_retried = True, False
 
-    def __init__(self, key: str, row: bytes, made: bytes) -> None:
-        vars(self).update(key=key, row=row, made=made)
+    def __init__(self, key: str, row: bytes, made: bytes, mark: bytes) -> None:
+        vars(self).update(key=key, row=row, made=made, mark=mark)
 
     __hash__ = None  # type: ignore[assignment]  # as that of a plan, which has mappings
 
@@ -240,6 +249,12 @@ class KeptPlan(BagPlan):
         """Compare as the plans that they are."""
         plan = BagPlan.from_row(self.key, self.row)
         return plan == (BagPlan.from_row(other.key, other.row) if isinstance(other, KeptPlan) else other)
+
+    @property
+    def findings(self) -> tuple[tuple[str, str, str], ...] | None:
+        """See `BagPlan`."""
+        found = json.loads(self.row.split(b"\n", 4)[3])
+        return None if found is None else tuple(map(tuple, found))
 
     @property
     def artifacts(self) -> tuple[str, ...]:
@@ -250,7 +265,7 @@ class KeptPlan(BagPlan):
 
 @dataclass(frozen=True)
 class Plan:
-    """The state of everything.
+    """The state of everything, and what it was seen from.
 
     Attributes:
         bags: partition key -> states of the recording.
@@ -258,6 +273,10 @@ class Plan:
         removed: registered partition keys whose recordings are gone, except those in folders that cannot be read.
         ties: which recordings lie in one split, and what the parts of series were called.
         asked: path of a whole drive -> what the user is to say about its parts.
+        recorded: partition key -> asset -> latest record in Dagster, for the recordings that had to be planned in full.
+        discovery: the recordings on disk.
+        live: the registered partition keys.
+        storage_ids: asset -> partition key -> storage id of the latest record.
     """
 
     bags: Mapping[str, BagPlan]
@@ -265,6 +284,14 @@ class Plan:
     removed: tuple[str, ...]
     ties: Ties = field(default_factory=Ties)
     asked: Mapping[str, str] = field(default_factory=dict)
+    recorded: Mapping[str, Mapping[str, Recorded]] = field(default_factory=dict, compare=False)
+    discovery: Discovery = field(default_factory=lambda: Discovery({}, []), compare=False)
+    live: frozenset[str] = field(default=frozenset(), compare=False)
+    storage_ids: Mapping[str, Mapping[str, int]] = field(default_factory=dict, compare=False)
+
+    def latest(self, key: str) -> list[int | None]:
+        """Return values that change with every new record of a recording, and when its partition comes or goes."""
+        return [ids.get(key) if key in self.live else None for ids in self.storage_ids.values()]
 
     @property
     def joined(self) -> dict[str, list[str]]:

@@ -1,25 +1,29 @@
 """The datasets of a recipe: which recordings enter them, and building them."""
 
+import json
 from collections.abc import Callable, Iterable, Mapping
 from collections.abc import Set as AbstractSet
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 from bagassets.assets.ego_poses import EGO_POSES
 from bagassets.assets.inventory import INVENTORY
+from bagassets.base.alike import told_once
 from bagassets.base.errors import BagAssetsError, DatasetError
 from bagassets.base.json_types import JsonObject
 from bagassets.base.trace import span
 from bagassets.engine.freshness.published import Publication
 from bagassets.engine.plan import BagPlan, Plan
+from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.engine.splits import Ties, deal
 from bagassets.formats import trajectory_map
 from bagassets.formats.assembly import DatasetSummary, assemble, without_copies
 from bagassets.formats.catalogue import formats, formats_of
 from bagassets.formats.dataset_lock import DatasetLock, read_lock
 from bagassets.formats.format import FACTS, AnyFormat, Part, Selection
-from bagassets.formats.groups import GroupsRecord
+from bagassets.formats.groups import FoundInGroups, GroupsRecord, cut
 from bagassets.recipe.format_settings import DEFAULT_FORMAT
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_base import DatasetSettings
@@ -153,7 +157,7 @@ class DatasetInputs:
     failed: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     ties: Ties = field(default_factory=Ties)
 
-    @property
+    @cached_property
     def digest(self) -> str:
         """Digest of everything that shapes the datasets except the recipe."""
         value: JsonObject = {"parts": [], "skipped": dict(self.skipped), "failed": {}}
@@ -167,14 +171,12 @@ class DatasetInputs:
         keys = {part.key for parts in self.parts.values() for part in parts}
         return digest_json(value | self.ties.of(keys))
 
-    def dealt(
-        self, splits: Splits, store: Store, entering: Mapping[str, str] | None = None
-    ) -> dict[str, str]:
+    def dealt(self, recipe: Recipe, entering: Mapping[str, str] | None = None) -> dict[str, str]:
         """Return recording -> split, the same for all datasets, as it is once these others (key -> content) have come."""
         contents = {part.key: part.content for parts in self.parts.values() for part in parts}
         contents |= entering or {}
         made = {name: {part.key: part.artifact for part in parts} for name, parts in self.parts.items()}
-        return deal_contents(contents, splits, recordings_without_scenes(store, made), self.ties)
+        return deal_contents(contents, recipe.splits, recordings_without_scenes(recipe, made), self.ties)
 
     def as_json(self) -> JsonObject:
         """Return counts for display."""
@@ -190,22 +192,41 @@ class DatasetInputs:
         return next(iter(self.parts), "")
 
 
-def recordings_without_scenes(store: Store, parts: Mapping[str, Mapping[str, str]]) -> frozenset[str]:
+def recordings_without_scenes(recipe: Recipe, parts: Mapping[str, Mapping[str, str]]) -> frozenset[str]:
     """Return the recordings that add no scene to a dataset, such as too short ones.
 
     Args:
-        store: the artifact store.
+        recipe: the recipe, whose store has the artifacts.
         parts: format -> recording -> part.
     """
-    found = set()
+    without: set[str] = set()
     for kind in formats():
-        if kind.fills_split is None:
-            continue
-        for key, digest in parts.get(kind.name, {}).items():
-            with suppress(BagAssetsError):
-                if not kind.fills_split(store.artifact(digest).read_json(FACTS)):
-                    found.add(key)
-    return frozenset(found)
+        if kind.fills_split is not None and (of := parts.get(kind.name)):
+            memory = FoundInGroups(recipe.state, f"{kind.name}-{kind.version}-without-scenes")
+            before, found = memory.load(), {}
+            some = [Part(key, "", digest) for key, digest in sorted(of.items())]
+            for group in cut(some, dict.fromkeys(of, "")):
+                if group.digest in before:
+                    found[group.digest] = before[group.digest]
+                    without.update(json.loads(before[group.digest]))
+                    continue
+                fills = _fills_split(kind, group.parts, Store(recipe.store_path))
+                keys = [key for key, adds in fills.items() if not adds]
+                without.update(keys)
+                if len(fills) == len(group.parts):
+                    found[group.digest] = json.dumps(keys).encode()
+            memory.save(found)
+    return frozenset(without)
+
+
+def _fills_split(kind: AnyFormat, parts: Iterable[Part], store: Store) -> dict[str, bool]:
+    """Return the recordings whose part is in the store -> whether they add anything to the dataset."""
+    found = {}
+    for part in parts:
+        with suppress(BagAssetsError):
+            facts = store.artifact(part.artifact).read_json(FACTS)
+            found[part.key] = kind.fills_split is None or kind.fills_split(facts)
+    return found
 
 
 def deal_contents(
@@ -228,6 +249,8 @@ def deal_contents(
     for key, content in sorted(contents.items()):
         first.setdefault(content, key)
     with_scenes = deal((key for key in first.values() if key not in sceneless), splits, ties)
+    if len(with_scenes) == len(first):
+        return {key: with_scenes[first[content]] for key, content in contents.items()}
     pinned = splits.model_copy(update={"pinned": {**splits.pinned, **with_scenes}})
     dealt = deal(first.values(), pinned, ties)
     return {key: dealt[first[content]] for key, content in contents.items()}
@@ -251,7 +274,7 @@ def split_on_disk(recipe: Recipe) -> Mapping[str, str]:
     return {} if lock is None else lock.splits
 
 
-def select_inputs(plan: Plan, live: frozenset[str]) -> DatasetInputs:
+def select_inputs(plan: Plan) -> DatasetInputs:
     """Select the current parts of all live recordings that take part.
 
     A recording whose newest content failed is left out rather than included with old content. So is one of which newer
@@ -273,7 +296,7 @@ def select_inputs(plan: Plan, live: frozenset[str]) -> DatasetInputs:
             reason = None if bag.settled else _failure(bag, kind.part)
             if reason is not None:
                 failed[kind.name][key] = reason
-            elif key in live and kind.part in recorded and "bag" in recorded:
+            elif key in plan.live and kind.part in recorded and "bag" in recorded:
                 parts[kind.name].append(Part(key, recorded["bag"], recorded[kind.part]))
     return DatasetInputs({name: tuple(each) for name, each in parts.items()}, skipped, failed, plan.ties)
 
@@ -283,6 +306,33 @@ def _damaged(plan: Plan, store: Store, parts: Iterable[Part]) -> dict[str, str]:
     found = ((part.key, plan.bags[part.key].current_artifact(store, INVENTORY.name)) for part in parts)
     shares = ((key, one.summary().get("damage")) for key, one in found if one is not None)
     return {key: share for key, share in shares if share is not None}
+
+
+def results_to_come(assets: RecordingAssets, plan: Plan, todo: Iterable[str], *, retry_failed: bool) -> str:
+    """Return the results that datasets are made from and that are yet to come.
+
+    All datasets rest on one digest, so the results for all formats count.
+
+    Args:
+        assets: the assets of recordings.
+        plan: states of all recordings.
+        todo: recordings that need a run.
+        retry_failed: what failed before is made again.
+    """
+    parts = [kind.part for kind in formats() if kind.part in assets.names]
+    read = assets.with_upstream(parts)
+    found = []
+    for key in todo:
+        bag = plan.bags[key]
+        to_come = [
+            name
+            for name in ("bag", *parts)
+            if bag.assets[name].state != "skipped"
+            and (bag.assets[name].data_version or "") != bag.recorded.get(name)
+        ]
+        if to_come and bag.to_run(retry_failed=retry_failed, select=read):
+            found.append(((), key, ", ".join(to_come[-len(parts) :])))
+    return "; ".join(f"{told.text} of {told.title}" for told in told_once(found, fewest=2))
 
 
 @dataclass(frozen=True)
@@ -342,7 +392,7 @@ def what_changed(recipe: Recipe, inputs: DatasetInputs, asset: str) -> str:
     with suppress(DatasetError):  # its lock cannot be read
         if isinstance(made, Dataset) and made.selection is None:
             contents = dataset_contents(recipe, inputs, asset)
-            if contents.last == contents.now:
+            if contents.last == contents.now and not contents.returned:
                 return "only what is left out, or in other datasets, changed since it was made"
     return "its recordings changed since it was made"
 
@@ -393,12 +443,12 @@ def build_dataset(
             store,
             output,
             splits=recipe.splits,
-            dealt=inputs.dealt(recipe.splits, store),
+            dealt=inputs.dealt(recipe),
             skipped={**inputs.skipped, **chosen.skipped},
             failed=inputs.failed.get(kind.name, {}),
             damaged=_damaged(plan, store, chosen.parts),
             suspects=suspects,
-            record=None if (groups := publication.groups()) is None else GroupsRecord.from_json(groups),
+            record=GroupsRecord.from_json(publication.groups()),
             permit=permit,
         )
         groups = None if summary.record is None else summary.record.as_json()

@@ -239,7 +239,8 @@ class Format(Generic[S]):
         select: selects the parts of a named dataset; None if the format has no named datasets.
         assets: assets of recordings that the format adds, its part among them unless bagassets has it.
         checks: checks of the finished dataset.
-        check: settings and names of `checks` -> name -> finding.
+        check: settings and names of `checks` -> name -> finding. A format that joins `ByGroups` also gets what is on record
+            of the dataset, if it is.
         distribution: name and version of the package that adds it; "" for formats of bagassets.
     """
 
@@ -264,7 +265,7 @@ class Format(Generic[S]):
     select: Callable[[Recipe, Store, Plan, Sequence[Part], NamedDataset], Selection] | None = None
     assets: Sequence[AnyAsset] = ()
     checks: Sequence[DatasetCheck] = ()
-    check: Callable[[S, AbstractSet[str]], Mapping[str, Finding]] | None = None
+    check: Callable[..., Mapping[str, Finding]] | None = None
     distribution: str = ""
 
     @property

@@ -201,7 +201,7 @@ class _Survey:
         self.states: dict[str, dict[str, AssetState]] = {}
         self.evidence: dict[str, dict[str, Evidence]] = {}
         self._instance, self._project, self._bags = instance, project, pending.plan.bags
-        self._recordings = sorted(pending.chosen & pending.plan.bags.keys())
+        self._recordings = sorted(pending.asked.chosen & pending.plan.bags.keys())
         self._names = project.workspace.names
         self._versions = Versions(instance, self._names, pending.leaving)
         self._code = code_digest()

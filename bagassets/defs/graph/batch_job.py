@@ -11,7 +11,7 @@ from bagassets.base.errors import BagAssetsError, RunEndedError
 from bagassets.defs.graph.checks import run_dataset_checks
 from bagassets.defs.graph.dataset import dataset_is_current, make_dataset, record_inputs
 from bagassets.defs.graph.several import describe, make_each, noted
-from bagassets.defs.records.instance_plan import InstancePlan, plan_instance
+from bagassets.defs.records.instance_plan import plan_instance
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.records.recorder import Recorder
 from bagassets.defs.records.reporting import errors_explained
@@ -19,7 +19,8 @@ from bagassets.defs.records.run_step import RunStep
 from bagassets.defs.records.workspace import Workspace
 from bagassets.defs.runs.exclusive import RecordingLock
 from bagassets.engine.batches import DATASET, Batch
-from bagassets.formats.dataset_build import dataset_code_versions
+from bagassets.engine.plan import Plan
+from bagassets.formats.dataset_build import DatasetInputs, dataset_code_versions, select_inputs
 
 
 def batch_job(names: Naming) -> dg.JobDefinition:
@@ -45,12 +46,13 @@ def batch_job(names: Naming) -> dg.JobDefinition:
         with errors_explained():
             failed = make_each(step, workspace, Path(lock.folder), recordings)
         if DATASET in batch:
-            planned = plan_instance(instance, workspace)
-            record_inputs(instance, workspace, planned.inputs)
-            if not dataset_is_current(instance, workspace, planned.inputs):
+            plan = plan_instance(instance, workspace)
+            inputs = select_inputs(plan)
+            record_inputs(instance, workspace, inputs)
+            if not dataset_is_current(instance, workspace, inputs):
                 recorder = Recorder(instance, workspace, DATASET, step, batch[DATASET])
                 with noted(step, recorder, failed):
-                    _make_datasets(recorder, planned)
+                    _make_datasets(recorder, plan, inputs)
         if failed:
             raise dg.Failure(describe(failed, len(recordings)), allow_retries=False)
 
@@ -65,13 +67,13 @@ def batch_job(names: Naming) -> dg.JobDefinition:
     return job
 
 
-def _make_datasets(recorder: Recorder, planned: InstancePlan) -> None:
+def _make_datasets(recorder: Recorder, plan: Plan, inputs: DatasetInputs) -> None:
     instance, workspace, problems = recorder.instance, recorder.workspace, []
     for asset in dataset_code_versions(workspace.recipe):
         if asset not in recorder.wanted:
             continue
         try:
-            recorder.record(make_dataset(instance, workspace, planned, asset, recorder.run_id))
+            recorder.record(make_dataset(instance, workspace, plan, inputs, asset, recorder.run_id))
             recorder.record_checks(run_dataset_checks(workspace, asset))
         except RunEndedError:
             raise

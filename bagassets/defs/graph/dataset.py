@@ -15,13 +15,13 @@ from bagassets.defs.graph.check_records import findings_on_record
 from bagassets.defs.records.artifact_files import page_link
 from bagassets.defs.records.events import recorded_whole, recorded_wholes
 from bagassets.defs.records.fence import refuse_if_ended
-from bagassets.defs.records.instance_plan import InstancePlan, plan_instance
+from bagassets.defs.records.instance_plan import plan_instance
 from bagassets.defs.records.naming import DATASET_INPUTS, Naming
 from bagassets.defs.records.recorder import Made, Recorder
 from bagassets.defs.records.reporting import code_link, dataset_metadata, errors_explained, inputs_metadata
 from bagassets.defs.records.workspace import Workspace
 from bagassets.engine.batches import DATASET
-from bagassets.engine.plan import AssetState
+from bagassets.engine.plan import AssetState, Plan
 from bagassets.engine.targets import Evidence, Read, Target, target_state
 from bagassets.formats.catalogue import formats, formats_of, recording_assets
 from bagassets.formats.dataset_build import (
@@ -129,19 +129,19 @@ def dataset_assets(recipe: Recipe, names: Naming) -> list[dg.AssetsDefinition]:
             instance, workspace = context.instance, Workspace.of(context, names.workspace)
             with errors_explained():
                 # Made once, so that all datasets that the run makes have the same inputs.
-                plan = partial(plan_instance, instance, workspace)
-                planned = workspace.once_in_run(context.run.run_id, plan)
+                look = partial(plan_instance, instance, workspace)
+                plan = workspace.once_in_run(context.run.run_id, look)
+                inputs = select_inputs(plan)
                 if asset == DATASET_INPUTS:
-                    digest, metadata = planned.inputs.digest, inputs_metadata(planned.inputs)
-                    made = Made(asset, digest, version, metadata, {})
+                    made = Made(asset, inputs.digest, version, inputs_metadata(inputs), {})
                 else:
                     # Also if it is made alone. What a step reads Dagster looks up before the step begins.
                     recorded = recorded_whole(instance, names, DATASET_INPUTS)
-                    if recorded is None or recorded.data_version != planned.inputs.digest:
-                        record_inputs(instance, workspace, planned.inputs)
+                    if recorded is None or recorded.data_version != inputs.digest:
+                        record_inputs(instance, workspace, inputs)
                         step = context.op_execution_context.get_step_execution_context()
                         step.fetch_external_input_asset_version_info()
-                    made = make_dataset(instance, workspace, planned, asset, context.run.run_id)
+                    made = make_dataset(instance, workspace, plan, inputs, asset, context.run.run_id)
                 yield from Recorder(instance, workspace, DATASET, context).record(made)
 
         return made_once
@@ -156,7 +156,12 @@ def dataset_assets(recipe: Recipe, names: Naming) -> list[dg.AssetsDefinition]:
 
 
 def make_dataset(
-    instance: dg.DagsterInstance, workspace: Workspace, planned: InstancePlan, asset: str, run_id: str
+    instance: dg.DagsterInstance,
+    workspace: Workspace,
+    plan: Plan,
+    inputs: DatasetInputs,
+    asset: str,
+    run_id: str,
 ) -> Made:
     """Make a dataset, or the map, from what is planned, and return what is to be recorded of it.
 
@@ -165,11 +170,11 @@ def make_dataset(
         RunEndedError: the run was given up meanwhile.
     """
     recipe = workspace.recipe  # as it is now: this process may be older
-    dataset, read = made_once(recipe)[asset], {DATASET_INPUTS: planned.inputs.digest}
+    dataset, read = made_once(recipe)[asset], {DATASET_INPUTS: inputs.digest}
     version, permit = dataset.code_version(recipe.splits), partial(refuse_if_ended, instance, run_id)
     if not isinstance(dataset, Dataset):
         permit()
-        outcome = build_map(recipe, workspace.store, planned.plan, planned.inputs)
+        outcome = build_map(recipe, workspace.store, plan, inputs)
         metadata = {
             "open": dg.MetadataValue.md(f"[Open the map]({page_link('map')})"),
             "map": dg.MetadataValue.path(str(map_path(recipe))),
@@ -177,21 +182,19 @@ def make_dataset(
             **outcome.artifact.summary(),
         }
         return Made(asset, outcome.artifact.digest, version, metadata, read)
-    summary = build_dataset(dataset, recipe, workspace.store, planned.plan, planned.inputs, permit)
-    failed = planned.inputs.failed.get(dataset.kind.name, {})
+    summary = build_dataset(dataset, recipe, workspace.store, plan, inputs, permit)
+    failed = inputs.failed.get(dataset.kind.name, {})
     is_first = dataset.kind in formats_of(recipe)[:1] and dataset.selection is None  # the report is about all
-    report = {"report": write_report(instance, workspace, planned)} if is_first else {}
+    report = {"report": write_report(instance, workspace, plan)} if is_first else {}
     return Made(asset, summary.digest, version, report | dataset_metadata(summary, failed), read)
 
 
-def write_report(
-    instance: dg.DagsterInstance, workspace: Workspace, planned: InstancePlan
-) -> dg.MarkdownMetadataValue:
+def write_report(instance: dg.DagsterInstance, workspace: Workspace, plan: Plan) -> dg.MarkdownMetadataValue:
     """Write the report with what the checks of recordings found when they ran; return a link to it, or why there is none."""
-    if len(planned.plan.bags) > MOST_REPORTED:
+    if len(plan.bags) > MOST_REPORTED:
         return dg.MetadataValue.md(f"`bagassets report` writes it (more than {MOST_REPORTED} recordings)")
     try:
-        data = report_data(workspace.recipe, workspace.store, planned.plan)
+        data = report_data(workspace.recipe, workspace.store, plan)
         problems, passed = findings_on_record(instance, workspace)
         recordings = [
             replace(one, problems=problems.get(one.key, ()), checks_passed=passed.get(one.key, 0))

@@ -13,7 +13,7 @@ from bagassets.defs.graph.dataset import dataset_is_current, record_inputs
 from bagassets.defs.graph.sensor_cursor import Cursor, Request
 from bagassets.defs.records.batches import PARTITION_TAG, batch_config, recordings_of
 from bagassets.defs.records.events import all_assets, live_partitions
-from bagassets.defs.records.instance_plan import begin_planning, plan_instance, workspace_fingerprint
+from bagassets.defs.records.instance_plan import planner_of, workspace_fingerprint
 from bagassets.defs.records.naming import WHOLE_GRAPH
 from bagassets.defs.records.partitions import (
     active_runs,
@@ -30,7 +30,7 @@ from bagassets.engine.inputs import files_beside
 from bagassets.engine.next_steps import Rules, State, Work, next_steps
 from bagassets.engine.plan import BagPlan, Plan
 from bagassets.engine.unsettled import Unsettled
-from bagassets.formats.dataset_build import DatasetInputs, dataset_code_versions
+from bagassets.formats.dataset_build import DatasetInputs, dataset_code_versions, select_inputs
 from bagassets.recordings.digest import RecordingStat, recording_stat
 from bagassets.recordings.discover import Discovery
 from bagassets.store.canonical import digest_json
@@ -89,16 +89,16 @@ class Scan:
         if quiet and cursor.quiet == quiet:
             cursor.looked_s = now_s
             return []
-        planning = begin_planning(self._instance, self._workspace, live, discovery, thorough=False)
-        planned = plan_instance(self._instance, self._workspace, planning)
-        self._unsettled.forget_settled(planned.plan)
-        known = {key for key, bag in planned.plan.bags.items() if bag.assets["bag"].state == "fresh"}
+        plan = planner_of(self._instance, self._workspace, live, discovery, thorough=False).plan()
+        inputs = select_inputs(plan)
+        self._unsettled.forget_settled(plan)
+        known = {key for key, bag in plan.bags.items() if bag.assets["bag"].state == "fresh"}
         finished = cursor.settle(stats, known, settle_s, now_s)
         self._next_settled_s = cursor.next_settled_s(settle_s, finished)
 
-        bags = {key: planned.plan.bags[key] for key in sorted(finished - self._active)}
+        bags = {key: plan.bags[key] for key in sorted(finished - self._active)}
         todo = self._recordings(bags, stats, {key: ended.get(key) for key in noted})
-        todo |= self._datasets(planned.inputs)
+        todo |= self._datasets(inputs)
         state = replace(
             state,
             new=finished - live,
@@ -110,10 +110,10 @@ class Scan:
         steps = next_steps(state, self._rules())
         add_partitions(self._instance, self._names, steps.register)
         if steps.is_over:
-            record_inputs(self._instance, self._workspace, planned.inputs)
+            record_inputs(self._instance, self._workspace, inputs)
         requests = [self._request(run, todo, now_s) for run in steps.runs]
         cursor.busy_since_s = steps.busy_since_s
-        cursor.said = self._describe(planned.plan, finished, state.held, len(active))
+        cursor.said = self._describe(plan, finished, state.held, len(active))
         asks_again = any(one.tries < RULES.most_tries for one in cursor.asked.values())
         is_over = not (requests or active or asks_again or self._next_settled_s is not None)
         cursor.quiet = quiet if is_over else ""
