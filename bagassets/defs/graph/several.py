@@ -4,6 +4,7 @@ Each is recorded as its own partition, as a run of its own would. The processes 
 it is cancelled or killed, the server ends them, and what they have not recorded is lost.
 """
 
+import logging
 import os
 import signal
 import traceback
@@ -152,7 +153,7 @@ def noted(step: RunStep, recorder: Recorder, ended: Ended) -> Iterator[None]:
         ended[key] = str(err)
     except Exception as err:  # noqa: BLE001  (one recording does not stop the others)
         ended[key] = f"{type(err).__name__}: {err}"
-        step.log(f"{key or 'the datasets'}: an unexpected error\n\n{traceback.format_exc()}")
+        step.log(f"{key or 'the datasets'}: an unexpected error\n\n{traceback.format_exc()}", logging.ERROR)
     note_ended(*log, ended[key])
 
 
