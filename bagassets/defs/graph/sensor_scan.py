@@ -159,17 +159,15 @@ class Scan:
             return {}
         since = dt.datetime.fromtimestamp(self.cursor.looked_s - _CLOCKS_DIFFER_S, dt.UTC)
         filters = dg.RunsFilter(statuses=_ENDED, updated_after=since)
-        assets, keys_of = frozenset(all_assets()), recordings_of(self._instance, self._names)
+        keys_of = recordings_of(self._instance, self._names)
         ended: dict[str, dg.DagsterRun] = {}
         for record in self._instance.get_run_records(filters, order_by="update_timestamp", ascending=True):
             run = record.dagster_run
-            if not self._names.is_about(run, assets):
-                continue
-            if PARTITION_TAG in run.tags:
-                ended[run.tags[PARTITION_TAG]] = run
-                continue
             for key in keys_of(run):
-                ended.pop(key, None)
+                if PARTITION_TAG in run.tags:
+                    ended[key] = run
+                else:
+                    ended.pop(key, None)
         for key, run in ended.items():
             # All that it has may be up to date, and yet Dagster shows it as failed.
             if run.status == dg.DagsterRunStatus.FAILURE:
@@ -248,15 +246,14 @@ class Scan:
 
     def _was_cancelled(self, key: str) -> bool:
         """Return whether the last run of a recording was cancelled: then the same is not requested again."""
-        assets, names = frozenset(all_assets()), self._names
-        keys_of = recordings_of(self._instance, names)
+        names, keys_of = self._names, recordings_of(self._instance, self._names)
         asked = [dg.RunsFilter(tags={PARTITION_TAG: key})]
         asked += [dg.RunsFilter(job_name=name) for name in (names.batch_job, WHOLE_GRAPH)]
         records = [
             record
             for filters in asked
             for record in self._instance.get_run_records(filters, limit=_LATEST)
-            if names.is_about(record.dagster_run, assets) and key in keys_of(record.dagster_run)
+            if key in keys_of(record.dagster_run)
         ]
         latest = max(records, key=lambda record: record.storage_id, default=None)
         return latest is not None and latest.dagster_run.status == dg.DagsterRunStatus.CANCELED
