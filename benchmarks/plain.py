@@ -91,7 +91,7 @@ def convert_plainly(recipe_file: Path, bags: Path, out: Path) -> None:
     from bagassets.recordings.discover import discover
 
     bagassets.assets.topic_log.blake3 = Unhashed  # type: ignore[assignment,attr-defined]
-    bagassets.formats.groups.new_hasher = Unhashed  # type: ignore[assignment]
+    bagassets.formats.groups.blake3 = Unhashed  # type: ignore[assignment,attr-defined]
     bagassets.formats.json_files.digest_bytes = lambda _data: Unhashed().hexdigest()  # type: ignore[assignment,attr-defined]
     bagassets.store.artifact.digest_bytes = lambda _data: Unhashed().hexdigest()  # type: ignore[assignment,attr-defined]
     recipe = load_recipe(recipe_file)

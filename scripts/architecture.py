@@ -24,6 +24,7 @@ MONO = "font-family=\"ui-monospace,SFMono-Regular,'DejaVu Sans Mono',Menlo,Conso
 ABOUT = {
     "inventory": "topics, digest of each",
     "signals": "series of numbers",
+    "signal_plots": "a picture of each",
     "calibration": "extrinsics, lenses",
     "ego_poses": "where the vehicle was",
     "annotations": "boxes and tracks",

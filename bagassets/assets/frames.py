@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Executor, Future
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 
 import cv2
@@ -31,6 +31,7 @@ from bagassets.assets.quality.check import RecordingCheck
 from bagassets.base.errors import BagAssetsError, CalibrationError, DecodeError, LossLimitError
 from bagassets.base.json_types import JsonObject
 from bagassets.base.trace import span
+from bagassets.decode.depth import DepthLosses
 from bagassets.decode.loading import keyed_decoder
 from bagassets.decode.model import ImageReading
 from bagassets.decode.registry import AnyFamily
@@ -104,7 +105,7 @@ def _use_of_camera(facts: Facts, name: str, settings: CameraSettings) -> Use[Cam
         decoder=decoder.key,
         camera=lens,
         camera_from="" if camera is None else camera.source,
-        video=decoder_version() if is_video else None,
+        video=decoder_version(f"{name} ({settings.topic})") if is_video else None,
         period_ns=topic.period_ns if is_video else None,
     )
     if lens is not None and lens.width * lens.height > settings.image_pixels:
@@ -169,6 +170,7 @@ class FrameExtractor:
         self._failed = 0
         self._first_error: str | None = None
         self._extension = ".jpg"
+        self._depth: DepthLosses | None = None
 
     def add(self, message: RawMessage) -> None:
         """Take the next message; one that cannot be decoded is counted as lost."""
@@ -259,7 +261,9 @@ class FrameExtractor:
             )
         rows = sorted(self._rows, key=lambda row: row["stamp_ns"])
         self._out.write_table("index.parquet", pa.Table.from_pylist(rows, schema=INDEX_SCHEMA))
-        facts = {"counts": self._counts.as_json()}
+        facts: JsonObject = {"counts": self._counts.as_json()}
+        if self._depth is not None:
+            facts["depth"] = {"unit_m": self._use.settings.depth_unit_m, **asdict(self._depth)}
         self._out.write_json(
             "channel.json",
             {
@@ -304,6 +308,8 @@ class FrameExtractor:
                 self._in_flight.popleft()[2].cancel()
             raise
         self._extension = image.extension
+        if image.depth is not None:
+            self._depth = (self._depth or DepthLosses()) + image.depth
         self._rows.append(
             {
                 "stamp_ns": stamp_ns,

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from bagassets.base.errors import DecodeError
 from bagassets.decode.fields import byte_array, head
@@ -47,6 +48,7 @@ ENCODINGS: Mapping[str, _Encoding] = {
     "8uc1": _Encoding(1, 1, None),
     "mono16": _Encoding(1, 2, None),
     "16uc1": _Encoding(1, 2, None),
+    "32fc1": _Encoding(1, 4, None),
     "yuv422": _Encoding(2, 1, cv2.COLOR_YUV2BGR_UYVY),
     "uyvy": _Encoding(2, 1, cv2.COLOR_YUV2BGR_UYVY),
     "yuv422_yuy2": _Encoding(2, 1, cv2.COLOR_YUV2BGR_YUY2),
@@ -76,10 +78,13 @@ def decode_image(message: Message) -> ImageReading:
         )
     # The last row may end with its last pixel, without padding.
     rows = np.ndarray((height, row_bytes), np.uint8, data, strides=(step, 1))
-    pixels: Pixels = rows
+    pixels: Pixels | NDArray[np.float32] = rows
     if layout.bytes_per_channel == 2:
         order = ">u2" if getattr(message, "is_bigendian", False) else "<u2"
         pixels = np.ascontiguousarray(rows).view(order).astype(np.uint16, copy=False)
+    elif layout.bytes_per_channel == 4:
+        order = ">f4" if getattr(message, "is_bigendian", False) else "<f4"
+        pixels = np.ascontiguousarray(rows).view(order).astype(np.float32, copy=False)
     if layout.channels > 1:
         pixels = pixels.reshape(height, width, layout.channels)
     return ImageReading(stamp_ns, frame_id, pixels, None, encoding)

@@ -9,7 +9,7 @@ import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import TypeVar
@@ -19,8 +19,8 @@ from bagassets.base.atomic import swap_in, write_atomically
 from bagassets.base.errors import DatasetError, StoreError
 from bagassets.base.json_types import JsonMapping
 from bagassets.engine.splits import SplitShare, deal, moves
-from bagassets.formats.dataset_lock import LOCK, DatasetLock, LockedBag, read_lock
-from bagassets.formats.format import Entry, Format, Link, LooseFiles, Member, Part, UnitFolders
+from bagassets.formats.dataset_lock import LOCK, LockedBag, read_lock
+from bagassets.formats.format import FACTS, Entry, Format, Kept, Link, LooseFiles, Member, Part, UnitFolders
 from bagassets.formats.groups import GroupsRecord, TornError
 from bagassets.formats.guard import GUARD, guarded, refuse_unexpected
 from bagassets.formats.joining import Joint, join_into
@@ -114,7 +114,13 @@ def assemble(
     splits = splits or Splits()
     chosen, duplicates = without_copies(parts)
     dealt = deal([part.key for part in chosen], splits) if dealt is None else dealt
-    left_out = {"duplicates": duplicates, "skipped": skipped or {}, "failed": failed or {}}
+    misfits = _misfits(kind, chosen, store)
+    chosen = [part for part in chosen if part.key not in misfits]
+    left_out = {
+        "duplicates": duplicates,
+        "skipped": {**(skipped or {}), **misfits},
+        "failed": failed or {},
+    }
     left_out |= {"damaged": damaged} if damaged else {}
     joint = Joint(kind, chosen, settings, splits, dealt, left_out, store)
     folder = kind.folder(settings)
@@ -126,19 +132,19 @@ def assemble(
         # What else changed, or what a killed build left behind, only a look at everything can tell.
         if suspects or suspects is None or leftovers or (record and record.made_by != joint.made_by):
             record = None
+        if kind.rejoin is not None and suspects is not None:
+            joint = replace(joint, kept=_kept(current, suspects))
         new = output / f"{folder}.tmp-{uuid4().hex}"
         new.mkdir()
         try:
-            made = join_into(new, joint, current, {}, record) if record is not None else None
+            made = join_into(new, joint, current, record)
         except TornError:  # the record is older than the folder, or somebody changed a file unnoticed
+            record = suspects = None
             shutil.rmtree(new)
             new.mkdir()
-            made = record = None
-        if made is None:
-            lock = _lock_of(current)
-            before = {} if lock is None or lock.kind != kind.name else lock.bags
-            made = join_into(new, joint, current, before, None)
+            made = join_into(new, joint, current)
         joined, members = made.joined, made.members
+        before = made.before if record is not None else _bags_in(current)
         refuse_unexpected(new, joined.files, expected)
         has_links = kind.places is not None or (
             suspects is not None and not any(name.startswith(f"{folder}/") for name in suspects)
@@ -147,19 +153,16 @@ def assemble(
         permit()
         linker = Linker(output)
         is_known = suspects is not None and f"{folder}/{LOCK}" not in suspects
-        there = {key: bag.artifact for key, bag in made.before.items()} if is_known else {}
+        there = {key: bag.artifact for key, bag in before.items()} if is_known else {}
         _put_files(kind, linker, members, there, suspects, store, output, new if changed else None)
         for name, content in joined.beside.items():
             path = output / name
             if not path.is_file() or path.read_bytes() != content:
                 write_atomically(path, content)
         old = swap_in(new, current) if changed else new
-        retired = {one: {} if (lock := _lock_of(one)) is None else lock.bags for one in leftovers}
-        if old is not None:
-            retired[old] = made.before
+        retired = {one: _bags_in(one) for one in leftovers} | ({} if old is None else {old: before})
         removed = _retire(joint, output, current, retired, members, is_whole=record is None)
     files = dict(linker.counts) | ({"removed": removed} if isinstance(kind.places, LooseFiles) else {})
-    moved = {key: bag.split for key, bag in made.before.items()}
     return DatasetSummary(
         digest=digest_json(joined.files),
         folder=output if isinstance(kind.places, UnitFolders) else current,
@@ -168,14 +171,17 @@ def assemble(
         files=dict(sorted(files.items())),
         duplicates=duplicates,
         changed=changed,
-        moved=moves(moved, {member.part.key: member.split for member in members}),
+        moved=moves(
+            {key: bag.split for key, bag in before.items()},
+            {member.part.key: member.split for member in members},
+        ),
         published={
             **{f"{folder}/{name}": digest for name, digest in joined.files.items()},
             f"{folder}/{LOCK}": made.lock,
             **{name: digest_bytes(content) for name, content in joined.beside.items()},
         },
         links={member.part.artifact: partial(_names, kind, member, folder) for member in members},
-        gone=None if record is None else {bag.artifact for bag in made.before.values()},
+        gone=None if record is None else {bag.artifact for bag in before.values()},
         record=made.record,
     )
 
@@ -187,6 +193,27 @@ def without_copies(parts: Iterable[Part]) -> tuple[list[Part], dict[str, str]]:
         first.setdefault(part.content, part)
     copies = {part.key: first[part.content].key for part in ordered if first[part.content] is not part}
     return list(first.values()), copies
+
+
+def _misfits(kind: Format[S], parts: Sequence[Part], store: Store) -> Mapping[str, str]:
+    """Return the recordings that the format cannot join with the others -> why."""
+    if kind.misfits is None:
+        return {}
+    return kind.misfits({part.key: store.artifact(part.artifact).read_json(FACTS) for part in parts})
+
+
+def _kept(current: Path, suspects: AbstractSet[str]) -> Kept:
+    """Return the joined files of the dataset on disk that nobody has touched; none without its lock."""
+    if f"{current.name}/{LOCK}" in suspects:
+        return Kept()
+    try:
+        before = read_lock(current)
+    except DatasetError:
+        before = None
+    files = {} if before is None else before.files
+    return Kept(
+        current, {name: one for name, one in files.items() if f"{current.name}/{name}" not in suspects}
+    )
 
 
 def _put_files(
@@ -272,8 +299,8 @@ def _is_same(new: Path, current: Path, digests: Mapping[str, str]) -> bool:
     """Tell whether `current` has the lock and the joined files of `new`, byte for byte."""
     try:
         return (current / LOCK).read_bytes() == (new / LOCK).read_bytes() and all(
-            (current / name).stat().st_size == (new / name).stat().st_size
-            and digest_file(current / name) == digest
+            (here := (current / name).stat()).st_size == (there := (new / name).stat()).st_size
+            and (here.st_ino == there.st_ino or digest_file(current / name) == digest)
             for name, digest in digests.items()
         )
     except OSError:
@@ -300,11 +327,9 @@ def _retire(
         is_whole: these are all.
     """
     places, removed = joint.kind.places, 0
-    now = {part.key: part.artifact for part in joint.parts}
+    now = {part.artifact for part in joint.parts}
     gone = {
-        folder: [
-            (number, bag) for number, bag in enumerate(bags.values()) if now.get(bag.key) != bag.artifact
-        ]
+        folder: [(number, bag) for number, bag in enumerate(bags.values()) if bag.artifact not in now]
         for folder, bags in retired.items()
     }
     if isinstance(places, LooseFiles):
@@ -360,11 +385,13 @@ def remove_files(output: Path, names: AbstractSet[str]) -> int:
     return removed
 
 
-def _lock_of(folder: Path) -> DatasetLock | None:
+def _bags_in(folder: Path) -> Mapping[str, LockedBag]:
+    """Return the recordings in the lock of a folder; empty if it has none."""
     try:
-        return read_lock(folder)
+        lock = read_lock(folder)
     except DatasetError:  # torn by a power loss, in a folder that is swapped anyway
-        return None
+        return {}
+    return {} if lock is None else lock.bags
 
 
 def _refuse_foreign(kind: Format[S], output: Path, current: Path) -> None:

@@ -1,9 +1,11 @@
 """The datasets of a recipe: which recordings enter them, and building them."""
 
+import json
 from collections.abc import Callable, Iterable, Mapping
 from collections.abc import Set as AbstractSet
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 from bagassets.assets.ego_poses import EGO_POSES
@@ -21,7 +23,7 @@ from bagassets.formats.assembly import DatasetSummary, assemble, without_copies
 from bagassets.formats.catalogue import formats, formats_of
 from bagassets.formats.dataset_lock import DatasetLock, read_lock
 from bagassets.formats.format import FACTS, AnyFormat, Part, Selection
-from bagassets.formats.groups import GroupsRecord
+from bagassets.formats.groups import FoundInGroups, GroupsRecord, cut
 from bagassets.recipe.format_settings import DEFAULT_FORMAT
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_base import DatasetSettings
@@ -155,7 +157,7 @@ class DatasetInputs:
     failed: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     ties: Ties = field(default_factory=Ties)
 
-    @property
+    @cached_property
     def digest(self) -> str:
         """Digest of everything that shapes the datasets except the recipe."""
         value: JsonObject = {"parts": [], "skipped": dict(self.skipped), "failed": {}}
@@ -169,14 +171,12 @@ class DatasetInputs:
         keys = {part.key for parts in self.parts.values() for part in parts}
         return digest_json(value | self.ties.of(keys))
 
-    def dealt(
-        self, splits: Splits, store: Store, entering: Mapping[str, str] | None = None
-    ) -> dict[str, str]:
+    def dealt(self, recipe: Recipe, entering: Mapping[str, str] | None = None) -> dict[str, str]:
         """Return recording -> split, the same for all datasets, as it is once these others (key -> content) have come."""
         contents = {part.key: part.content for parts in self.parts.values() for part in parts}
         contents |= entering or {}
         made = {name: {part.key: part.artifact for part in parts} for name, parts in self.parts.items()}
-        return deal_contents(contents, splits, recordings_without_scenes(store, made), self.ties)
+        return deal_contents(contents, recipe.splits, recordings_without_scenes(recipe, made), self.ties)
 
     def as_json(self) -> JsonObject:
         """Return counts for display."""
@@ -192,22 +192,41 @@ class DatasetInputs:
         return next(iter(self.parts), "")
 
 
-def recordings_without_scenes(store: Store, parts: Mapping[str, Mapping[str, str]]) -> frozenset[str]:
+def recordings_without_scenes(recipe: Recipe, parts: Mapping[str, Mapping[str, str]]) -> frozenset[str]:
     """Return the recordings that add no scene to a dataset, such as too short ones.
 
     Args:
-        store: the artifact store.
+        recipe: the recipe, whose store has the artifacts.
         parts: format -> recording -> part.
     """
-    found = set()
+    without: set[str] = set()
     for kind in formats():
-        if kind.fills_split is None:
-            continue
-        for key, digest in parts.get(kind.name, {}).items():
-            with suppress(BagAssetsError):
-                if not kind.fills_split(store.artifact(digest).read_json(FACTS)):
-                    found.add(key)
-    return frozenset(found)
+        if kind.fills_split is not None and (of := parts.get(kind.name)):
+            memory = FoundInGroups(recipe.state, f"{kind.name}-{kind.version}-without-scenes")
+            before, found = memory.load(), {}
+            some = [Part(key, "", digest) for key, digest in sorted(of.items())]
+            for group in cut(some, dict.fromkeys(of, "")):
+                if group.digest in before:
+                    found[group.digest] = before[group.digest]
+                    without.update(json.loads(before[group.digest]))
+                    continue
+                fills = _fills_split(kind, group.parts, Store(recipe.store_path))
+                keys = [key for key, adds in fills.items() if not adds]
+                without.update(keys)
+                if len(fills) == len(group.parts):
+                    found[group.digest] = json.dumps(keys).encode()
+            memory.save(found)
+    return frozenset(without)
+
+
+def _fills_split(kind: AnyFormat, parts: Iterable[Part], store: Store) -> dict[str, bool]:
+    """Return the recordings whose part is in the store -> whether they add anything to the dataset."""
+    found = {}
+    for part in parts:
+        with suppress(BagAssetsError):
+            facts = store.artifact(part.artifact).read_json(FACTS)
+            found[part.key] = kind.fills_split is None or kind.fills_split(facts)
+    return found
 
 
 def deal_contents(
@@ -230,6 +249,8 @@ def deal_contents(
     for key, content in sorted(contents.items()):
         first.setdefault(content, key)
     with_scenes = deal((key for key in first.values() if key not in sceneless), splits, ties)
+    if len(with_scenes) == len(first):
+        return {key: with_scenes[first[content]] for key, content in contents.items()}
     pinned = splits.model_copy(update={"pinned": {**splits.pinned, **with_scenes}})
     dealt = deal(first.values(), pinned, ties)
     return {key: dealt[first[content]] for key, content in contents.items()}
@@ -355,7 +376,9 @@ def dataset_contents(recipe: Recipe, inputs: DatasetInputs, asset: str) -> Datas
     now = {one.key: one.artifact if is_whole else one.content for one in parts}
     if lock is None:
         return DatasetContents(made.part, {}, now, left_out)
-    if not is_whole:  # which scenes are selected is known once they are made
+    if (
+        not is_whole or made.kind.misfits is not None
+    ):  # which are selected, or fit, is known once they are made
         selected_out = {key: why for key, why in lock.value["skipped"].items() if key in now}
         left_out |= selected_out
         now = {key: digest for key, digest in now.items() if key not in selected_out}
@@ -422,12 +445,12 @@ def build_dataset(
             store,
             output,
             splits=recipe.splits,
-            dealt=inputs.dealt(recipe.splits, store),
+            dealt=inputs.dealt(recipe),
             skipped={**inputs.skipped, **chosen.skipped},
             failed=inputs.failed.get(kind.name, {}),
             damaged=_damaged(plan, store, chosen.parts),
             suspects=suspects,
-            record=None if (groups := publication.groups()) is None else GroupsRecord.from_json(groups),
+            record=GroupsRecord.from_json(publication.groups()),
             permit=permit,
         )
         groups = None if summary.record is None else summary.record.as_json()

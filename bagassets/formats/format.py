@@ -150,6 +150,23 @@ class Finished:
 
 
 @dataclass(frozen=True)
+class Kept:
+    """Joined files of the dataset on disk that are as they were published, for formats that join large ones.
+
+    Attributes:
+        folder: the folder that is swapped.
+        digests: file in it -> digest.
+    """
+
+    folder: Path = Path()
+    digests: Mapping[str, str] = field(default_factory=dict)
+
+    def path(self, name: str) -> Path:
+        """Return the path of a file."""
+        return self.folder / name
+
+
+@dataclass(frozen=True)
 class UnitFolders:
     """Links of a format with one folder per recording.
 
@@ -239,8 +256,13 @@ class Format(Generic[S]):
         select: selects the parts of a named dataset; None if the format has no named datasets.
         assets: assets of recordings that the format adds, its part among them unless bagassets has it.
         checks: checks of the finished dataset.
-        check: settings and names of `checks` -> name -> finding.
+        check: settings and names of `checks` -> name -> finding. A format that joins `ByGroups` also gets what is on record
+            of the dataset, if it is.
         distribution: name and version of the package that adds it; "" for formats of bagassets.
+        rejoin: `join` that may link files from the dataset on disk, which other recordings did not change, instead of
+            writing them again; what comes out must be the same. None: there is nothing to gain.
+        misfits: recording -> facts, of all that are to be joined -> why some cannot be, as clauses; they are left out. None: all
+            recordings fit.
     """
 
     name: str
@@ -264,8 +286,10 @@ class Format(Generic[S]):
     select: Callable[[Recipe, Store, Plan, Sequence[Part], NamedDataset], Selection] | None = None
     assets: Sequence[AnyAsset] = ()
     checks: Sequence[DatasetCheck] = ()
-    check: Callable[[S, AbstractSet[str]], Mapping[str, Finding]] | None = None
+    check: Callable[..., Mapping[str, Finding]] | None = None
     distribution: str = ""
+    rejoin: Callable[[Sequence[Member], S, Sequence[SplitShare], Path, Kept], Joined] | None = None
+    misfits: Callable[[Mapping[str, Facts]], Mapping[str, str]] | None = None
 
     @property
     def asset(self) -> str:

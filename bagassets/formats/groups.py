@@ -2,30 +2,31 @@
 
 A group is a run of recordings in the order of their keys. Whether a key begins one, its digest decides, so a recording that
 comes or goes changes its own group, or that before it, and no other. On record are, for each group, what it was made from,
-how many bytes each joined file has of it, and what the format has to know of it for files that exist once. Copied bytes are
-hashed while they are read: if the file is not the one on record, everything is joined again from the store.
+how many bytes each joined file has of it, and what the format has to know of it for files that exist once. A file is hashed
+before it is copied from: if it is not the one on record, everything is joined again from the store.
 """
 
+import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Set as AbstractSet
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple, Self
+from typing import BinaryIO, NamedTuple
 
 from blake3 import blake3
 
-from bagassets.base.json_types import JsonObject
+from bagassets.base.cache import Cache, Changes
+from bagassets.base.fingerprints import PlanNeeded, loaded_code_fingerprint
+from bagassets.base.json_types import Json, JsonObject
 from bagassets.formats.format import Part
 from bagassets.formats.json_files import SEPARATOR, Frame
 
 # On average, a power of 2: half as many cost half as much where one changed, and twice as much to list and to copy.
 RECORDINGS = 64
-_BLOCK_BYTES = 1 << 22
-
-
-def new_hasher() -> blake3:
-    """Return what hashes a joined file, with all processors if it is large."""
-    return blake3(max_threads=blake3.AUTO)
+_BLOCK_BYTES = 1 << 20
+_KIND = "found"
 
 
 class TornError(Exception):
@@ -89,13 +90,16 @@ class GroupsRecord:
         return {"made_by": self.made_by, "files": self.files, "groups": groups}
 
     @classmethod
-    def from_json(cls, value: JsonObject) -> "GroupsRecord":
-        """Inverse of `as_json`."""
-        groups = {
-            digest: GroupRecord({name: Rows(*one) for name, one in rows.items()}, facts, durations_s)
-            for digest, (rows, facts, durations_s) in value["groups"].items()
-        }
-        return cls(value["made_by"], value["files"], groups)
+    def from_json(cls, value: Json) -> "GroupsRecord | None":
+        """Inverse of `as_json`; None if it was none, or of another version."""
+        try:
+            groups = {
+                digest: GroupRecord({name: Rows(*one) for name, one in rows.items()}, facts, durations_s)
+                for digest, (rows, facts, durations_s) in value["groups"].items()
+            }
+            return cls(value["made_by"], value["files"], groups)
+        except (AttributeError, KeyError, TypeError, ValueError):
+            return None
 
     def starts(self, name: str) -> Iterator[tuple[str, int, Rows]]:
         """Yield each group with rows in a joined file, where these begin in it, and what they are."""
@@ -128,132 +132,101 @@ def _begins_group(key: str) -> bool:
     return blake3(key.encode()).digest(length=2)[0] % RECORDINGS == 0
 
 
-class RowsOnDisk:
-    """The rows of a joined file on disk, read once in their order.
+class FoundInGroups:
+    """What this code has found in groups of recordings; any of it may be lost, and is found again.
+
+    Args:
+        state: the state folder.
+        what: what is looked for.
+    """
+
+    def __init__(self, state: str | os.PathLike[str], what: str) -> None:
+        self._cache = Cache(state)
+        self._what, self._below = what, f"{what}/{loaded_code_fingerprint()}/"
+        self._before: dict[str, bytes] = {}
+
+    def load(self) -> Mapping[str, bytes]:
+        """Return digest of a group -> what was found."""
+        with suppress(PlanNeeded):
+            found = self._cache.all(_KIND)
+            self._before = {
+                key.removeprefix(self._below): of for key, of in found.items() if key.startswith(self._below)
+            }
+        return self._before
+
+    def save(self, found: Mapping[str, bytes]) -> None:
+        """Replace what was loaded."""
+        changes = Changes()
+        if not self._before:  # of other code
+            changes.drop_below(_KIND, self._what)
+        for group in self._before.keys() - found.keys():
+            changes.drop(_KIND, self._below + group)
+        for group, of in found.items():
+            if self._before.get(group) != of:
+                changes.put(_KIND, self._below + group, of)
+        self._cache.write(changes)
+
+
+def read_rows(path: Path, record: GroupsRecord, groups: AbstractSet[str]) -> bytes:
+    """Return the rows that a joined file on disk has of some groups, as a JSON list. They are not compared with the record.
 
     Raises:
         OSError: it cannot be read.
     """
+    texts = []
+    with path.open("rb") as file:
+        for digest, start, rows in record.starts(path.name):
+            if digest in groups:
+                file.seek(start)
+                texts.append(file.read(rows.size))
+    return b"[%b]" % SEPARATOR.join(texts)
 
-    def __init__(self, path: Path, record: GroupsRecord) -> None:
-        self._file = path.open("rb", buffering=0)
-        self._digest = record.files[path.name][0]
-        self._where = {digest: (start, rows.size) for digest, start, rows in record.starts(path.name)}
-        self._hasher = new_hasher()
-        self._at = 0
 
-    def __enter__(self) -> Self:
-        return self
+def rows_on_disk(file: BinaryIO, start: int, size: int) -> Iterator[bytes]:
+    """Yield rows of a joined file, a block at a time.
 
-    def __exit__(self, *_: object) -> None:
-        self._file.close()
-
-    def of(self, groups: Sequence[str]) -> Iterator[bytes]:
-        """Yield the rows of groups that follow each other, with what stands between them.
-
-        Raises:
-            TornError: the file is too short.
-        """
-        start, _ = self._where[groups[0]]
-        end = sum(self._where[groups[-1]])
-        for _ in self._read(start):
-            pass
-        yield from self._read(end)
-
-    def follow_each_other(self, one: str, other: str) -> bool:
-        """Tell whether no other rows are between those of two groups."""
-        return sum(self._where[one]) + len(SEPARATOR) == self._where[other][0]
-
-    def finish(self) -> None:
-        """Read what is left.
-
-        Raises:
-            TornError: it is not the file on record.
-        """
-        while block := self._file.read(_BLOCK_BYTES):
-            self._hasher.update(block)
-        if self._hasher.hexdigest() != self._digest:
+    Raises:
+        TornError: it is too short.
+    """
+    file.seek(start)
+    while size:
+        block = file.read(min(_BLOCK_BYTES, size))
+        if not block:
             raise TornError
-
-    def _read(self, end: int) -> Iterator[bytes]:
-        while self._at < end:
-            block = self._file.read(min(_BLOCK_BYTES, end - self._at))
-            if not block:
-                raise TornError
-            self._hasher.update(block)
-            self._at += len(block)
-            yield block
+        size -= len(block)
+        yield block
 
 
 class Piece(NamedTuple):
     """The rows of one group in a file that is written.
 
     Attributes:
-        group: its digest.
         known: what the file on disk has of it; None if it is joined.
-        texts: otherwise the rows of each of its recordings.
+        texts: of a known group blocks of its rows, else the rows of each recording.
     """
 
-    group: str
     known: Rows | None
     texts: Iterable[bytes]
 
 
-def write_rows(
-    path: Path, frame: Frame, pieces: Sequence[Piece], on_disk: RowsOnDisk | None = None
-) -> tuple[str, list[Rows]]:
-    """Write a joined file; return its digest, and what it has of each group.
-
-    Args:
-        path: the file.
-        frame: what stands around its rows.
-        pieces: the rows.
-        on_disk: the file that has those that are known.
-
-    Raises:
-        TornError: that is not the file on record.
-    """
-    hasher, found = new_hasher(), []
+def write_rows(path: Path, frame: Frame, pieces: Iterable[Piece]) -> tuple[str, list[Rows]]:
+    """Write a joined file; return its digest, and what it has of each group."""
+    hasher, found, before = blake3(), [], frame.head
     with path.open("wb", buffering=1 << 20) as file:
 
         def write(data: bytes) -> None:
             file.write(data)
             hasher.update(data)
 
-        is_first = True
-
-        def begin() -> None:
-            nonlocal is_first
-            write(frame.head if is_first else SEPARATOR)
-            is_first = False
-
-        run: list[str] = []  # known groups that follow each other
-
-        def end_run() -> None:
-            if run and on_disk is not None:
-                begin()
-                for block in on_disk.of(run):
-                    write(block)
-                run.clear()
-
-        for piece in pieces:
-            if piece.known is not None and on_disk is not None:
-                if piece.known.size:
-                    if run and not on_disk.follow_each_other(run[-1], piece.group):
-                        end_run()
-                    run.append(piece.group)
-                found.append(piece.known)
-                continue
+        for known, texts in pieces:
             size = number = 0
-            for text in filter(None, piece.texts):
-                end_run()
-                begin()
+            for text in filter(None, texts):
+                if known is None or not size:
+                    write(before)
+                    before = SEPARATOR
                 write(text)
-                size += len(text) + len(SEPARATOR) * bool(number)
-                number += text.count(b"\n") + 1
-            found.append(Rows(size, number))
-        end_run()
-        write(frame.empty if is_first else frame.tail)
-    if on_disk is not None:
-        on_disk.finish()
+                size += len(text) + len(SEPARATOR) * (known is None and number > 0)
+                number += known is not None or text.count(b"\n") + 1
+            found.append(known or Rows(size, number))
+        write(frame.empty if before is frame.head else frame.tail)
     return hasher.hexdigest(), found

@@ -17,7 +17,7 @@ from bagassets.engine.splits import shares_of
 from bagassets.engine.track import track_on_record
 from bagassets.formats import trajectory_map
 from bagassets.formats.catalogue import formats, recording_assets
-from bagassets.formats.checking import Verdict, check_bag, check_datasets
+from bagassets.formats.checking import Verdict, check_bags, check_datasets
 from bagassets.formats.dataset_build import (
     DatasetInputs,
     dataset_contents,
@@ -59,15 +59,17 @@ def report_data(
     Raises:
         DatasetError: a file of a dataset cannot be read.
     """
-    dealt, copies = _dealt(recipe, store, plan), _copies(plan)
+    dealt, copies = _dealt(recipe, plan), _copies(plan)
     assets = recording_assets(recipe)
     recordings = []
-    for key, bag in sorted(plan.bags.items()):
+    bags = dict(sorted(plan.bags.items()))
+    checked = None if discovery is None else check_bags(recipe, store, discovery, bags.values())
+    for key, bag in bags.items():
         facts = _facts(recipe, assets, store, bag, dealt.get(key, ""))
         if key in copies:
             facts = replace(facts, state="copy", reason=f"the same content as {copies[key]}")
-        if discovery is not None:
-            found, number = _outcome(check_bag(recipe, store, discovery, bag))
+        if checked is not None:
+            found, number = _outcome(next(checked)[1])
             facts = replace(facts, problems=found, checks_passed=number)
         recordings.append(facts)
         on_recording(1)
@@ -117,7 +119,7 @@ def build_map(recipe: Recipe, store: Store, plan: Plan, inputs: DatasetInputs) -
     return outcome
 
 
-def _dealt(recipe: Recipe, store: Store, plan: Plan) -> dict[str, str]:
+def _dealt(recipe: Recipe, plan: Plan) -> dict[str, str]:
     """Return recording -> split, for all that take part."""
     parts = {
         kind.name: {
@@ -125,7 +127,7 @@ def _dealt(recipe: Recipe, store: Store, plan: Plan) -> dict[str, str]:
         }
         for kind in formats()
     }
-    return deal_contents(_contents(plan), recipe.splits, recordings_without_scenes(store, parts), plan.ties)
+    return deal_contents(_contents(plan), recipe.splits, recordings_without_scenes(recipe, parts), plan.ties)
 
 
 def _contents(plan: Plan) -> dict[str, str]:
@@ -146,7 +148,7 @@ def _copies(plan: Plan) -> dict[str, str]:
 
 def _map_routes(recipe: Recipe, store: Store, plan: Plan) -> list[MapRoute]:
     """Return the recordings with poses in the order of their keys, without copies, coloured by split."""
-    splits, dealt, copies = sorted(recipe.splits.shares), _dealt(recipe, store, plan), _copies(plan)
+    splits, dealt, copies = sorted(recipe.splits.shares), _dealt(recipe, plan), _copies(plan)
     routes = []
     for key, bag in sorted(plan.bags.items()):
         track = track_on_record(recipe, store, bag) if bag.skipped is None and key not in copies else None

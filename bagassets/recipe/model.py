@@ -85,6 +85,9 @@ class _PlacedChannel(_Channel):
     )
 
 
+DEPTH_UNIT_M = 0.001
+
+
 class CameraChannel(_Channel):
     """A camera: Image or CompressedImage messages become image files."""
 
@@ -113,6 +116,13 @@ class CameraChannel(_Channel):
         None, description="Another K for undistorted images; default: the camera's K."
     )
     to_8bit: GreyRange | None = Field(None, description="How 16-bit grey becomes 8-bit; required for jpeg.")
+    depth_unit_m: float = Field(
+        DEPTH_UNIT_M,
+        gt=0,
+        le=1,
+        description="Metres that a grey level of 16-bit PNGs stands for, where depth was recorded in metres (32FC1, also as "
+        "compressedDepth); 0 is no depth. Depth of 16 bit keeps its unit, mostly millimetres.",
+    )
 
 
 class PointTimes(Model):

@@ -169,6 +169,11 @@ class FileRecording(Recording, Generic[F]):
             file.close()
             raise
 
+    @property
+    def files(self) -> tuple[F, ...]:
+        """The open file."""
+        return (self._file,)
+
     def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
         wanted = self._carrying(topics, self._sources)
         for connection, log_time_ns, data in self._file.messages(wanted.keys()):

@@ -2,12 +2,16 @@
 
 import math
 
+import cv2
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import yaml
 
+from bagassets.assets.pictures.canvas import colour_of
+from bagassets.assets.pictures.plot import signal_plot
 from bagassets.assets.quality.evidence import Evidence
+from bagassets.assets.signal_plots import SIGNAL_PLOTS
 from bagassets.assets.signals import SIGNALS
 from bagassets.base.errors import BagAssetsError
 from bagassets.engine.execute import AssetResult, BuildFailure, execute
@@ -54,7 +58,7 @@ def other(number, msgtype, topic, fields):
 class Built:
     """The signals of a recording of these messages."""
 
-    def __init__(self, folder, messages, signals, *, kind="mcap", rig=None, **sections):
+    def __init__(self, folder, messages, signals, *, kind="mcap", rig=None, plots=False, **sections):
         name, write = WRITERS[kind]
         (folder / "bags").mkdir(parents=True)
         write(folder / "bags" / name, sorted(messages, key=lambda one: one.log_time_ns))
@@ -70,7 +74,7 @@ class Built:
         self.store = Store(self.recipe.store_path)
         found = discover(self.recipe.bags).recordings
         self.graph = Graph.of(recording_assets(self.recipe), self.store, found[name])
-        self.graph.wanted = ("inventory", "signals")
+        self.graph.wanted = ("inventory", "signals", *(["signal_plots"] if plots else []))
         self.errors, self.results = {}, {}
         try:
             for one in execute(self.graph, threads=1):
@@ -399,6 +403,35 @@ def test_signals_are_apart_and_nothing_else_changes_their_actions(tmp_path):
     assert "signals" not in recording_assets(load_recipe(tmp_path / "plain.yaml")).names
 
 
+def test_each_signal_is_drawn(tmp_path):
+    """The line is where the values are; a gap of a joint is a gap of its line."""
+    messages = [
+        joints(n, ABC[:2] if 100 <= n < 200 else ABC, [1.0, n / 300, -1.0][: 2 if 100 <= n < 200 else 3])
+        for n in range(300)
+    ]
+    built = Built(
+        tmp_path, messages, {"arm": POSITION, "elbow": {**POSITION, "names": ["elbow"]}}, plots=True
+    )
+    plots = built.results["signal_plots"].artifact
+    pictures = SIGNAL_PLOTS.face.pictures(plots)
+    assert [picture.title for picture in pictures] == ["Signal arm", "Signal elbow"]
+    assert all(plots.path(picture.small).stat().st_size <= 16 * 1024 for picture in pictures)
+    assert cv2.imread(str(plots.path("arm.jpg"))).shape[1] == 1280
+    table = built.table("arm")
+    elements = {name: table.column(name).to_numpy() for name in ABC}
+    stamps_ns = table.column("stamp_ns").to_numpy()
+    image = signal_plot("arm", stamps_ns, elements, (int(stamps_ns[0]), int(stamps_ns[-1])), 1280)
+    inner = image[40:400, 90:1250]
+    colours = [(inner == colour_of(number)).all(axis=2) for number in range(3)]
+    elbow, wrist, hand = (np.flatnonzero(one.any(axis=0)) / inner.shape[1] for one in colours)
+    assert np.ptp(elbow) > 0.99
+    assert np.ptp(wrist) > 0.99
+    assert not ((hand > 0.35) & (hand < 0.65)).any()
+    assert ((hand > 0.05) & (hand < 0.3)).sum() > 100 < ((hand > 0.7) & (hand < 0.95)).sum()
+    middle = [np.flatnonzero(one[:, 580]).mean() for one in colours[:2]]
+    assert 0 < middle[0] < middle[1] < 360  # 1.0 is above 0.5
+
+
 def test_small_messages_are_not_read_from_the_recording_again(tmp_path, monkeypatch):
     """A signal that changes does not cost a pass over a large recording."""
     read = []
@@ -408,9 +441,9 @@ def test_small_messages_are_not_read_from_the_recording_again(tmp_path, monkeypa
 
 
 def _noting(function, calls):
-    def noted(*args):
+    def noted(*args, **options):
         calls.append(args)
-        return function(*args)
+        return function(*args, **options)
 
     return noted
 

@@ -36,7 +36,6 @@ from bagassets.propose.project import dagster_home
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Recipe
 from bagassets.recordings.discover import Discovery
-from bagassets.store.store import Store
 from bagassets.store.writable import require_writable
 
 if TYPE_CHECKING:
@@ -184,9 +183,7 @@ def expected_moves(pending: PendingWork, recipe: Recipe) -> dict[str, tuple[str,
         bag = pending.plan.bags[key]
         if bag.skipped is None and bag.unusable is None:
             entering[key] = bag.assets["bag"].data_version or key
-    return moves(
-        split_on_disk(recipe), pending.inputs.dealt(recipe.splits, Store(recipe.store_path), entering)
-    )
+    return moves(split_on_disk(recipe), pending.inputs.dealt(recipe, entering))
 
 
 def rehearse(recipe_file: Path) -> None:

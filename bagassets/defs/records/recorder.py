@@ -77,6 +77,7 @@ class Recorder:
 
     Attributes:
         made: names of the assets that were recorded.
+        skipped: those of them that were skipped.
     """
 
     def __init__(
@@ -89,6 +90,7 @@ class Recorder:
     ) -> None:
         self.instance, self.workspace, self.key, self.wanted = instance, workspace, key, wanted
         self.made: set[str] = set()
+        self.skipped: set[str] = set()
         self.run_id, self._job, self._step = "", "", None
         self._is_planned = False
         if context is not None:
@@ -131,6 +133,8 @@ class Recorder:
             if storage_id is not None:  # other storages do not say it, and are asked
                 self._latest[made.asset] = dg.EventLogRecord(storage_id, entry)
         self.made.add(made.asset)
+        if is_skip(made.data_version):
+            self.skipped.add(made.asset)
         return results
 
     def is_recorded(self, made: Made) -> bool:
@@ -151,6 +155,8 @@ class Recorder:
         kind = dg.DagsterEventType.ASSET_CHECK_EVALUATION
         storage = self.instance.event_log_storage
         passed = []
+        if self.skipped:  # so that those before are seen
+            self._forget_planned_checks()
         try:
             for result in results:
                 evaluation = self._evaluation(result)
@@ -162,8 +168,7 @@ class Recorder:
                 asset = self._names.asset_of(evaluation.asset_key)
                 message = f"Check {evaluation.check_name} of {asset}{self._of} {outcome}."
                 self.instance.handle_new_event(self._entry(kind, evaluation, message))
-            if isinstance(self._context, RunStep) and self._is_planned:
-                self._forget_planned_checks()
+            self._forget_planned_checks()
         finally:  # also those before one that cannot be made
             if isinstance(storage, SqlEventLogStorage):
                 record_passed(storage, passed)
@@ -175,7 +180,11 @@ class Recorder:
         recording of the run failed.
         """
         storage, table = self.instance.event_log_storage, AssetCheckExecutionsTable
-        if isinstance(storage, SqlEventLogStorage):
+        if (
+            isinstance(self._context, RunStep)
+            and self._is_planned
+            and isinstance(storage, SqlEventLogStorage)
+        ):
             ours = table.c.run_id == self.run_id, table.c.partition == self.key
             with storage.index_connection() as connection:
                 connection.execute(table.delete().where(*ours, table.c.execution_status == _PLANNED))

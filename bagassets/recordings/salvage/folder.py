@@ -151,6 +151,18 @@ class SalvagedFolder(Rosbag2Recording):
                     database.topics[number] = TopicRow(name, msgtype, how, "")
         database.note_unnamed()
 
+    @property
+    def files(self) -> "tuple[SalvagedDatabase | SalvagedMcap, ...]":
+        """The open files."""
+        return tuple(self._files)  # type: ignore[arg-type]
+
+    def rows(self, file: SalvagedDatabase) -> Iterator[tuple[int, int, bytes | memoryview]]:
+        """Yield topic id, log time and payload of the messages in one of the files, decompressed."""
+        for number, log_time_ns, data in file.messages(file.topics):
+            content = self._unpacked(file.topics[number].name, log_time_ns, data)
+            if content is not None:
+                yield number, log_time_ns, content
+
     def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
         for file in self._files:
             wanted = self._carrying(topics, file.sources())

@@ -228,9 +228,16 @@ class SalvagedMcap(McapFile):
             if opcode == Opcode.MESSAGE:
                 found[_CHANNEL.unpack_from(content, begin)[0]] += 1
             elif opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
-                with suppress(Exception):
-                    add_bytes(self._index, opcode, content[begin:end], self._sizes)
+                self._add(opcode, content[begin:end])
         self._in_chunk[chunk] = counts | found
+
+    def _add(self, opcode: int, fields: bytes) -> None:
+        try:
+            add_bytes(self._index, opcode, fields, self._sizes)
+        except SizeLimitError:
+            raise
+        except Exception:  # noqa: BLE001  (as above)
+            self._damage.find(f"{self.path.name}: a channel or schema cannot be read")
 
     def _note_hole(self, begin: int, end: int) -> None:
         reason = what_is_there(self._file, begin, end)
@@ -306,6 +313,24 @@ class SalvagedMcap(McapFile):
             return self._in_chunks(channels)
         streams = [(0, 0, self._in_chunks(channels)), (0, 1, self._outside_chunks(channels))]
         return merged(streams, itemgetter(1))
+
+    def records(self) -> Iterator[tuple[int, int, int, int, bytes | memoryview]]:
+        """Yield channel, sequence number, log time, publish time and payload of each message, in the order of the file."""
+        for chunk in sorted(self._index.chunks, key=lambda one: one.offset):
+            content = self._load(chunk.offset)
+            for opcode, begin, end in self._records_in(chunk.offset, content):
+                if opcode == Opcode.MESSAGE and begin + MESSAGE_HEADER.size <= end:
+                    head = MESSAGE_HEADER.unpack_from(content, begin)
+                    yield *head, memoryview(content)[begin + MESSAGE_HEADER.size : end]
+        for begin, end in zip(self._outside[2::4], self._outside[3::4], strict=True):
+            self._file.seek(begin - MESSAGE_HEADER.size)
+            head = MESSAGE_HEADER.unpack(self._file.read(MESSAGE_HEADER.size))
+            yield *head, self._file.read(end - begin)
+
+    @property
+    def index(self) -> McapIndex:
+        """Channels and schemas."""
+        return self._index
 
     def _places_outside(self, channels: Collection[int]) -> Iterator[Place]:
         columns = (self._outside[number::4] for number in range(4))

@@ -7,7 +7,7 @@ from typing import TypeVar
 
 from bagassets.base.errors import BagAssetsError, RecordingError
 from bagassets.recipe.model import Limits
-from bagassets.recordings.damage import refuse_pointer, unreadable
+from bagassets.recordings.damage import refuse_pointer, suffix_of, unreadable
 from bagassets.recordings.journals import scratch_folder
 from bagassets.recordings.model import OnRead, RecordingFiles
 from bagassets.recordings.open import open_recording
@@ -64,18 +64,17 @@ def _one(
     if path.is_dir():
         return SalvagedFolder(path, message_definitions, limits, on_read, damage)
     refuse_pointer(path)
-    suffixes = [suffix for suffix in path.suffixes if suffix != ".active"]
-    if suffixes[-1:] == [".zstd"]:
+    if path.suffix == ".zstd":
         sizes = Sizes(path, path.stat().st_size, limits)
         with scratch_folder(path, path.stat().st_size) as folder:
             plain = folder / path.stem
             if problem := unpack_file(path, plain, sizes, on_read):
                 damage.hole(Hole(path.name, path.stat().st_size, path.stat().st_size, problem))
             return _one(plain, message_definitions, limits, on_read, damage)
-    if suffixes[-1:] == [".mcap"]:
+    if suffix_of(path) == ".mcap":
         mcap = SalvagedMcap(path, limits, on_read, damage)
         return FileRecording(path, "mcap", mcap, message_definitions, limits)
-    if suffixes[-1:] == [".db3"]:
+    if suffix_of(path) == ".db3":
         database = SalvagedDatabase(path, limits, on_read, damage)
         database.note_unnamed()
         return FileRecording(path, "ros2", database, message_definitions, limits)
@@ -92,17 +91,20 @@ def _series(
     damage: Damage,
 ) -> Recording:
     """Open the parts that can be; each of the others is a hole."""
+    once: dict[Path, Recording] = {}
 
     def opened(path: Path) -> Recording:
-        return open_salvaged(path, message_definitions, limits, on_read, damage)
+        return once.pop(path, None) or open_salvaged(path, message_definitions, limits, on_read, damage)
 
     parts = []
     for part in recording.parts:
+        before = dict(damage.holes), dict(damage.findings)
         try:
-            opened(part.path).close()
+            once[part.path] = open_salvaged(part.path, message_definitions, limits, on_read, damage)
         except RecordingError as err:
             if err.transient:
                 raise
+            damage.holes, damage.findings = before
             damage.is_total_known = False
             damage.hole(
                 Hole(part.path.name, 0, part.size, str(err).removeprefix(f"{part.path}: ").rstrip("."))

@@ -41,10 +41,14 @@ _MESSAGE_BEGINNING = re.compile(
 
 @dataclass(slots=True)
 class _Found:
-    """A chunk: where it and its index end, whether its file ends before it does, and connection -> entries of its index."""
+    """A chunk: where it and its index end, and connection -> entries of its index.
+
+    Its file may end before it does; or it was being written, and its length is not known.
+    """
 
     end: int
     is_cut: bool
+    is_open: bool
     index: dict[int, NDArray[np.void]] = field(default_factory=dict)
 
 
@@ -63,7 +67,7 @@ class SalvagedBag(IndexReader):
         self._found: dict[int, _Found] = {}
         self._data_end = 0  # where the index begins; 0 if nothing says so
         self._by_id: dict[int, Connection] = {}
-        self.md5sums: dict[int, str] = {}
+        self.fields: dict[int, Header] = {}
         self._announced: Counter[int] = Counter()
         self._counts_at: dict[int, dict[int, int]] = {}
         super().__init__(path, limits, on_read)
@@ -118,12 +122,13 @@ class SalvagedBag(IndexReader):
         return True
 
     def read_connection(self) -> Connection:
-        """Read one connection, and keep its checksum for a copy."""
+        """Read one connection, and keep its fields for a copy."""
         begin = self._opened.tell()
+        self._connections_read = len(self._by_id)  # the same one may be met several times
         one = super().read_connection()
         self._opened.seek(begin)
         Header.read(self._opened)
-        self.md5sums[one.id] = Header.read(self._opened).get("md5sum", b"*").decode("ascii", "replace")
+        self.fields[one.id] = Header.read(self._opened)
         return one
 
     def _take_connection(self, one: Connection) -> None:
@@ -157,9 +162,13 @@ class SalvagedBag(IndexReader):
             if most > self._limits.chunk_bytes:
                 raise DamageError("size")
             self._sizes.add_chunk(begin, most)
-            self.chunks[begin] = Chunk(min(size, self._size - at), at, bytes)
+            if is_open := not size and not unpacked:  # recorders fill these in when a chunk is done
+                most = min(self._size - at, self._limits.chunk_bytes)
+                end, unpacked = self._size + 1, most if compression == "none" else self._limits.chunk_bytes
+                self._damage.find(f"{self._file.name}: its last chunk was being written")
+            self.chunks[begin] = Chunk(min(end, self._size) - at, at, bytes)
             self._compression[begin] = compression, unpacked
-            latest = self._found[begin] = _Found(min(end, self._size), is_cut=end > self._size)
+            latest = self._found[begin] = _Found(min(end, self._size), end > self._size, is_open)
             return latest, latest.end
         if end > self._size or size > _LONGEST_RECORD:
             raise DamageError("cut off")
@@ -195,8 +204,6 @@ class SalvagedBag(IndexReader):
         return False
 
     def _note_hole(self, begin: int, end: int, reason: str = "") -> None:
-        spans = [(position, _span_of(one.index)) for position, one in self._found.items()]
-        extents = [Extent(position, *span) for position, span in spans if span is not None]
         lost: Counter[str] = Counter()
         for info in self.chunk_infos:
             if begin <= info.pos < end:
@@ -205,8 +212,12 @@ class SalvagedBag(IndexReader):
             reason = what_is_there(self._opened, begin, end)
         known = dict(lost) if self.chunk_infos else None
         self._damage.hole(
-            Hole(self._file.name, begin, end, reason, *times_around(extents, begin, end), known)
+            Hole(self._file.name, begin, end, reason, *times_around(self._extents(), begin, end), known)
         )
+
+    def _extents(self) -> list[Extent]:
+        spans = [(position, _span_of(one.index)) for position, one in self._found.items()]
+        return [Extent(position, *span) for position, span in spans if span is not None]
 
     def _note_missing_index(self) -> None:
         if not self._data_end:
@@ -238,7 +249,7 @@ class SalvagedBag(IndexReader):
         index = found.index
         if not self._is_sound(position) or not index.keys() <= self._by_id.keys():
             content = self._load(position)
-            index = self._index_of(position, content)
+            index = found.index = self._index_of(position, content)
         for one, entries in index.items():
             if one in self._by_id:
                 self._entries.setdefault(one, []).append((position, entries))
@@ -278,11 +289,15 @@ class SalvagedBag(IndexReader):
         found = self._found[position]
         most = max(unpacked, len(packed)) if compression == "none" else unpacked
         content, problem = unpack_chunk(packed, compression, most, is_cut=found.is_cut)
-        if problem:
-            first_ns, last_ns = _span_of(found.index) or (None, None)
+        if problem and not (found.is_open and compression == "none"):  # whose records tell where they end
+            end = chunk.datapos + chunk.datasize
+            own_ns = _span_of(found.index)
+            if content or own_ns is None:  # what is missing comes after all that was found up to there
+                first_ns, last_ns = times_around(self._extents(), end, end)
+            else:
+                first_ns, last_ns = own_ns
             lost = self._of_topics({one: len(entries) for one, entries in found.index.items()})
             known = dict(lost) if lost and not content else None
-            end = chunk.datapos + chunk.datasize
             reason = f"the chunk is damaged: {problem}"
             self._damage.hole(Hole(self._file.name, position, end, reason, first_ns, last_ns, known))
         return content
@@ -331,7 +346,8 @@ class SalvagedBag(IndexReader):
             except Exception:  # noqa: BLE001  (as above)
                 at = next_record(source, begin + 1, len(content), _MESSAGE_BEGINNING, is_record)
                 chunk = self.chunks[position]
-                if not self._found[position].is_cut or at < len(content):
+                found = self._found[position]
+                if not found.is_cut or found.is_open or at < len(content):
                     reason = f"bytes {begin} to {at} in the chunk are no record"
                     end = chunk.datapos + chunk.datasize
                     self._damage.hole(Hole(self._file.name, position, end, reason))

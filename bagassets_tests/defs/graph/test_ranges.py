@@ -130,6 +130,28 @@ def test_one_that_fails_is_red_alone_and_one_that_is_skipped_has_no_red_check(pr
     assert all(asset.is_settled for key in made for asset in bags[key].assets.values())
 
 
+@pytest.mark.parametrize("door", ["command", "range"])
+def test_a_check_that_did_not_pass_is_red_no_more_once_its_recording_is_skipped(project, monkeypatch, door):
+    text = project.read_text()
+    project.write_text(f"{text}\nchecks: {{topic_rates: {{limits: {{/odom: {{min_hz: 60}}}}}}}}\n")
+    load_definitions(project)
+
+    def make():
+        if door == "command":
+            build(project, monkeypatch)
+        else:
+            with open_project(project) as (instance, _):
+                materialize(instance, "d.bag", "b.bag")
+        with open_project(project) as (instance, _):
+            return {key: checks(instance, project, key) for key in KEYS}
+
+    some_red = {key: {"SUCCEEDED", "FAILED"} for key in KEYS}
+    assert make() == some_red
+    project.write_text(project.read_text().replace("settle_s: 0", "settle_s: 0, min_duration_s: 1.05"))
+    load_definitions(project)
+    assert make() == some_red | {"d.bag": {"SUCCEEDED"}}
+
+
 def test_some_assets_of_some_recordings(project, monkeypatch):
     """A step that reads nothing of the first one has nothing left to do."""
     build(project, monkeypatch)
