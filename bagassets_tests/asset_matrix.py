@@ -24,6 +24,16 @@ RADAR = {"modality": "radar", "topic": "/radar"}
 LENS = {"width": 640, "height": 480, "fx": 300, "fy": 301, "cx": 320, "cy": 240}
 MOUNT = {"translation": [1, 2, 3], "rotation": [0, 0, 0, 1]}
 ODOMETRY = {"source": "odometry", "topic": "/odom"}
+SIGNALS = {
+    "arm": {
+        "topic": "/joint_states",
+        "field": "position",
+        "names": ["elbow", "wrist"],
+        "unit": "rad",
+        "recorded_unit": "deg",
+    },
+    "speed": {"topic": "/odom", "field": ["twist.twist.linear.x", "twist.twist.angular.z"], "clock": "log"},
+}
 BOX_RULES = {
     "categories": {"a": "car", "b": "van"},
     "attributes": {"car": ["parked"], "van": ["moving"]},
@@ -65,7 +75,7 @@ def recipes(folder):
     urdf = {"urdf": str(folder / "car.urdf")}
     car = _rig("car", {"CAM_FRONT": CAMERA, "LIDAR_TOP": LIDAR, "CAM_BACK": BACK, "RADAR_FRONT": RADAR},
                annotations=[{"topic": "/boxes", **BOX_RULES}], vehicle="van", location="yard", required=["CAM_FRONT"],
-               match=["car/**", "van/**"], **urdf)  # fmt: skip
+               match=["car/**", "van/**"], signals=SIGNALS, **urdf)  # fmt: skip
     bus = _rig("bus", {"CAM_BACK": {**BACK, "undistort": False}, "LIDAR_TOP": PACKETS}, {"source": "fixed"})
     full = _recipe(
         car,
@@ -78,13 +88,16 @@ def recipes(folder):
         nuscenes={"categories": [{"name": "car"}, {"name": "van"}], "attributes": [{"name": "p"}]},
         formats={"kitti": {"output": "kitti"}},
         datasets=[{"name": "some", "rigs": ["car", "bus"], "place": [[48, 11], [48, 12], [49, 12]]}],
-        checks={"topic_rates": {"limits": {"/odom": {"min_hz": 1, "max_hz": 200}}}},
+        checks={
+            "topic_rates": {"limits": {"/odom": {"min_hz": 1, "max_hz": 200}}},
+            "signal_values": {"limits": {"arm": {"min": -4, "max": 4, "min_hz": 1, "max_hz": 200}}},
+        },
     )
     lenses = {
         "CAM_FRONT": {**CAMERA, "target": dict(list(LENS.items())[2:]), "to_8bit": {"range": [0, 900]}},
         "CAM_BACK": {**BACK, "intrinsics": {**LENS, "distortion": [0.1, 0.2, 0, 0]}, "extrinsics": MOUNT,
                      "output": "png", "to_8bit": {"percentiles": [1, 99]}},
-        "CAM_LEFT": {**CAMERA, "undistort": False, "output": "as_recorded", "frame": "cam_left"},
+        "CAM_LEFT": {**CAMERA, "undistort": False, "output": "as_recorded", "frame": "cam_left", "depth_unit_m": 0.01},
     }  # fmt: skip
     chain, front = str(folder / "chain.yaml"), str(folder / "front.yaml")
     files = {
@@ -163,6 +176,7 @@ TOPICS = {
     "/points": ("sensor_msgs/msg/PointCloud2", ["lidar_top"]),
     "/packets": ("velodyne_msgs/msg/VelodyneScan", ["lidar_top"]),
     "/radar": ("radar_msgs/msg/RadarScan", ["radar_front"]),
+    "/joint_states": ("sensor_msgs/msg/JointState", []),
     "/odom": ("nav_msgs/msg/Odometry", ["odom"]),
     "/pose": ("geometry_msgs/msg/PoseStamped", ["odom"]),
     "/fix": ("sensor_msgs/msg/NavSatFix", ["gps"]),

@@ -69,6 +69,8 @@ rigs:
       CAM_BACK: {modality: camera, topic: /back/image_raw, output: png, target: {fx: 30, fy: 30, cx: 24, cy: 16}}
       LIDAR_TOP: {modality: lidar, topic: /points, deskew: true}
       RADAR_FRONT: {modality: radar, topic: /radar}
+    signals:
+      motion: {topic: /odom, field: [pose.pose.position, twist.twist.linear.x], names: [x, y, z, v], unit: m}
 """
 RECIPE += "".join(f"{name}: {{}}\n" for name in OUR_FORMATS if f"\n{name}:" not in RECIPE)
 

@@ -242,8 +242,8 @@ class Inputs(Facts, StoredInputs, Protocol):
         """Bytes of the recording's files."""
         ...
 
-    def whole(self) -> AbstractContextManager[Recording]:
-        """Open the whole recording."""
+    def whole(self, *, salvaged: bool = False) -> AbstractContextManager[Recording]:
+        """Open the whole recording; `salvaged` for what can be read of a damaged one."""
         ...
 
 
@@ -276,6 +276,7 @@ class Asset(Generic[P, U]):
         along: hidden assets that are made whenever it is made, since others will need them.
         spared: version -> returns whether it left the bytes of an action alone; such actions keep the version before, and their artifacts.
         changes: version -> what it does that the one before did not, as a verb phrase for builds after an upgrade.
+        fallback: a use and the error that its action failed with -> what is tried then; None for nothing.
     """
 
     name: str
@@ -299,6 +300,7 @@ class Asset(Generic[P, U]):
     along: "tuple[AnyAsset, ...]" = ()
     spared: Mapping[int, Callable[[U], bool]] = field(default_factory=dict)
     changes: Mapping[int, str] = field(default_factory=dict)
+    fallback: "Callable[[Use[U], str], Use[U] | None] | None" = None
 
     @property
     def step(self) -> Step:

@@ -5,34 +5,41 @@ Files: `inventory.json`, and `messages.parquet` with the small messages that oth
 
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass, replace
 from itertools import compress
 from math import inf
 from pathlib import Path
 
 import numpy as np
 
-from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use, inlined
-from bagassets.assets.face import Face, Table
+from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use, for_messages, inlined, omitted
+from bagassets.assets.face import Face, Loss, Table
 from bagassets.assets.kept_messages import KeptMessages
 from bagassets.assets.pose_outliers import trusted_fixes
 from bagassets.assets.quality.check import RecordingCheck
 from bagassets.assets.quality.finding import clock
-from bagassets.assets.quality.topic_rules import channels_present, stamps_monotonic, topic_rates
+from bagassets.assets.quality.topic_rules import (
+    channels_present,
+    recording_whole,
+    stamps_monotonic,
+    topic_rates,
+)
 from bagassets.assets.topic_log import TopicLog
 from bagassets.base.errors import DecodeError, RecordingError
-from bagassets.base.json_types import Json, JsonObject
+from bagassets.base.json_types import Json, JsonMapping, JsonObject
 from bagassets.base.quantities import count_text
 from bagassets.decode.loading import own_decoder
 from bagassets.decode.poses import FixReading
 from bagassets.decode.registry import bulk_types, own_types
 from bagassets.geometry.sun import daylight
-from bagassets.recipe.model import READING_LIMITS, Recipe, Rig
-from bagassets.recordings.damage import advice_for
+from bagassets.recipe.model import READING_LIMITS, Recipe, Recover, Rig
+from bagassets.recordings.damage import DamageError, advice_for, unreadable
 from bagassets.recordings.model import Format, RawMessage
 from bagassets.recordings.pack import PACK_SCHEMA, write_pack
 from bagassets.recordings.recording import Recording
+from bagassets.recordings.salvage.damage_map import VERSION as SALVAGE_VERSION
+from bagassets.recordings.salvage.damage_map import Damage, DamageMap, losses_text
 from bagassets.recordings.topic import ForeignBytes, RefusedBytes, Topic
 from bagassets.store.artifact import Artifact, ArtifactWriter
 
@@ -53,15 +60,18 @@ class InventoryParams:
         definitions: folders of `.msg` files, for recordings without message definitions.
         limits: memory limits that differ from the defaults. Messages that they exclude change the digests of topics,
             and so the actions of all assets that read these.
+        recover: what becomes of damaged recordings.
     """
 
     definitions: tuple[Path, ...]
     limits: Mapping[str, int]
+    recover: Recover = omitted("complete")
 
     @classmethod
     def of(cls, recipe: Recipe, _: Rig) -> "InventoryParams":
         """Return the parameters of a recipe."""
-        return cls(recipe.bags.message_definitions, recipe.limits.changed(*READING_LIMITS))
+        limits = recipe.limits.changed(*READING_LIMITS)
+        return cls(recipe.bags.message_definitions, limits, recipe.bags.recover)
 
 
 @dataclass(frozen=True)
@@ -71,25 +81,47 @@ class InventoryUse:
     Attributes:
         format: format in which the recording is read: the same bytes with another suffix are read differently.
         limits: as in `InventoryParams`.
+        salvage: of a recording that the ordinary readers refuse: the version of those that read it, and `recover`.
+        recover: as in `InventoryParams`; it matters only with `salvage`.
+        refused: why the ordinary readers refuse it.
     """
 
     format: Format
     limits: Mapping[str, int] = inlined()
+    salvage: Mapping[str, Json] | None = omitted()
+    recover: Recover = for_messages("complete")
+    refused: str = for_messages("")
 
 
 def use(params: InventoryParams, facts: Facts) -> dict[str, Use[InventoryUse]]:
     """Return what the inventory of a recording depends on: all of it, and the definitions of message types."""
     inputs = {"bag": facts.digest, **facts.definitions(params.definitions)}
-    return {"": Use(InventoryUse(facts.format, params.limits), inputs=inputs)}
+    return {"": Use(InventoryUse(facts.format, params.limits, recover=params.recover), inputs=inputs)}
 
 
-def make_inventory(recording: Recording, out: ArtifactWriter, *, size: int) -> JsonObject:
+def _fallback(use: Use[InventoryUse], refused: str) -> Use[InventoryUse] | None:
+    """Return what is read of a recording that the ordinary readers have refused; None if it is refused once and for all."""
+    params = use.params
+    if params.recover == "refuse" or params.salvage is not None:
+        return None
+    salvage = {"version": SALVAGE_VERSION, "recover": params.recover}
+    return replace(use, params=replace(params, salvage=salvage, refused=refused))
+
+
+def make_inventory(
+    recording: Recording, out: ArtifactWriter, *, size: int, recover: Recover = "all", why: str = ""
+) -> JsonObject:
     """Read the whole recording once, write its inventory and pack, and return the summary.
 
     Args:
         recording: the recording.
         out: writes the artifact.
         size: bytes of the recording's files.
+        recover: what becomes of a damaged recording.
+        why: why the ordinary readers refuse it.
+
+    Raises:
+        RecordingError: messages are missing, or more is damaged than `recover` accepts.
     """
     logs = {name: TopicLog(info.msgtype) for name, info in recording.topics.items()}
     readable = {name: info for name, info in recording.topics.items() if info.problem is None}
@@ -119,8 +151,13 @@ def make_inventory(recording: Recording, out: ArtifactWriter, *, size: int) -> J
                 fix = own_decoder("fix", info.msgtype)(info.decode(data))
                 fixes[name].append((message.log_time_ns, fix))
     # Nothing is lost silently.
+    missing = {
+        name: info.count - logs[name].count - recording.repeated[name]
+        for name, info in recording.topics.items()
+    }
+    damage = None if recording.damage is None else _damage_of(recording, logs, missing, recover, why)
     for name, info in sorted(recording.topics.items()):
-        if logs[name].count + recording.repeated[name] < info.count:
+        if damage is None and missing[name] > 0:
             raise RecordingError(
                 f"{recording.path}: topic {name}: {logs[name].count} of {info.count} messages were found, which the "
                 f"recording's own index announces; {advice_for(recording.path)}."
@@ -135,13 +172,42 @@ def make_inventory(recording: Recording, out: ArtifactWriter, *, size: int) -> J
         value["notes"].append(
             f"{name}: {number} of {logs[name].count} messages cannot be used, each because {reason}."
         )
+    if damage is not None:
+        value["notes"] += damage.sentences()
+        value["damage"] = damage.as_json()
     out.write_json("inventory.json", value | {"size": size})
     return {
         "messages": sum(topic["count"] for topic in value["topics"]),
         "topics": len(value["topics"]),
         "duration_s": value["duration_s"],
         "unreadable_topics": ", ".join(sorted(name for name in problems if problems[name])) or "none",
+        **({} if damage is None else {"damage": damage.share(), "lost": dict(damage.lost)}),
     }
+
+
+def _damage_of(
+    recording: Recording,
+    logs: Mapping[str, TopicLog],
+    missing: Mapping[str, int],
+    recover: Recover,
+    why: str,
+) -> DamageMap:
+    """Return the damage map of a recording that has been read.
+
+    Raises:
+        RecordingError: more is damaged than `recover` accepts.
+    """
+    noted = recording.damage or Damage()
+    damage = noted.map(missing, sum(log.count for log in logs.values()))
+    if damage.read and (recover == "all" or damage.is_complete):
+        return damage
+    refused = why or str(unreadable(recording.path, DamageError("it is damaged")))
+    if not damage.read:
+        raise RecordingError(refused)
+    raise RecordingError(
+        f"{refused.rstrip('.')}; or use what is whole, with `recover: all` in bags of the recipe: {damage.share()}. "
+        f"`bagassets doctor` shows what is lost."
+    )
 
 
 def _inventory_json(
@@ -256,9 +322,16 @@ def _notes(recording: Recording, topics: list[JsonObject]) -> list[str]:
     return notes
 
 
-def _make(_: Use[InventoryUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
-    with inputs.whole() as recording:
-        return make_inventory(recording, out, size=inputs.size)
+def _make(use: Use[InventoryUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
+    params = use.params
+    with ExitStack() as stack:
+        try:
+            recording = stack.enter_context(inputs.whole(salvaged=params.salvage is not None))
+        except RecordingError as err:
+            if err.transient or not params.refused:
+                raise
+            raise RecordingError(params.refused) from err  # nothing is there: what ordinary readers say of it
+        return make_inventory(recording, out, size=inputs.size, recover=params.recover, why=params.refused)
 
 
 class _TopicProbe:
@@ -313,24 +386,55 @@ def _shown(artifact: Artifact) -> Mapping[str, Json | Table]:
         rate = "" if topic["rate_hz"] is None else f"{topic['rate_hz']:.4g} Hz"
         rows.append((topic["name"], topic["type"], topic["count"], rate, topic["problem"] or ""))
     topics = Table(("topic", "type", "messages", "rate", "problem"), rows)
-    return {"contents": topics, **artifact.summary()}
+    damage = artifact.read_json("inventory.json").get("damage")
+    damaged = {} if damage is None else {"damaged": _damaged(DamageMap.from_json(damage))}
+    summary = {name: value for name, value in artifact.summary().items() if name != "lost"}
+    return {**damaged, "contents": topics, **summary}
+
+
+def _damaged(damage: DamageMap) -> Table:
+    rows = [("", "", "", finding, "") for finding in damage.findings]
+    for hole in damage.holes:
+        times = [clock(at) if at is not None else "?" for at in (hole.start_ns, hole.end_ns)]
+        lost = "?" if hole.lost is None else losses_text(hole.lost)
+        rows.append((hole.file, f"{hole.begin} to {hole.end}", " to ".join(times), hole.reason, lost))
+    return Table(("file", "bytes", "log times", "what is damaged", "lost"), rows)
+
+
+def _losses(summary: JsonMapping) -> list[Loss]:
+    reason = "in damaged parts of the recording"
+    return [
+        Loss(topic or "topics that are not known", reason, n) for topic, n in summary.get("lost", {}).items()
+    ]
 
 
 INVENTORY = Asset(
     name="inventory",
-    version=7,
-    changes={7: "lists topics that metadata.yaml leaves out, and knows stray fixes and clocks that were set"},
+    version=8,
+    changes={
+        7: "lists topics that metadata.yaml leaves out, and knows stray fixes and clocks that were set",
+        8: "reads messages in protobuf and JSON, and the stamps of Foxglove's in ROS 2",
+    },
+    spared={8: lambda use: use.format == "ros1"},
     # rosbags has the standard types, which recordings without definitions are decoded with.
     libraries=("pyarrow", "rosbags"),
     title="What is in the recording: topics, types, counts, rates, gaps, offsets between clocks, the place, day or night.",
     description="""Has a digest of each topic, so that other assets depend on just the topics that they read, and packs the small messages
 for them: `inventory.json`, `messages.parquet`.""",
     kinds=frozenset({"json", "parquet"}),
-    face=Face(columns=PACK_SCHEMA, shown=_shown, heading="invent."),
+    face=Face(columns=PACK_SCHEMA, shown=_shown, losses=_losses, heading="invent."),
     params=InventoryParams.of,
     use=use,
     make=_make,
+    fallback=_fallback,
     checks=(
+        RecordingCheck(
+            "recording_whole",
+            "recording_whole",
+            "Nothing of the recording is damaged.",
+            "parts of the recording cannot be read, or it lacks its index; the sentences say what is lost",
+            lambda e: recording_whole(e.inventory),
+        ),
         RecordingCheck(
             "channels_present",
             "channels_present",

@@ -54,10 +54,10 @@ def check(recipe: Path, bags: tuple[str, ...], as_json: bool) -> int:
     except SelectionError as err:
         raise click.UsageError(str(err)) from err
     loaded, store = workspace.recipe, workspace.store
-    bags_chosen = [pending.plan.bags[key] for key in sorted(pending.chosen)]
+    bags_chosen = [pending.plan.bags[key] for key in sorted(pending.asked.chosen)]
     verdicts: list[Verdict] = []
     with bar_shown("Checking recordings", len(bags_chosen)) as on_checked:
-        for _, found in check_bags(loaded, store, pending.discovery, bags_chosen):
+        for _, found in check_bags(loaded, store, pending.plan.discovery, bags_chosen):
             verdicts += found
             on_checked(1)
     if not bags:
@@ -65,7 +65,9 @@ def check(recipe: Path, bags: tuple[str, ...], as_json: bool) -> int:
     if as_json:
         echo_json([verdict.as_json() for verdict in verdicts])
     else:
-        skipped = {key: pending.plan.bags[key].skipped for key in sorted(pending.chosen if bags else ())}
+        skipped = {
+            key: pending.plan.bags[key].skipped for key in sorted(pending.asked.chosen if bags else ())
+        }
         for told in told_once(((), key, why) for key, why in skipped.items() if why is not None):
             echo_lines(f"skipped {told.title}: {told.text}")
         _print(verdicts)

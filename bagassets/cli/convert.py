@@ -121,11 +121,10 @@ def _propose(bags: "Bags") -> "Proposal":
     from bagassets.propose.proposal import propose_recipe
     from bagassets.propose.scan import scan_recording
     from bagassets.recordings.discover import discover
-    from bagassets.recordings.open import open_recording
+    from bagassets.recordings.salvage.open import read_as_far
 
     (recording,) = discover(bags).recordings.values()
-    with open_recording(recording) as opened:
-        summary = scan_recording(opened)
+    summary = read_as_far(recording, scan_recording)
     proposal = propose_recipe(
         {recording.relative: summary},
         name=recording.path.stem,

@@ -108,7 +108,7 @@ def _propose(project: Path, path: Path, look_at: int) -> "tuple[Proposal, dict[s
     from bagassets.propose.scan import scan_recording
     from bagassets.recipe.model import Bags
     from bagassets.recordings.discover import bags_of_one, discover, series_with
-    from bagassets.recordings.open import open_recording
+    from bagassets.recordings.salvage.open import read_as_far
 
     is_one = path.is_file()
     bags = bags_of_one(path) if is_one else Bags(root=path)
@@ -150,8 +150,7 @@ def _propose(project: Path, path: Path, look_at: int) -> "tuple[Proposal, dict[s
     ) as shown:
         for recording in shown:
             try:
-                with open_recording(recording) as opened:
-                    summaries[recording.relative] = scan_recording(opened)
+                summaries[recording.relative] = read_as_far(recording, scan_recording)
             except BagAssetsError as err:
                 # The build will fail this recording's partition with the same words; others go on.
                 unreadable[recording.relative] = str(err).removeprefix(f"{recording.path}: ")

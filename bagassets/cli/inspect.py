@@ -1,11 +1,15 @@
 """`bagassets inspect`: the inventory of one recording, without a project."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from bagassets.base.escaping import visible
 from bagassets.cli.terminal import echo_lines
+
+if TYPE_CHECKING:
+    from bagassets.recordings.recording import Recording
 
 
 @click.command(
@@ -46,7 +50,7 @@ def inspect(bag: Path, as_json: bool, definitions: tuple[Path, ...], recipe: Pat
     from bagassets.propose.scan import point_time_notes, scan_recording
     from bagassets.recordings.describe import describe_inventory
     from bagassets.recordings.discover import find_one
-    from bagassets.recordings.open import open_recording
+    from bagassets.recordings.salvage.open import read_as_far
     from bagassets.store.artifact import ArtifactWriter
 
     folders, limits = list(definitions), None
@@ -58,11 +62,14 @@ def inspect(bag: Path, as_json: bool, definitions: tuple[Path, ...], recipe: Pat
         limits = loaded.limits
     found = find_one(bag)
     with tempfile.TemporaryDirectory(prefix="bagassets-inspect-") as folder:
-        writer = ArtifactWriter(Path(folder) / "artifact")
-        with open_recording(found, folders, limits) as recording:
-            make_inventory(recording, writer, size=found.size)
-            notes = point_time_notes(scan_recording(recording))
-        inventory = json.loads(next(Path(folder).rglob("inventory.json")).read_text(encoding="utf-8"))
+
+        def look(recording: "Recording") -> tuple[Path, list[str]]:
+            place = Path(folder) / ("salvaged" if recording.damage else "artifact")
+            make_inventory(recording, ArtifactWriter(place), size=found.size)
+            return place, point_time_notes(scan_recording(recording))
+
+        place, notes = read_as_far(found, look, folders, limits)
+        inventory = json.loads(next(place.rglob("inventory.json")).read_text(encoding="utf-8"))
     inventory["notes"] += notes
     if as_json:
         echo_lines(json.dumps(inventory, sort_keys=True, indent=1, ensure_ascii=False))

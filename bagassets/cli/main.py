@@ -27,6 +27,7 @@ __all__ = ["COMMANDS", "main", "root"]
 COMMANDS = {
     "init": "Make a project folder, with a recipe proposed from recordings.",
     "inspect": "Print what a recording holds.",
+    "doctor": "Say what is wrong with a recording, where, what can be saved, and what to do next.",
     "build": "Bring all recordings and the dataset up to date, and report what was done.",
     "convert": "Convert one recording into a dataset, without a project.",
     "status": "Show what is fresh, stale, skipped or failed, and why.",

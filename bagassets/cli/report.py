@@ -38,16 +38,16 @@ def report(recipe: Path, output: Path | None, no_checks: bool, as_json: bool) ->
     """
     from bagassets.cli.progress import bar_shown, planning_shown
     from bagassets.defs.builds.pending_work import open_project
-    from bagassets.defs.records.instance_plan import plan_instance
+    from bagassets.defs.records.instance_plan import planner_of
     from bagassets.formats.report_data import report_data
     from bagassets.report.page import report_json, report_page
     from bagassets.report.write import write_page
 
     with planning_shown() as on_planned, open_project(recipe) as (instance, workspace):
-        planned = plan_instance(instance, workspace, on_planned=on_planned)
-    checked = None if no_checks else planned.discovery
-    with bar_shown("Reading recordings", len(planned.plan.bags)) as on_read:
-        data = report_data(workspace.recipe, workspace.store, planned.plan, checked, on_read)
+        plan = planner_of(instance, workspace).plan(on_planned)
+    checked = None if no_checks else plan.discovery
+    with bar_shown("Reading recordings", len(plan.bags)) as on_read:
+        data = report_data(workspace.recipe, workspace.store, plan, checked, on_read)
     if as_json:
         echo_json(report_json(data))
         return

@@ -72,6 +72,7 @@ def status(recipe: Path, bags: tuple[str, ...], show_all: bool, as_json: bool) -
     from bagassets.engine.build_report import BuildOptions
     from bagassets.engine.choose import SelectionError
     from bagassets.formats.catalogue import problems_of
+    from bagassets.formats.emptiness import left_behind
 
     try:
         with planning_shown() as on_planned, open_project(recipe) as (instance, known_as):
@@ -82,7 +83,7 @@ def status(recipe: Path, bags: tuple[str, ...], show_all: bool, as_json: bool) -
             own = project.survey(instance, pending, options)
     except SelectionError as err:
         raise click.UsageError(str(err)) from err
-    problems = list(problems_of(workspace.recipe))
+    problems = [*problems_of(workspace.recipe), *left_behind(workspace.recipe)]
     if as_json:
         echo_json(status_json(pending, own, problems))
     else:
@@ -96,12 +97,12 @@ def status(recipe: Path, bags: tuple[str, ...], show_all: bool, as_json: bool) -
 
 
 def status_json(pending: "PendingWork", own: "OwnProject", problems: Sequence[str] = ()) -> JsonObject:
-    """Return all states as JSON, and the problems of installed packages."""
-    bags = {key: bag for key, bag in pending.plan.bags.items() if key in pending.chosen}
+    """Return all states as JSON, and the problems of installed packages, and of datasets that nothing asks for any more."""
+    bags = {key: bag for key, bag in pending.plan.bags.items() if key in pending.asked.chosen}
     return {
         "settled": pending.is_settled and own.is_settled,
         "recordings": {
-            key: {"format": bag.format, "registered": key in pending.live, "assets": bag.as_json()}
+            key: {"format": bag.format, "registered": key in pending.plan.live, "assets": bag.as_json()}
             for key, bag in bags.items()
         },
         **own.as_json(),
@@ -116,7 +117,7 @@ def _print(pending: "PendingWork", own: "OwnProject", *, show_all: bool) -> None
     from rich.console import Console
 
     console = Console(highlight=False, width=None if sys.stdout.isatty() else 140)
-    bags = {key: bag for key, bag in pending.plan.bags.items() if key in pending.chosen}
+    bags = {key: bag for key, bag in pending.plan.bags.items() if key in pending.asked.chosen}
     listed = bags
     if len(bags) > MOST_ROWS and not show_all:
         listed = {key: bag for key, bag in bags.items() if not bag.settled}

@@ -197,7 +197,7 @@ class Graph:
     def settle(self, node: Node, result: Outcome | BagAssetsError) -> None:
         """Set the result of a node's action, and forget the nodes that waited, so that they are expanded again."""
         if isinstance(result, BagAssetsError):
-            node.error = result
+            node.error = None if self._fall_back(node) else result
         else:
             self._set_outcome(node, result)
         if node.channel:
@@ -261,6 +261,20 @@ class Graph:
         node.use = use
         node.action = asset.action(use, self.inputs.inventory if use.topics else None)
         self._look_up(node)
+        self._fall_back(node)
+
+    def _fall_back(self, node: Node) -> bool:
+        """Give a node whose action has failed what its asset tries then; return whether there is anything."""
+        asset = self.assets[node.asset]
+        if asset.fallback is None or node.use is None or node.action is None or not node.is_open:
+            return False
+        why = self.store.failure(node.action.digest, self.recording.path)
+        instead = None if why is None else asset.fallback(node.use, why)
+        if instead is None:
+            return False
+        node.use, node.action = instead, asset.action(instead, None)
+        self._look_up(node)
+        return True
 
     def _expand_index(self, node: Node) -> None:
         """Expand the index of an asset of channels, which is made once all channels are known."""

@@ -104,9 +104,10 @@ class RecordingInputs(Contents):
         """Return the content of a file that the recipe names."""
         return path.read_bytes()
 
-    def whole(self) -> AbstractContextManager[Recording]:
-        """Open the whole recording."""
-        return self._source.whole(self.inventory if INVENTORY.name in self._artifacts else None)
+    def whole(self, *, salvaged: bool = False) -> AbstractContextManager[Recording]:
+        """Open the whole recording; `salvaged` for what can be read of a damaged one, as its inventory was."""
+        inventory = self.inventory if INVENTORY.name in self._artifacts else None
+        return self._source.whole(inventory, salvaged=salvaged)
 
     @contextmanager
     def messages(self, topics: tuple[str, ...]) -> Iterator[Recording]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 from bagassets.base.json_types import JsonObject
 from bagassets.engine.splits import Ties
 from bagassets.recordings.digest import RecordingStat
+from bagassets.recordings.discover import Discovery
 from bagassets.recordings.model import Format
 
 if TYPE_CHECKING:
@@ -264,7 +265,7 @@ class KeptPlan(BagPlan):
 
 @dataclass(frozen=True)
 class Plan:
-    """The state of everything.
+    """The state of everything, and what it was seen from.
 
     Attributes:
         bags: partition key -> states of the recording.
@@ -272,6 +273,10 @@ class Plan:
         removed: registered partition keys whose recordings are gone, except those in folders that cannot be read.
         ties: which recordings lie in one split, and what the parts of series were called.
         asked: path of a whole drive -> what the user is to say about its parts.
+        recorded: partition key -> asset -> latest record in Dagster, for the recordings that had to be planned in full.
+        discovery: the recordings on disk.
+        live: the registered partition keys.
+        storage_ids: asset -> partition key -> storage id of the latest record.
     """
 
     bags: Mapping[str, BagPlan]
@@ -279,6 +284,14 @@ class Plan:
     removed: tuple[str, ...]
     ties: Ties = field(default_factory=Ties)
     asked: Mapping[str, str] = field(default_factory=dict)
+    recorded: Mapping[str, Mapping[str, Recorded]] = field(default_factory=dict, compare=False)
+    discovery: Discovery = field(default_factory=lambda: Discovery({}, []), compare=False)
+    live: frozenset[str] = field(default=frozenset(), compare=False)
+    storage_ids: Mapping[str, Mapping[str, int]] = field(default_factory=dict, compare=False)
+
+    def latest(self, key: str) -> list[int | None]:
+        """Return values that change with every new record of a recording, and when its partition comes or goes."""
+        return [ids.get(key) if key in self.live else None for ids in self.storage_ids.values()]
 
     @property
     def joined(self) -> dict[str, list[str]]:

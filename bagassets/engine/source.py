@@ -53,16 +53,20 @@ class MessageSource:
         assert_unchanged(self.files, self.stat)
 
     @contextmanager
-    def whole(self, inventory: Inventory | None = None) -> Iterator[Recording]:
+    def whole(self, inventory: Inventory | None = None, *, salvaged: bool = False) -> Iterator[Recording]:
         """Open the whole recording, and check before and after that it did not change.
 
         Args:
             inventory: has the definitions for topics that lack one in the recording; None to look for them.
+            salvaged: read what can be read of a damaged recording, as is done if the inventory says that it is.
         """
         self.verify_unchanged()
+        opener = open_recording
+        if salvaged or (inventory is not None and inventory.damage is not None):
+            from bagassets.recordings.salvage.open import open_salvaged as opener  # noqa: PLC0415  (few are damaged)
         on_read = followed(self.files, self.what, self.on_read)
         try:
-            with open_recording(self.files, self.message_definitions, self.limits, on_read) as recording:
+            with opener(self.files, self.message_definitions, self.limits, on_read) as recording:
                 if inventory is not None:
                     for name, topic in recording.topics.items():
                         if name in inventory.topics:

@@ -33,6 +33,9 @@ class Lines:
 
         Sets `is_drained` if a non-blocking socket has nothing to read, and `is_closed` if the other end
         is gone.
+
+        Raises:
+            ValueError: a line is no message.
         """
         self.is_drained = False
         try:
@@ -46,4 +49,7 @@ class Lines:
             self.is_closed = True
             return []
         *complete, self._pending = (self._pending + data).split(b"\n")
-        return [json.loads(line) for line in complete if line]
+        messages = [json.loads(line) for line in complete if line]
+        if not all(isinstance(message, dict) for message in messages):
+            raise ValueError("a message is an object")
+        return messages

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 from bagassets.assets.quality.check import severity_of
 from bagassets.assets.quality.evidence import Evidence
@@ -16,10 +17,12 @@ from bagassets.base.errors import PluginError, StoreError
 from bagassets.base.fingerprints import PlanNeeded
 from bagassets.base.json_types import JsonObject
 from bagassets.engine.build_report import Remark
+from bagassets.engine.freshness.published import Publication
 from bagassets.engine.plan import BagPlan, KeptPlan
 from bagassets.formats.catalogue import known_assets, recording_assets
 from bagassets.formats.dataset_build import Dataset, datasets_of
-from bagassets.formats.format import AnyFormat
+from bagassets.formats.dataset_lock import LOCK
+from bagassets.formats.format import AnyFormat, ByGroups
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_checks import Checks, Severity
 from bagassets.recordings.discover import Discovery
@@ -194,7 +197,8 @@ def check_datasets(recipe: Recipe) -> Iterator[Verdict]:
     for dataset in datasets_of(recipe).values():
         if dataset.selection is None:
             names = dataset_checks(recipe, dataset.kind)
-            findings = check_dataset(dataset, frozenset(names)) if dataset.lock is not None and names else {}
+            is_there = names and (dataset.folder / LOCK).exists()
+            findings = check_dataset(dataset, frozenset(names), recipe.state) if is_there else {}
             for name, severity in names.items():
                 yield Verdict(None, dataset.asset, name, severity, findings.get(name))
 
@@ -205,14 +209,25 @@ def dataset_checks(recipe: Recipe, kind: AnyFormat) -> dict[str, Severity]:
     return {name: severity for name, severity in weights.items() if severity != "skip"}
 
 
-def check_dataset(dataset: Dataset, names: AbstractSet[str]) -> Mapping[str, Finding]:
+def check_dataset(
+    dataset: Dataset, names: AbstractSet[str], state: Path | None = None
+) -> Mapping[str, Finding]:
     """Run the named checks on a dataset on disk; return check -> finding.
+
+    Args:
+        dataset: the dataset.
+        names: names of the checks.
+        state: the state folder, which has on record what earlier checks have found; None has everything read.
 
     Raises:
         DatasetError: a file of the dataset cannot be read.
     """
     kind = dataset.kind
-    return {} if kind.check is None else kind.check(dataset.settings, names)
+    if kind.check is None:
+        return {}
+    if state is None or not isinstance(kind.join, ByGroups):
+        return kind.check(dataset.settings, names)
+    return kind.check(dataset.settings, names, Publication(state, dataset.asset))
 
 
 def _artifact_on_record(store: Store, bag: BagPlan, asset: str) -> Artifact:

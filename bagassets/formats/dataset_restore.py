@@ -87,6 +87,7 @@ def restore_dataset(lock: DatasetLock, store: Store, output: Path) -> Path:
             dealt=lock.splits,
             skipped=lock.value["skipped"],
             failed=lock.value["failed"],
+            damaged=lock.value.get("damaged"),
             expected=lock.files,
         )
     return restored.folder

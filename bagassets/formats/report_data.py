@@ -18,7 +18,13 @@ from bagassets.engine.track import track_on_record
 from bagassets.formats import trajectory_map
 from bagassets.formats.catalogue import formats, recording_assets
 from bagassets.formats.checking import Verdict, check_bags, check_datasets
-from bagassets.formats.dataset_build import datasets_of, deal_contents, recordings_without_scenes
+from bagassets.formats.dataset_build import (
+    DatasetInputs,
+    dataset_contents,
+    datasets_of,
+    deal_contents,
+    recordings_without_scenes,
+)
 from bagassets.formats.format import FACTS as PART_FACTS
 from bagassets.formats.format import AnyFormat
 from bagassets.recipe.model import Recipe
@@ -53,7 +59,7 @@ def report_data(
     Raises:
         DatasetError: a file of a dataset cannot be read.
     """
-    dealt, copies = _dealt(recipe, store, plan), _copies(plan)
+    dealt, copies = _dealt(recipe, plan), _copies(plan)
     assets = recording_assets(recipe)
     recordings = []
     bags = dict(sorted(plan.bags.items()))
@@ -96,8 +102,8 @@ def report_path(recipe: Recipe) -> Path:
     return recipe.state / "report.html"
 
 
-def build_map(recipe: Recipe, store: Store, plan: Plan) -> Outcome:
-    """Make the map of all recordings, and write it to `map_path`.
+def build_map(recipe: Recipe, store: Store, plan: Plan, inputs: DatasetInputs) -> Outcome:
+    """Make the map of all recordings, write it to `map_path`, and note what it was made from.
 
     Raises:
         DatasetError: it cannot be written.
@@ -105,12 +111,15 @@ def build_map(recipe: Recipe, store: Store, plan: Plan) -> Outcome:
     outcome = trajectory_map.map_of(store, _map_routes(recipe, store, plan))
     page = outcome.artifact.path(trajectory_map.MAP).read_text(encoding="utf-8")
     write_page(map_path(recipe), page)
+    trajectory_map.note_recordings(
+        recipe.state, dataset_contents(recipe, inputs, trajectory_map.STEP.name).now
+    )
     digests = {map_path(recipe).name: digest_bytes(page.encode())}
     Publication(recipe.state, trajectory_map.STEP.name).write(recipe.state, digests, {}, None)
     return outcome
 
 
-def _dealt(recipe: Recipe, store: Store, plan: Plan) -> dict[str, str]:
+def _dealt(recipe: Recipe, plan: Plan) -> dict[str, str]:
     """Return recording -> split, for all that take part."""
     parts = {
         kind.name: {
@@ -118,7 +127,7 @@ def _dealt(recipe: Recipe, store: Store, plan: Plan) -> dict[str, str]:
         }
         for kind in formats()
     }
-    return deal_contents(_contents(plan), recipe.splits, recordings_without_scenes(store, parts), plan.ties)
+    return deal_contents(_contents(plan), recipe.splits, recordings_without_scenes(recipe, parts), plan.ties)
 
 
 def _contents(plan: Plan) -> dict[str, str]:
@@ -139,7 +148,7 @@ def _copies(plan: Plan) -> dict[str, str]:
 
 def _map_routes(recipe: Recipe, store: Store, plan: Plan) -> list[MapRoute]:
     """Return the recordings with poses in the order of their keys, without copies, coloured by split."""
-    splits, dealt, copies = sorted(recipe.splits.shares), _dealt(recipe, store, plan), _copies(plan)
+    splits, dealt, copies = sorted(recipe.splits.shares), _dealt(recipe, plan), _copies(plan)
     routes = []
     for key, bag in sorted(plan.bags.items()):
         track = track_on_record(recipe, store, bag) if bag.skipped is None and key not in copies else None

@@ -301,7 +301,7 @@ def _write_camera(sheet: Sheet, sensor: Sensor, file: ProposedCalibration | None
     if sensor.topic.msgtype.endswith("CompressedImage") and not undistort:
         sheet.guess(4, "output: as_recorded", "already compressed; passed through byte for byte")
     elif sensor.topic.is_16_bit:
-        encoding = (sensor.topic.encoding or "").replace("uc", "UC")
+        encoding = (sensor.topic.encoding or "").partition(":")[0].replace("uc", "UC").replace("fc", "FC")
         sheet.guess(
             4,
             "to_8bit: {percentiles: [1, 99]}",

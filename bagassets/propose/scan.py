@@ -15,16 +15,17 @@ from typing import Any
 import numpy as np
 
 from bagassets.base.errors import DecodeError, PluginError
-from bagassets.decode.fields import check_points, stamp_and_frame
+from bagassets.decode.fields import check_points
 from bagassets.decode.loading import load_decoder
 from bagassets.decode.model import CloudReading, ImageReading, PoseReading, RadarReading
 from bagassets.decode.ncom import holds_ncom
 from bagassets.decode.packets import is_velodyne_packet, sender
 from bagassets.decode.point_times import RecordedTimes, suffice, survey
-from bagassets.decode.pointcloud2 import POINTCLOUD2, read_pointcloud2, without_zero_points
+from bagassets.decode.pointcloud2 import POINT_CLOUDS, read_pointcloud2, without_zero_points
 from bagassets.decode.poses import decode_transform
 from bagassets.decode.registry import AnyFamily, bulk_types, families_of, find_decoder
 from bagassets.decode.robots import robot_of, robots_of
+from bagassets.decode.video import VideoPacket, decoder_version
 from bagassets.geometry.se3 import SE3
 from bagassets.propose.naming import is_radar_list
 from bagassets.propose.poses import propose_pose
@@ -32,6 +33,7 @@ from bagassets.propose.radar_velocities import velocities_of
 from bagassets.propose.sensors import find_sensors, modality_of
 from bagassets.propose.summary import Edge, RecordingSummary, TopicSummary, merge_topics, transform_topics
 from bagassets.recipe.model import Limits, Scenes
+from bagassets.recordings.heads import head_of
 from bagassets.recordings.model import Message, RawMessage
 from bagassets.recordings.recording import Recording
 from bagassets.recordings.topic import ForeignBytes, Topic
@@ -109,7 +111,7 @@ def point_time_notes(summary: RecordingSummary) -> list[str]:
     return [
         f"{topic.name}: {topic.clock or 'its points have no times'}."
         for topic in summary.topics.values()
-        if topic.msgtype == POINTCLOUD2 and topic.timed is not None and modality_of(topic) == "lidar"
+        if topic.msgtype in POINT_CLOUDS and topic.timed is not None and modality_of(topic) == "lidar"
     ]
 
 
@@ -202,8 +204,8 @@ class _TopicScan:
         self._decoded += 1
         if message.msgtype == _STRING and _URDF_BEGINS.match(value.data):
             self._add({"urdf": value.data})
-        if hasattr(value, "header"):
-            self._take_header(message, value.header)
+        if (found := head_of(value)) is not None:
+            self._take_head(message, *found)
         reasons = []
         for family, decode in self._decoders.items():
             facts: Facts = {}
@@ -247,8 +249,7 @@ class _TopicScan:
         frames = tuple(frame for frame in facts.pop("frames", ()) if frame)
         self._summary = merge_topics(self._summary, replace(base, frames=frames, **facts))
 
-    def _take_header(self, message: RawMessage, header: Message) -> None:
-        stamp_ns, frame = stamp_and_frame(header)
+    def _take_head(self, message: RawMessage, stamp_ns: int, frame: str) -> None:
         self._add({"frames": (frame,)})
         if stamp_ns == 0:
             self._has_unset_stamps = True
@@ -258,7 +259,7 @@ class _TopicScan:
     def _take_cloud(self, facts: Facts, decode: Decode, value: Message, msgtype: str) -> None:
         check_points(value, _LIMITS.cloud_points)
         reading: CloudReading
-        if msgtype == POINTCLOUD2:
+        if msgtype in POINT_CLOUDS:
             reading = without_zero_points(read_pointcloud2(value))
             intensities = reading.points[:, 3]
             if ((intensities > 0.0) & (intensities != 1.0)).any():  # ones and zeros may be anything
@@ -293,10 +294,18 @@ def _summary_of(topic: Topic) -> TopicSummary:
 def _image(facts: Facts, decode: Decode, value: Message, _msgtype: str) -> None:
     reading: ImageReading = decode(value)
     if reading.pixels is not None:
-        is_16_bit = bool(reading.pixels.dtype == np.uint16)
+        is_16_bit = bool(reading.pixels.dtype != np.uint8)
     else:
-        is_16_bit = reading.encoding == "png" and bytes((reading.encoded or b"")[24:25]) == _PNG_16_BIT
+        is_16_bit = (
+            reading.encoding.startswith("png") and bytes((reading.encoded or b"")[24:25]) == _PNG_16_BIT
+        )
     facts |= {"frames": (reading.frame_id,), "encoding": reading.encoding, "is_16_bit": is_16_bit}
+
+
+def _video(facts: Facts, decode: Decode, value: Message, _msgtype: str) -> None:
+    packet: VideoPacket = decode(value)
+    facts |= {"frames": (packet.frame_id,), "encoding": packet.codec, "is_16_bit": False}
+    decoder_version()
 
 
 def _radar(facts: Facts, decode: Decode, value: Message, msgtype: str) -> None:
@@ -343,6 +352,7 @@ def _packets(facts: Facts, decode: Decode, value: Message, _msgtype: str) -> Non
 
 _FACTS: Mapping[AnyFamily, Callable[[Facts, Decode, Message, str], None]] = {
     "image": _image,
+    "video": _video,
     "radar": _radar,
     "pose": _pose,
     "fix": _fix,

@@ -35,9 +35,12 @@ from bagassets.recipe.model_calibration import (
 from bagassets.recipe.model_checks import Checks
 from bagassets.recipe.model_datasets import NamedDataset
 from bagassets.recipe.model_poses import PoseSource
+from bagassets.recipe.model_signals import Signal, SignalName
 from bagassets.recipe.model_splits import Splits
 
 S = TypeVar("S", bound=DatasetSettings)
+Recover = Literal["refuse", "complete", "all"]
+"""What becomes of damaged recordings."""
 
 
 class GreyRange(Model):
@@ -82,6 +85,9 @@ class _PlacedChannel(_Channel):
     )
 
 
+DEPTH_UNIT_M = 0.001
+
+
 class CameraChannel(_Channel):
     """A camera: Image or CompressedImage messages become image files."""
 
@@ -110,6 +116,13 @@ class CameraChannel(_Channel):
         None, description="Another K for undistorted images; default: the camera's K."
     )
     to_8bit: GreyRange | None = Field(None, description="How 16-bit grey becomes 8-bit; required for jpeg.")
+    depth_unit_m: float = Field(
+        DEPTH_UNIT_M,
+        gt=0,
+        le=1,
+        description="Metres that a grey level of 16-bit PNGs stands for, where depth was recorded in metres (32FC1, also as "
+        "compressedDepth); 0 is no depth. Depth of 16 bit keeps its unit, mostly millimetres.",
+    )
 
 
 class PointTimes(Model):
@@ -209,7 +222,12 @@ class Rig(Model):
         description="Time of this rig's messages: their header stamps, or when they were logged; default: the recipe's "
         "`clock`. A channel may have a `clock` of its own.",
     )
-    channels: dict[ChannelName, Channel] = Field(min_length=1, description="Canonical channel -> sensor.")
+    channels: dict[ChannelName, Channel] = Field(
+        default_factory=dict, description="Canonical channel -> sensor; required without `signals`."
+    )
+    signals: dict[SignalName, Signal] = Field(
+        default_factory=dict, description="Name -> series of numbers, such as joint positions and commands."
+    )
     required: tuple[ChannelName, ...] = Field(
         (), description="A recording that lacks one of these channels is skipped."
     )
@@ -245,6 +263,8 @@ class Rig(Model):
 
     @model_validator(mode="after")
     def _known_channels(self) -> Self:
+        if not self.channels and not self.signals:
+            raise FieldValueError(("channels",), "needs at least one channel, unless the rig has signals")
         for number, channel in enumerate(self.required):
             if channel not in self.channels:
                 known = ", ".join(self.channels)
@@ -274,6 +294,12 @@ class Bags(Model):
         description="Drives in several files: path of the whole drive below the root -> paths of its parts in order, `true` for "
         "the numbered files beside it (`drive.bag: true` joins drive_0.bag, drive_1.bag, …), or `false` to keep these apart; "
         "default: files are joined if their numbers, topics and times leave no doubt.",
+    )
+    recover: Recover = Field(
+        "complete",
+        description="What becomes of damaged recordings, which are read in place: `refuse` fails them; `complete` uses those of which "
+        "every record is whole and no count is contradicted, such as one whose recorder was stopped before it wrote an index; "
+        "`all` uses what can be read, and counts the rest as lost.",
     )
     digest_attributes: bool = Field(
         False,

@@ -22,6 +22,12 @@ _BOUNDS = {
     "less_than": "must be smaller than {lt:g}",
     "less_than_equal": "must not be greater than {le:g}",
 }
+# What there was nothing to propose for: `bagassets init` says so once, and builds say it ever after.
+_EMPTY: Mapping[tuple[str | int, ...], str] = {
+    (
+        "rigs",
+    ): "; `bagassets init` found none in the recordings: describe one, or have it look into others with --bags and --force"
+}
 
 
 def explain(error: Mapping[str, Any], data: Json) -> Problem:
@@ -61,7 +67,7 @@ def explain(error: Mapping[str, Any], data: Json) -> Problem:
     if kind == "finite_number":
         return at, f"must be a finite number; found {_show(value)}"
     if value is None and kind != "literal_error":
-        return at, f"needs a value: {_purpose(location) or describe(annotation)}"
+        return at, f"needs a value: {_purpose(location) or describe(annotation)}{_EMPTY.get(at, '')}"
     if kind == "literal_error":
         allowed = [str(option) for option in get_args(plain(annotation))]
         return at, f"must be {_either(allowed)}; found {_show(value)}{suggestion(value, allowed)}"

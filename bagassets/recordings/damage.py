@@ -34,6 +34,7 @@ _REASONS = (
     (r"[Cc]ompression '?(\w*)'? is not supported", r"its compression '\1' is not supported"),
     (r"unexpected|[Ee]nd ?[Oo]f ?[Ff]ile|[Tt]runcated|Got only|cut off|incomplete", "it ends too early, or is damaged"),
 )  # fmt: skip
+NO_BEGINNING = "it does not begin as such a file does"
 _CONTRADICTS = "its bytes contradict each other"
 
 
@@ -43,7 +44,12 @@ class DamageError(Exception):
 
 def advice_for(path: Path) -> str:
     """Return what kind of file was expected at a path, and what to do about it."""
-    return _ADVICE.get("" if path.is_dir() else path.suffix, _ADVICE[""])
+    return _ADVICE.get("" if path.is_dir() else suffix_of(path), _ADVICE[""])
+
+
+def suffix_of(path: Path) -> str:
+    """Return the suffix that tells the format of a file, be it unfinished or packed."""
+    return next((suffix for suffix in reversed(path.suffixes) if suffix not in {".active", ".zstd"}), "")
 
 
 def unreadable(path: Path, err: BaseException) -> RecordingError:
@@ -53,13 +59,13 @@ def unreadable(path: Path, err: BaseException) -> RecordingError:
     assertions, failed lookups. Their texts are for programmers; raise this error from the original one.
     """
     begins_as = _begins_as(path)
-    if begins_as not in {None, path.suffix}:
+    if begins_as not in {None, suffix_of(path)}:
         return RecordingError(
             f"{path}: its content is that of {_BEGINNINGS[begins_as][1]}, whatever its name says; have its name end in {begins_as}."
         )
     reason = _reason(err)
-    if begins_as is None and path.suffix in _BEGINNINGS and reason == _CONTRADICTS:
-        reason = "it does not begin as such a file does"
+    if begins_as is None and suffix_of(path) in _BEGINNINGS and reason == _CONTRADICTS:
+        reason = NO_BEGINNING
     return RecordingError(f"{path}: it cannot be read ({reason}); {advice_for(path)}.")
 
 

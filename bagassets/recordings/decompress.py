@@ -12,6 +12,7 @@ from bagassets.recordings.model import OnRead
 from bagassets.recordings.sizes import Sizes
 
 _PIECE_BYTES = 1024 * 1024
+_STREAM_BYTES = 4096
 
 
 class TooLargeError(Exception):
@@ -42,14 +43,19 @@ def decompress(packed: bytes, compression: str, most_bytes: int) -> bytes:
 
 
 def _decompress_bz2(packed: bytes, most_bytes: int) -> bytes:
-    decompressor = bz2.BZ2Decompressor()
-    unpacked = decompressor.decompress(packed, most_bytes + 1)
-    while decompressor.unused_data and len(unpacked) <= most_bytes:  # several streams may follow one another
-        packed, decompressor = decompressor.unused_data, bz2.BZ2Decompressor()
-        unpacked += decompressor.decompress(packed, most_bytes + 1 - len(unpacked))
-    if not decompressor.eof and len(unpacked) <= most_bytes:
+    """Decompress streams that follow one another; what is left behind each is copied, so it is given in small pieces."""
+    view, at, decompressor = memoryview(packed), 0, bz2.BZ2Decompressor()
+    pieces, left = [], most_bytes + 1
+    while left and (at < len(view) or not (decompressor.eof or decompressor.needs_input)):
+        if decompressor.eof:
+            decompressor = bz2.BZ2Decompressor()
+        given = view[at : at + _STREAM_BYTES] if decompressor.needs_input else b""
+        pieces.append(decompressor.decompress(given, left))
+        at += len(given) - len(decompressor.unused_data)
+        left -= len(pieces[-1])
+    if left and not decompressor.eof:
         raise DamageError("a compressed chunk is cut off")
-    return unpacked
+    return b"".join(pieces)
 
 
 def _decompress_lz4(packed: bytes, most_bytes: int) -> bytes:

@@ -16,6 +16,7 @@ from bagassets.base.alike import names_text
 from bagassets.base.errors import RecordingError
 from bagassets.base.garbage import uncollected
 from bagassets.recipe.model import Bags
+from bagassets.recordings import unfinished
 from bagassets.recordings.globs import literal_glob, matches, may_match_within
 from bagassets.recordings.join_parts import Joined, join_parts
 from bagassets.recordings.journals import journals_of
@@ -98,7 +99,8 @@ class Discovery:
 def discover(bags: Bags, *, joined: bool = True) -> Discovery:
     """Return the recordings that the recipe's `bags` select.
 
-    Hidden files and unfinished copies (`.active`, `.part`, `.tmp`) are no recordings. Folders and files that cannot be read
+    Hidden files and unfinished copies (`.part`, `.tmp`) are no recordings. What recorders leave unfinished is listed: `x.bag.active`
+    is the recording `x.bag` once it has not grown for ten minutes, unless that is there, too. Folders and files that cannot be read
     are left out; ask `Discovery.removed` before dropping the recordings in them.
 
     Args:
@@ -111,7 +113,7 @@ def discover(bags: Bags, *, joined: bool = True) -> Discovery:
     if not bags.root.is_dir():
         raise RecordingError(f"{bags.root}: no such folder; correct bags.root in the recipe.")
     walk = _Walk(bags)
-    walk.folder(bags.root, "", ())
+    walk.folder(bags.root, "", _identities(bags.root.resolve().parents))
     found = sorted(walk.recordings, key=attrgetter("relative"))
     if bags.include != ("**",) or bags.exclude:
         reasons = {one.relative: _exclusion(bags, one.relative) for one in found}
@@ -139,6 +141,16 @@ def discover(bags: Bags, *, joined: bool = True) -> Discovery:
     )
 
 
+def _identities(folders: Iterable[Path]) -> tuple[tuple[int, int], ...]:
+    """Return device and inode of folders, as far as they can be seen."""
+    found = []
+    for folder in folders:
+        with suppress(OSError):
+            status = folder.stat()
+            found.append((status.st_dev, status.st_ino))
+    return tuple(found)
+
+
 def find_one(path: Path) -> RecordingFiles:
     """Return the files of the recording at a path.
 
@@ -163,6 +175,8 @@ def find_one(path: Path) -> RecordingFiles:
                 raise RecordingError(f"{path}: expected a ROS 2 bag folder, but {recording}.")
         elif path.suffix in _BARE:
             recording = _recording_files(path, path.name, _BARE[path.suffix], [(path, path.stat())])
+        elif (whole := unfinished.whole_name(path.name)) is not None:
+            recording = _recording_files(path, whole, "ros1", [(path, path.stat())])
         else:
             raise RecordingError(
                 f"{path}: expected a recording: a .bag, .mcap or .db3 file, or a ROS 2 bag folder."
@@ -196,7 +210,9 @@ def bags_of_one(path: Path) -> Bags:
         return Bags(root=path)
     if path.name.startswith("."):
         raise RecordingError(f"{path}: hidden files are not taken for recordings; rename it.")
-    return Bags(root=path.parent, include=(literal_glob(path.name),))
+    if unfinished.whole_name(path.name) and (reason := unfinished.reason(path, path.stat())):
+        raise RecordingError(f"{path}: {reason}.")
+    return Bags(root=path.parent, include=(literal_glob(recording.relative),))
 
 
 def bags_of_parts(paths: Sequence[Path]) -> Bags:
@@ -234,7 +250,7 @@ class _Walk:
     """A walk below the bag root that collects recordings in no particular order.
 
     Links are followed as by `find -L`: a folder linked twice is walked twice, so that the result does not depend on the
-    order in which the disk lists names; a folder linked within itself is not.
+    order in which the disk lists names; a folder linked within itself is not, be it one that the bag root lies in.
     """
 
     bags: Bags
@@ -288,8 +304,20 @@ class _Walk:
                 self._leave_out(relative, _VIEW_FILE)
             else:
                 self._take(_recording_files(path, relative, _BARE[suffix], [(path, status)]))
+        elif suffix in unfinished.SUFFIXES and not entry.is_dir():
+            self._unfinished(entry, relative)
         elif entry.name not in _SYSTEM_FOLDERS and entry.is_dir() and self._may_hold_included(relative):
             self.folder(entry.path, relative, ancestors)
+
+    def _unfinished(self, entry: os.DirEntry[str], relative: str) -> None:
+        """Take or list what a recorder left that was stopped."""
+        path, status = Path(entry.path), entry.stat()
+        if not stat.S_ISREG(status.st_mode):
+            return
+        if reason := unfinished.reason(path, status):
+            self._leave_out(relative, reason)
+        elif (whole := unfinished.whole_name(relative)) is not None:
+            self._take(_recording_files(path, whole, "ros1", [(path, status)]))
 
     def _may_hold_included(self, folder: str) -> bool:
         """Tell whether a folder is worth a walk: for one recording in a home folder, not all of that is walked."""

@@ -14,6 +14,7 @@ from bagassets.base.errors import RecordingError
 from bagassets.base.json_types import JsonMapping
 from bagassets.base.quantities import count_text
 from bagassets.recordings.model import Definition, Format
+from bagassets.recordings.salvage.damage_map import DamageMap
 
 Daylight = Literal["day", "night", "twilight"]
 
@@ -135,6 +136,7 @@ class Inventory:
         gnss: first and last valid fix of the recording; None without GNSS.
         daylight: by the elevation of the sun at the first fix; None without GNSS.
         notes: sentences about what is unusual, for people.
+        damage: what is damaged, if it was read all the same.
     """
 
     format: Format
@@ -145,6 +147,7 @@ class Inventory:
     gnss: tuple[GnssFix, GnssFix] | None
     daylight: Daylight | None
     notes: tuple[str, ...]
+    damage: DamageMap | None = None
 
     @classmethod
     def from_json(cls, value: JsonMapping) -> Self:
@@ -160,6 +163,7 @@ class Inventory:
             gnss=None if gnss is None else (GnssFix(**gnss["first"]), GnssFix(**gnss["last"])),
             daylight=value["daylight"],
             notes=tuple(value["notes"]),
+            damage=DamageMap.from_json(value["damage"]) if "damage" in value else None,
         )
 
     @property

@@ -19,7 +19,7 @@ _NAME_TAKEN = "bags.series has a drive of this name, of which this file is no pa
 
 _AS_IT_IS = attrgetter("relative", "size", "mtime_ns")
 
-# First file -> path, size and time of each file, and what was decided: sensors look at the same files every few seconds.
+# `bags.recover` and first file -> path, size and time of each file, and what was decided: sensors look at the same files every few seconds.
 _judged: dict[str, tuple[list[tuple[str, int, int]], Verdict]] = {}
 
 
@@ -89,7 +89,8 @@ def _verdict(
         return Verdict(tuple(numbers)) if answer else Verdict(), ""
     files = [joined.recordings[path] for path in numbers]
     as_it_is, for_now = list(map(_AS_IT_IS, files)), ""
-    before, verdict = _judged.get(str(files[0].path), ([], Verdict()))
+    known_as = f"{bags.recover} {files[0].path}"
+    before, verdict = _judged.get(known_as, ([], Verdict()))
     if before != as_it_is:
         from bagassets.recordings.part_facts import ForNow, facts_of_parts  # noqa: PLC0415  (most folders have no series)
 
@@ -98,7 +99,7 @@ def _verdict(
         looked = zip(list(numbers)[:-1], facts, strict=False)
         for_now = next((f"{path} {FOR_NOW} ({one})" for path, one in looked if isinstance(one, ForNow)), "")
         if not any(isinstance(one, ForNow) for one in facts):
-            _judged[str(files[0].path)] = as_it_is, verdict
+            _judged[known_as] = as_it_is, verdict
     if verdict.parts and answer:
         return Verdict((), f"the list of {whole} is without them", ((whole, *verdict.parts),)), ""
     if verdict.parts and whole in joined.recordings:
@@ -121,7 +122,7 @@ def _join_named(
     if missing := [path for path in files if path not in joined.recordings]:
         more = f" and {count_text(len(missing) - 1, 'more part')}" if missing[1:] else ""
         problem = f"{missing[0]}{more} of bags.series cannot be found"
-    elif odd := [path for path in found if joined.recordings[path].path.suffix != suffix or not suffix]:
+    elif odd := [path for path in found if PurePosixPath(path).suffix != suffix or not suffix]:
         problem = f"{odd[0]} of bags.series is no file of the format of {files[0]}"
     else:
         _join(joined, whole, files, key_of)
@@ -141,7 +142,7 @@ def _leave_out(
 
 def _join(joined: Joined, whole: str, paths: Sequence[str], key_of: Callable[[str], str]) -> None:
     parts = tuple(map(joined.recordings.pop, paths))
-    root = Path(str(parts[0].path).removesuffix(parts[0].relative))
+    root = parts[0].path.parents[parts[0].relative.count("/")]
     if whole in joined.recordings:
         joined.left_out.append((whole, _NAME_TAKEN))
     joined.recordings[whole] = RecordingFiles(

@@ -180,17 +180,18 @@ def _search(file: BinaryIO, path: Path, size: int, index: McapIndex, sizes: Size
                 if inner == Opcode.MESSAGE:
                     index.counts[_CHANNEL.unpack_from(content, inner_begin)[0]] += 1
                 else:
-                    _add_bytes(index, inner, content[inner_begin:inner_end], sizes)
+                    add_bytes(index, inner, content[inner_begin:inner_end], sizes)
         elif opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
             file.seek(begin)
-            _add_bytes(index, opcode, file.read(end - begin), sizes)
+            add_bytes(index, opcode, file.read(end - begin), sizes)
         elif opcode == Opcode.MESSAGE or (opcode == Opcode.MESSAGE_INDEX and is_indexed):
             file.seek(begin)
             (channel,) = _CHANNEL.unpack(file.read(_CHANNEL.size))
             index.counts[channel] += 1 if opcode == Opcode.MESSAGE else (end - begin) // _ENTRY_BYTES
 
 
-def _add_bytes(index: McapIndex, opcode: int, fields: bytes, sizes: Sizes) -> None:
+def add_bytes(index: McapIndex, opcode: int, fields: bytes, sizes: Sizes) -> None:
+    """Add the schema or channel in the fields of a record."""
     if opcode == Opcode.SCHEMA:
         _add_record(index, Schema.read(ReadDataStream(BytesIO(fields))), sizes)
     elif opcode == Opcode.CHANNEL:

@@ -18,10 +18,10 @@ from bagassets.recipe.model import Bags, Limits
 from bagassets.recordings.damage import refuse_pointer, unreadable
 from bagassets.recordings.database_file import Database
 from bagassets.recordings.mcap_file import McapFile
+from bagassets.recordings.merge_topics import latched_topics
 from bagassets.recordings.model import RecordingFiles
 from bagassets.recordings.rosbag1 import IndexReader, SummaryReader
 from bagassets.recordings.series import PartFacts, periods_matter
-from bagassets.recordings.topic import latched_topics
 
 _KIND = "series 2"
 # Fewer messages may be events, of which periods say nothing.
@@ -46,13 +46,13 @@ def facts_of_parts(parts: Sequence[RecordingFiles], bags: Bags) -> list[_Facts]:
         parts: recordings of one file each, of one folder and format.
         bags: of the recipe; the cache file is in the state folder of its project, if there is one.
     """
-    group = str(parts[0].path)
-    seen = _load(bags.state, group)
+    group, kind = str(parts[0].path), _KIND if bags.recover == "refuse" else f"{_KIND}, {bags.recover}"
+    seen = _load(bags.state, kind, group)
     facts: list[_Facts] = []
     for part in parts:
         size, mtime_ns, known = seen.get(part.relative, (-1, 0, ""))
         is_known = (size, mtime_ns) == (part.size, part.mtime_ns)
-        facts.append(known if is_known else _settled_facts(part, bags.settle_s))
+        facts.append(known if is_known else _settled_facts(part, bags))
     readable = [(number, one) for number, one in enumerate(facts) if isinstance(one, PartFacts)]
     for pair in pairwise(readable):
         for number, one in pair if periods_matter(pair[0][1], pair[1][1]) else ():
@@ -65,15 +65,15 @@ def facts_of_parts(parts: Sequence[RecordingFiles], bags: Bags) -> list[_Facts]:
     }
     if now != seen and bags.state is not None and bags.state.is_dir():
         changes = Changes()
-        changes.put(_KIND, group, json.dumps(now).encode())
+        changes.put(kind, group, json.dumps(now).encode())
         Cache(bags.state).write(changes)
     return facts
 
 
-def _load(state: Path | None, group: str) -> dict[str, tuple[int, int, _Facts]]:
+def _load(state: Path | None, kind: str, group: str) -> dict[str, tuple[int, int, _Facts]]:
     """Return path -> size, mtime (ns) and facts, as they were written last."""
     try:
-        (text,) = Cache(state).get(_KIND, group) if state is not None else (b"{}",)
+        (text,) = Cache(state).get(kind, group) if state is not None else (b"{}",)
     except PlanNeeded:
         return {}
     return {
@@ -82,15 +82,18 @@ def _load(state: Path | None, group: str) -> dict[str, tuple[int, int, _Facts]]:
     }
 
 
-def _settled_facts(part: RecordingFiles, settle_s: float) -> _Facts:
+def _settled_facts(part: RecordingFiles, bags: Bags) -> _Facts:
     """Return the facts of a file; while it is being written, it may be readable next time.
 
     While a log grows beside a database, each look would copy both.
     """
-    is_settled = not 0 <= time.time() - part.mtime_ns / 1e9 < settle_s
+    is_settled = not 0 <= time.time() - part.mtime_ns / 1e9 < bags.settle_s
     if len(part.files) > 1 and not is_settled:
         return ForNow("its recorder may be at work")
     facts = part_facts(part.path)
+    if isinstance(facts, str) and not isinstance(facts, ForNow) and is_settled and bags.recover != "refuse":
+        salvaged = _tried(part.path, partial(_salvaged_facts, everything=bags.recover == "all"))
+        facts = salvaged if isinstance(salvaged, PartFacts) else facts
     return ForNow(facts) if isinstance(facts, str) and not is_settled else facts
 
 
@@ -119,6 +122,22 @@ def _facts(path: Path) -> _Facts:
     if span_ns is None:
         return "it has no messages"
     return PartFacts({one.topic: one.msgtype for one in sources}, latched_topics(sources), *span_ns)
+
+
+def _salvaged_facts(path: Path, *, everything: bool) -> _Facts:
+    """Return the facts of a damaged file, if builds will use what can be read of it."""
+    from bagassets.recordings.salvage.open import open_salvaged  # noqa: PLC0415  (few are damaged)
+
+    with open_salvaged(path) as opened:
+        sources, span_ns, damage = (
+            [one.source for one in opened.topics.values()],
+            opened.span_ns(),
+            opened.damage,
+        )
+    if span_ns is None or damage is None or not (everything or not damage.holes):
+        return "it is damaged"
+    topics = {one.topic: one.msgtype for one in sources}
+    return PartFacts(topics, latched_topics(sources), *span_ns, period_ns=0)
 
 
 def _with_period(facts: PartFacts, path: Path) -> PartFacts:

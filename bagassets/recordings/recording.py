@@ -12,8 +12,10 @@ from typing import Generic, Protocol, Self, TypeVar
 from bagassets.base.errors import BagAssetsError
 from bagassets.recipe.model import Limits
 from bagassets.recordings.damage import DamageError, unreadable
+from bagassets.recordings.merge_topics import merge_topics
 from bagassets.recordings.model import Format, Message, RawMessage
-from bagassets.recordings.topic import ForeignBytes, RefusedBytes, Topic, TopicSource, merge_topics
+from bagassets.recordings.salvage.damage_map import Damage
+from bagassets.recordings.topic import ForeignBytes, RefusedBytes, Topic, TopicSource
 
 _BYTES = (bytes, memoryview, bytearray)
 _FIRST_NS, _LAST_NS = -(2**63), 2**63 - 1
@@ -31,6 +33,7 @@ class Recording(ABC):
 
     Attributes:
         repeated: topic -> messages that were left out as repeated by the recorder, in the last pass.
+        damage: what is damaged, if it is read all the same; complete after a pass over all topics.
     """
 
     def __init__(self, path: Path, file_format: Format, topics: Mapping[str, Topic]) -> None:
@@ -38,6 +41,7 @@ class Recording(ABC):
         self.format = file_format
         self.topics = topics
         self.repeated: Counter[str] = Counter()
+        self.damage: Damage | None = None
 
     @abstractmethod
     def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
@@ -164,6 +168,11 @@ class FileRecording(Recording, Generic[F]):
         except BaseException:
             file.close()
             raise
+
+    @property
+    def files(self) -> tuple[F, ...]:
+        """The open file."""
+        return (self._file,)
 
     def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
         wanted = self._carrying(topics, self._sources)

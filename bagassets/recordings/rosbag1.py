@@ -28,9 +28,9 @@ from bagassets.recordings.model import Definition, OnRead
 from bagassets.recordings.sizes import Sizes
 from bagassets.recordings.topic import TopicSource, normalise_msgtype
 
-_SIZE = Struct("<I")
+SIZE = Struct("<I")
 _TIME = Struct("<II")
-_ENTRY = np.dtype([("seconds", "<u4"), ("nanoseconds", "<u4"), ("offset", "<u4")])
+ENTRY = np.dtype([("seconds", "<u4"), ("nanoseconds", "<u4"), ("offset", "<u4")])
 _BLOCK = 100_000
 
 
@@ -61,13 +61,13 @@ class IndexReader(rosbag1.Reader):
         self._connections_read += 1
         self._sizes.check_connections(self._connections_read)
         header = Header.read(self._opened, RecordType.CONNECTION)
-        topic = _text(header, "topic")
+        topic = text_in(header, "topic")
         fields = Header.read(self._opened)
         return Connection(
             header.get_uint32("conn"),
             normalise_topic(topic) if topic else topic,
-            _text(fields, "type"),
-            MessageDefinition(MessageDefinitionFormat.MSG, _text(fields, "message_definition")),
+            text_in(fields, "type"),
+            MessageDefinition(MessageDefinitionFormat.MSG, text_in(fields, "message_definition")),
             "",
             0,
             ConnectionExtRosbag1(None, int(fields.get("latching") == b"1")),
@@ -87,7 +87,7 @@ class IndexReader(rosbag1.Reader):
         position = self._opened.tell()
         header = Header.read(self._opened, RecordType.CHUNK)
         self._opened.seek(position)
-        compression, unpacked_bytes = _text(header, "compression"), header.get_uint32("size")
+        compression, unpacked_bytes = text_in(header, "compression"), header.get_uint32("size")
         self._sizes.add_chunk(position, unpacked_bytes)
         self._compression[position] = (compression, unpacked_bytes)
         chunk = super().read_chunk()
@@ -107,20 +107,20 @@ class IndexReader(rosbag1.Reader):
         header = Header.read(file, RecordType.IDXDATA)
         if header.get_uint32("ver") != 1:
             raise DamageError(f"the index of the chunk at byte {pos} is of an unknown version")
-        (size,) = _SIZE.unpack(file.read(_SIZE.size))
+        (size,) = SIZE.unpack(file.read(SIZE.size))
         cut_off = file.tell() + size > self._size  # asked before so much memory is
-        if size != header.get_uint32("count") * _ENTRY.itemsize or cut_off:
+        if size != header.get_uint32("count") * ENTRY.itemsize or cut_off:
             raise DamageError(f"the index of the chunk at byte {pos} is cut off")
         data = file.read(size)
         self._index_bytes += file.tell() - begin
         if self._index_bytes > self._size:
             raise DamageError("its index names messages twice")
-        self._entries.setdefault(header.get_uint32("conn"), []).append((pos, np.frombuffer(data, _ENTRY)))
+        self._entries.setdefault(header.get_uint32("conn"), []).append((pos, np.frombuffer(data, ENTRY)))
 
     def _index(self, connection: int) -> tuple[NDArray[np.int64], ...]:
         """Return of the messages of a connection (N,) log times, positions of their chunks in the file, and offsets in these."""
         parts = self._entries.get(connection, [])
-        entries = np.concatenate([np.empty(0, _ENTRY), *(part for _, part in parts)])
+        entries = np.concatenate([np.empty(0, ENTRY), *(part for _, part in parts)])
         positions = np.repeat(
             np.array([position for position, _ in parts], dtype=np.int64), [len(part) for _, part in parts]
         )
@@ -161,9 +161,9 @@ class IndexReader(rosbag1.Reader):
     ) -> Iterator[tuple[int, int, bytes | memoryview]]:
         """Yield connection, log time and payload in order of log time."""
         chunks = LatestChunks(self._load, self._limits.chunk_bytes, self._sizes.unpacked_bytes)
-        records = [_Records(one.id, one.topic) for one in self.connections if one.id in connections]
+        records = [Records(one.id, one.topic) for one in self.connections if one.id in connections]
         loaded, chunk = -1, b""
-        for number, time_ns, position, offset in _in_order([self._index(r.connection) for r in records]):
+        for number, time_ns, position, offset in in_order([self._index(r.connection) for r in records]):
             record = records[number]
             if position != loaded:
                 chunk = chunks.at(position)
@@ -200,13 +200,18 @@ class SummaryReader(IndexReader):
         """Read nothing."""
 
 
-def _text(header: Header, name: str) -> str:
+def text_in(header: Header, name: str) -> str:
+    """Return a field of a header as text.
+
+    Raises:
+        DamageError: it has no such field.
+    """
     if name not in header:
         raise DamageError(f"a connection or chunk of its index lacks its {name.replace('_', ' ')}")
     return header[name].decode("utf-8", "replace")
 
 
-class _Records:
+class Records:
     """Finds the message records of one connection in chunks.
 
     The first header is parsed. Each next one is compared with the same header at its own time, and parsed only if it
@@ -228,15 +233,15 @@ class _Records:
             before, after = self._around_time
             header = before + _TIME.pack(*divmod(time_ns, 10**9)) + after
             if chunk.startswith(header, begin):
-                return _sized(chunk, begin + len(header))
-        return _sized(chunk, self._parse(chunk, time_ns, begin))
+                return sized(chunk, begin + len(header))
+        return sized(chunk, self._parse(chunk, time_ns, begin))
 
     def _parse(self, chunk: bytes, time_ns: int, begin: int) -> int:
         """Return where the header of a record ends."""
         source = BytesIO(chunk)  # shares the bytes of the chunk
         source.seek(begin)
         while (header := Header.read(source)).get_uint8("op") == RecordType.CONNECTION:
-            begin = source.seek(_SIZE.size + len(_sized(chunk, source.tell())), os.SEEK_CUR)
+            begin = source.seek(SIZE.size + len(sized(chunk, source.tell())), os.SEEK_CUR)
         end = source.tell()
         parsed = header.get_uint8("op"), header.get_uint32("conn"), header.get_time("time")
         if parsed != (RecordType.MSGDATA, self.connection, time_ns):
@@ -247,16 +252,20 @@ class _Records:
         return end
 
 
-def _sized(data: bytes, begin: int) -> memoryview:
-    """Return the bytes whose length stands at `begin`."""
-    (size,) = _SIZE.unpack_from(data, begin)
-    begin += _SIZE.size
+def sized(data: bytes, begin: int) -> memoryview:
+    """Return the bytes whose length stands at `begin`.
+
+    Raises:
+        DamageError: there are fewer.
+    """
+    (size,) = SIZE.unpack_from(data, begin)
+    begin += SIZE.size
     if begin + size > len(data):
         raise DamageError(f"a record of {size} bytes is cut off")
     return memoryview(data)[begin : begin + size]
 
 
-def _in_order(indexes: Sequence[tuple[NDArray[np.int64], ...]]) -> Iterator[tuple[int, int, int, int]]:
+def in_order(indexes: Sequence[tuple[NDArray[np.int64], ...]]) -> Iterator[tuple[int, int, int, int]]:
     """Yield the number of the index, time, position and offset of each message, in order of time.
 
     Of messages at the same time, those of the first index come first, as they are in the file.

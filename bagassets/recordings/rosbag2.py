@@ -18,16 +18,17 @@ from bagassets.recordings.database_file import Database, serialization_problem
 from bagassets.recordings.decompress import TooLargeError, decompress, decompress_file
 from bagassets.recordings.journals import scratch_folder
 from bagassets.recordings.mcap_file import McapFile
+from bagassets.recordings.merge_topics import merge_topics
 from bagassets.recordings.model import METADATA, Definition, OnRead, RawMessage
 from bagassets.recordings.recording import Recording
 from bagassets.recordings.sizes import Sizes
-from bagassets.recordings.topic import UNKNOWN, RefusedBytes, TopicSource, merge_topics, normalise_msgtype
+from bagassets.recordings.topic import UNKNOWN, RefusedBytes, TopicSource, normalise_msgtype
 
 _NEWEST_VERSION = 9
 _MOST_METADATA_BYTES = 16_000_000
 # The parser recurses into nested values; recorders write six levels.
 _DEEPEST, _LONGEST_TEXT = 50, 1000
-_ZSTD = ".zstd"
+ZSTD = ".zstd"
 
 
 class Rosbag2Recording(Recording):
@@ -44,13 +45,13 @@ class Rosbag2Recording(Recording):
         self._on_read = on_read
         self._stack = ExitStack()
         try:
-            metadata = _metadata(path / METADATA)
-            mode = _compression_mode(metadata)
+            metadata = read_metadata(path / METADATA)
+            mode = compression_mode(metadata)
             self._compressed_messages = mode == "message"
             files = _storage_files(path, metadata)
             self._sizes = Sizes(path, sum(file.stat().st_size for file in files), limits)
             self._files = [
-                self._open(file, compressed=mode == "file" or file.suffix == _ZSTD) for file in files
+                self._open(file, compressed=mode == "file" or file.suffix == ZSTD) for file in files
             ]
             super().__init__(
                 path, "ros2", merge_topics(path, self._sources(metadata), message_definitions, limits)
@@ -138,7 +139,7 @@ def _unlisted(
                 yield replace(source, count=counts[number])
 
 
-def _metadata(file: Path) -> JsonObject:
+def read_metadata(file: Path) -> JsonObject:
     """Return what the metadata file of a bag says.
 
     Raises:
@@ -183,7 +184,12 @@ def _plain(value: object, field: str) -> str:
     return text
 
 
-def _compression_mode(metadata: JsonMapping) -> str:
+def compression_mode(metadata: JsonMapping) -> str:
+    """Return what is compressed: `none`, `file` or `message`.
+
+    Raises:
+        DamageError: not by zstd.
+    """
     mode = _plain(metadata.get("compression_mode") or "none", "compression_mode").lower()
     compression = _plain(metadata.get("compression_format") or "", "compression_format")
     if mode != "none" and compression != "zstd":
@@ -191,18 +197,27 @@ def _compression_mode(metadata: JsonMapping) -> str:
     return mode
 
 
+def named_files(path: Path, metadata: JsonMapping) -> list[Path]:
+    """Return where the files of a bag are that its metadata name, whether or not they exist.
+
+    Raises:
+        DamageError: it names none.
+    """
+    names = metadata["relative_file_paths"]
+    if not isinstance(names, list):
+        raise DamageError(f"its {METADATA} does not list its files")
+    return [
+        path / name
+        for name in dict.fromkeys(PurePosixPath(_plain(name, "relative_file_paths")).name for name in names)
+    ]
+
+
 def _storage_files(path: Path, metadata: JsonMapping) -> list[Path]:
     """Return the files of a bag in the order of its metadata.
 
     The suffix of a file tells its kind: `storage_identifier` says the same, but some recorders leave it empty.
     """
-    names = metadata["relative_file_paths"]
-    if not isinstance(names, list):
-        raise DamageError(f"its {METADATA} does not list its files")
-    files = [
-        path / name
-        for name in dict.fromkeys(PurePosixPath(_plain(name, "relative_file_paths")).name for name in names)
-    ]
+    files = named_files(path, metadata)
     missing = [file.name for file in files if not file.exists()]
     if missing:
         raise RecordingError(
@@ -210,7 +225,7 @@ def _storage_files(path: Path, metadata: JsonMapping) -> list[Path]:
             "the whole folder again."
         )
     for file in files:
-        kind = Path(file.stem).suffix if file.suffix == _ZSTD else file.suffix
+        kind = Path(file.stem).suffix if file.suffix == ZSTD else file.suffix
         if kind not in {".db3", ".mcap"}:
             raise DamageError(f"the storage of {file.name} is neither SQLite (.db3) nor MCAP (.mcap)")
     return files

@@ -107,6 +107,16 @@ def test_a_worker_inherits_none_of_the_servers_files(client):
     assert not [name for name in files if name.endswith(".lock") or "eventpoll" in name]
 
 
+@pytest.mark.parametrize("line", [b"[]", b"3", b"null", b"hello"])
+def test_what_is_no_message_costs_its_connection_and_no_other(client, line):
+    with Client.connect(client.files) as other:
+        other._socket.setblocking(True)
+        other._socket.sendall(line + b"\n")
+        assert other._socket.recv(1) == b""
+    job = client.submit(f"{JOBS}:add", {"x": 1, "y": 2}, label="sum")
+    assert end_of(client, job)["result"] == 3
+
+
 def test_nobody_waits_for_the_process_of_a_job_that_is_done(client):
     job = client.submit(f"{JOBS}:end_slowly", {}, label="slow")
     pid = end_of(client, job)["result"]

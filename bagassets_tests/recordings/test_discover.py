@@ -1,5 +1,6 @@
 import os
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,8 @@ from bagassets.base.errors import RecordingError
 from bagassets.recipe.model import Bags
 from bagassets.recordings.discover import _key, bags_of_one, discover, find_one, matches
 from bagassets.recordings.globs import literal_glob, may_match_within
+from bagassets.recordings.join_parts import FOR_NOW
+from bagassets_tests.recorded_bags import NOON_NS, text, write_ros1
 
 
 def touch(root, *names):
@@ -168,6 +171,21 @@ def test_links_are_followed_but_not_in_circles(tmp_path):
     assert discover(Bags(root=tmp_path)).excluded == [("broken.bag", nowhere), ("self.bag", nowhere)]
 
 
+def test_a_link_to_a_folder_that_holds_the_bag_root_is_not_walked(tmp_path):
+    touch(tmp_path, "outside/a.bag", "x/root/b.bag")
+    root = tmp_path / "x" / "root"
+    for name, target in (
+        ("top", tmp_path),
+        ("up", tmp_path / "x"),
+        ("all", "/"),
+        ("aside", tmp_path / "outside"),
+    ):
+        (root / name).symlink_to(target)
+    (tmp_path / "by_link").symlink_to(root)
+    for one in (root, tmp_path / "by_link"):
+        assert relatives(one) == ["aside/a.bag", "b.bag"]
+
+
 def forbid(monkeypatch, folder):
     """Make a folder unreadable; chmod would not stop tests that run as root."""
     scandir = os.scandir
@@ -284,12 +302,12 @@ def test_find_one(tmp_path, monkeypatch):
     assert find_one(tmp_path / "d").format == "ros2"
     monkeypatch.chdir(tmp_path)
     assert find_one(Path("d")).path == tmp_path / "d"
-    for name, text in [
+    for name, told in [
         ("nothing.bag", "no such file"),
         ("empty", "metadata.yaml"),
         ("notes.txt", "expected a rec"),
     ]:
-        with pytest.raises(RecordingError, match=text):
+        with pytest.raises(RecordingError, match=told):
             find_one(tmp_path / name)
 
 
@@ -301,3 +319,86 @@ def test_thousands_of_files_take_no_time(tmp_path):
     start = time.process_time()
     assert len(discover(Bags(root=tmp_path)).recordings) == 2000
     assert time.process_time() - start < 0.5
+
+
+class TestUnfinished:
+    """What recorders leave that were stopped is seen, and listed with what it is."""
+
+    def old(self, root, *names):
+        for name in names:
+            touch(root, name)
+            (root / name).write_bytes(b"12345" * 20)
+            os.utime(root / name, (1_700_000_000, 1_700_000_000))
+
+    def test_a_bag_that_its_recorder_did_not_finish_has_the_key_of_the_finished_one(self, tmp_path):
+        self.old(tmp_path, "a/x.bag.active")
+        (found,) = discover(Bags(root=tmp_path)).recordings.values()
+        (finished,) = (tmp_path / "a" / "x.bag.active").parent.glob("*")
+        assert (found.key, found.relative, found.path, found.files) == (
+            "a__x.bag",
+            "a/x.bag",
+            finished,
+            (finished,),
+        )
+        assert find_one(finished) == replace(found, key="x.bag", relative="x.bag")
+        (alone,) = discover(bags_of_one(finished)).recordings.values()
+        assert alone.path == finished
+        finished.rename(tmp_path / "a" / "x.bag")
+        (found,) = discover(Bags(root=tmp_path)).recordings.values()
+        assert (found.key, found.path.name) == ("a__x.bag", "x.bag")
+
+    def test_it_gives_way_to_the_finished_one(self, tmp_path):
+        self.old(tmp_path, "x.bag.active", "x.bag")
+        discovery = discover(Bags(root=tmp_path))
+        assert [one.path.name for one in discovery.recordings.values()] == ["x.bag"]
+        assert discovery.excluded == [
+            ("x.bag.active", "unfinished, and x.bag lies beside it, which is taken")
+        ]
+
+    def test_while_it_grows_it_is_no_recording(self, tmp_path):
+        touch(tmp_path, "x.bag.active")
+        discovery = discover(Bags(root=tmp_path, settle_s=0))
+        assert not discovery.recordings
+        ((name, reason),) = discovery.excluded
+        assert name == "x.bag.active"
+        assert FOR_NOW in reason  # by which a build knows that it has to look again without a change
+        with pytest.raises(RecordingError, match="its recorder may be at work"):
+            bags_of_one(tmp_path / "x.bag.active")
+        then_s = time.time() - 601
+        os.utime(tmp_path / "x.bag.active", (then_s, then_s))
+        assert list(discover(Bags(root=tmp_path)).recordings) == ["x.bag"]
+
+    def test_globs_are_about_the_finished_name(self, tmp_path):
+        self.old(tmp_path, "x.bag.active", "y.bag.active", "z.db3.zstd")
+        discovery = discover(Bags(root=tmp_path, include=("*.bag",), exclude=("y.bag",)))
+        assert list(discovery.recordings) == ["x.bag"]
+
+    def test_other_remains_are_listed_with_what_they_are(self, tmp_path):
+        self.old(
+            tmp_path,
+            "a_0.db3.zstd",
+            "b.mcap.zstd",
+            "b.mcap",
+            "c.db3-wal",
+            "d.db3-journal",
+            "d.db3",
+            "e.zstd",
+            "f.active",
+        )
+        touch(tmp_path, "g.db3-wal")
+        discovery = discover(Bags(root=tmp_path))
+        assert list(discovery.recordings) == ["b.mcap", "d.db3"]
+        told = dict(discovery.excluded)
+        assert sorted(told) == ["a_0.db3.zstd", "b.mcap.zstd", "c.db3-wal"]
+        assert "bagassets doctor" in told["a_0.db3.zstd"]
+        assert told["b.mcap.zstd"] == "b.mcap was being packed into it, which is the recording"
+        assert told["c.db3-wal"].startswith("the last messages of c.db3, which is not here")
+
+    def test_the_last_part_of_a_drive_may_be_unfinished(self, tmp_path):
+        for number, name in enumerate(("d_0.bag", "d_1.bag", "d_2.bag.active")):
+            write_ros1(tmp_path / name, [text(NOON_NS + (number * 100 + i) * 10**8) for i in range(100)])
+        os.utime(tmp_path / "d_2.bag.active", (1_700_000_000, 1_700_000_000))
+        (one,) = discover(Bags(root=tmp_path)).recordings.values()
+        assert (one.key, one.path, [part.path.name for part in one.parts]) == (
+            "d.bag", tmp_path / "d.bag", ["d_0.bag", "d_1.bag", "d_2.bag.active"],
+        )  # fmt: skip

@@ -110,15 +110,21 @@ class TestFiles:
         (root / "badmeta" / "metadata.yaml").write_text("rosbag2_bagfile_information: [")
         next((root / "nodata").glob("*.db3")).write_bytes(b"")
 
-    def test_each_fails_with_a_sentence_and_the_good_ones_are_built(self, project, drives):
-        root = project.bags.root
-        self.bad_files(root, drives)
+    def outcomes(self, project):
         outcomes = {}
         for key in discover(project.bags).recordings:
             try:
                 outcomes[key] = [made.asset for made in build_of(project, key).build()][-1]
             except BagAssetsError as err:
                 outcomes[key] = str(err)
+        assert list(check_store(Store(project.store_path))) == []
+        return outcomes
+
+    def test_each_fails_with_a_sentence_and_the_good_ones_are_built(self, project, drives):
+        root = project.bags.root
+        self.bad_files(root, drives)
+        project = project.model_copy(update={"bags": project.bags.model_copy(update={"recover": "refuse"})})
+        outcomes = self.outcomes(project)
         assert outcomes.pop("good.mcap") == "nuscenes_tables"
         assert len(outcomes) == 17
         for key, reported in outcomes.items():
@@ -127,9 +133,26 @@ class TestFiles:
             assert any(
                 word in reported for word in ("rosbag reindex", "mcap recover", "sqlite3", "ros2 bag reindex")
             ), reported
+            assert "recover: all" not in reported
             assert "\n" not in reported
         assert "the file is empty" in outcomes["empty.bag"]
-        assert list(check_store(Store(project.store_path))) == []
+
+    def test_by_default_those_whose_messages_are_all_whole_are_built_and_others_say_what_can_be_saved(
+        self, project, drives
+    ):
+        root = project.bags.root
+        self.bad_files(root, drives)
+        outcomes = self.outcomes(project)
+        whole = {"good.mcap", "cut99.bag", "cut99.mcap", "badmeta"}  # what was cut off these is their index
+        assert {key for key, made in outcomes.items() if made == "nuscenes_tables"} == whole
+        for key in outcomes.keys() - whole:
+            reported = outcomes[key]
+            assert reported.startswith(f"{root / key}: "), reported
+            assert "expected a" in reported, reported
+            assert ("recover: all" in reported) == (
+                key in {"cut50.bag", "cut50.mcap", "cut50.db3", "cut99.db3"}
+            ), reported
+            assert "\n" not in reported
 
     @pytest.mark.parametrize(
         ("kind", "name", "content"),
@@ -151,8 +174,10 @@ class TestFiles:
         path = project.bags.root / "text.bag"
         path.write_text("no bag " * 1000)
         reported = sentence(project, "text.bag")
-        (record,) = failed_actions(project)
-        assert json.loads(record.read_bytes())["error"] == reported.replace(str(path), "<recording>")
+        records = failed_actions(project)
+        assert len(records) == 2  # of the ordinary readers, and of those of damaged recordings
+        errors = {json.loads(record.read_bytes())["error"] for record in records}
+        assert errors == {reported.replace(str(path), "<recording>")}
 
     def test_a_ros2_bag_that_lacks_a_file_says_which(self, project, drives):
         folder = project.bags.root / "split"

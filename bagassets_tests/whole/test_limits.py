@@ -4,6 +4,7 @@ import bz2
 import os
 import struct
 import sys
+import time
 from pathlib import Path
 
 import cv2
@@ -342,6 +343,17 @@ class TestRecordings:
             decompress(packed, compression, len(data) - 1)
         if compression in {"bz2", "lz4"}:
             assert len(_DECOMPRESSORS[compression](packed, 10)) == 11  # one more tells that there are more
+
+    def test_streams_that_follow_one_another_take_time_for_their_bytes_only(self):
+        nothing, one = bz2.compress(b""), bz2.compress(b"x")
+        began_s = time.process_time()
+        assert decompress(nothing * 100_000 + one, "bz2", 10) == b"x"
+        few_s = time.process_time() - began_s
+        assert decompress(nothing * 300_000 + one, "bz2", 10) == b"x"
+        many_s = time.process_time() - began_s - few_s
+        assert many_s < 6 * few_s + 0.5  # not 9 times
+        with pytest.raises(DamageError, match="cut off"):
+            decompress((one * 3)[:-1], "bz2", 10)
 
     @pytest.mark.parametrize(
         ("name", "limits"),

@@ -17,6 +17,7 @@ from bagassets.defs.graph.sensor import recordings_sensor
 from bagassets.defs.records.naming import Naming, checked_prefix
 from bagassets.defs.records.workspace import Workspace
 from bagassets.defs.runs.exclusive import RecordingLock
+from bagassets.defs.runs.launching import executes_here
 from bagassets.recipe import load_recipe
 
 
@@ -62,7 +63,9 @@ def build_definitions(
         checks = [*recording_checks(recipe, names), *dataset_checks(recipe, names)]
     # Where a sensor has a job, Dagster copies the sensor with a parameter of its own that it calls beta.
     warnings.filterwarnings("ignore", "Parameter `owners` of initializer `SensorDefinition", dg.BetaWarning)
-    assets = [*recording_definitions(recipe, names), *dataset_assets(recipe, names)]
+    # Elsewhere a run has one process, or a queue packs runs: there each recording is better off with its own.
+    ours = recording_definitions(recipe, names, shares_runs=executes_here(recipe_file, recipe))
+    assets = [*ours, *dataset_assets(recipe, names)]
     batches = batch_job(names)
     return dg.Definitions(
         assets=assets,

@@ -13,11 +13,11 @@ from bagassets.base.fingerprints import PlanNeeded, tree_fingerprint
 from bagassets.base.quantities import count_text
 from bagassets.defs.graph.dataset import dataset_is_current, record_inputs
 from bagassets.defs.graph.sensor_cursor import Cursor, Request
-from bagassets.defs.records.batches import batch_config, batch_of
+from bagassets.defs.records.batches import PARTITION_TAG, batch_config, recordings_of
 from bagassets.defs.records.events import all_assets, live_partitions
-from bagassets.defs.records.instance_plan import begin_planning, plan_instance, workspace_fingerprint
+from bagassets.defs.records.instance_plan import planner_of, workspace_fingerprint
+from bagassets.defs.records.naming import WHOLE_GRAPH
 from bagassets.defs.records.partitions import (
-    PARTITION_TAG,
     active_runs,
     add_partitions,
     held_by_backfills,
@@ -32,7 +32,7 @@ from bagassets.engine.inputs import files_beside
 from bagassets.engine.next_steps import Rules, State, Work, next_steps
 from bagassets.engine.plan import BagPlan, Plan
 from bagassets.engine.unsettled import Unsettled
-from bagassets.formats.dataset_build import DatasetInputs, dataset_code_versions
+from bagassets.formats.dataset_build import DatasetInputs, dataset_code_versions, select_inputs
 from bagassets.recordings.digest import RecordingStat, recording_stat
 from bagassets.recordings.discover import Discovery
 from bagassets.store.canonical import digest_json
@@ -91,16 +91,16 @@ class Scan:
         state = self._without_gone(live, there, now_s)
         if state is None:
             return []
-        planning = begin_planning(self._instance, self._workspace, live, discovery, thorough=False)
-        planned = plan_instance(self._instance, self._workspace, planning)
-        self._unsettled.forget_settled(planned.plan)
-        known = {key for key, bag in planned.plan.bags.items() if bag.assets["bag"].state == "fresh"}
+        plan = planner_of(self._instance, self._workspace, live, discovery, thorough=False).plan()
+        inputs = select_inputs(plan)
+        self._unsettled.forget_settled(plan)
+        known = {key for key, bag in plan.bags.items() if bag.assets["bag"].state == "fresh"}
         finished = cursor.settle(stats, known, settle_s, now_s)
         self._next_settled_s = cursor.next_settled_s(settle_s, finished)
 
-        bags = {key: planned.plan.bags[key] for key in sorted(finished - self._active)}
+        bags = {key: plan.bags[key] for key in sorted(finished - self._active)}
         todo = self._recordings(bags, stats, {key: ended.get(key) for key in noted})
-        todo |= self._datasets(planned.inputs)
+        todo |= self._datasets(inputs)
         state = replace(
             state,
             new=finished - live,
@@ -112,10 +112,10 @@ class Scan:
         steps = next_steps(state, self._rules())
         add_partitions(self._instance, self._names, steps.register)
         if steps.is_over:
-            record_inputs(self._instance, self._workspace, planned.inputs)
+            record_inputs(self._instance, self._workspace, inputs)
         requests = [self._request(run, todo, now_s) for run in steps.runs]
         cursor.busy_since_s = steps.busy_since_s
-        cursor.said = self._describe(planned.plan, finished, state.held, len(active))
+        cursor.said = self._describe(plan, finished, state.held, len(active))
         asks_again = any(one.tries < RULES.most_tries for one in cursor.asked.values())
         is_over = not (requests or active or asks_again or state.held or self._next_settled_s is not None)
         cursor.quiet = quiet if is_over else ""
@@ -161,13 +161,16 @@ class Scan:
             return {}
         since = dt.datetime.fromtimestamp(self.cursor.looked_s - _CLOCKS_DIFFER_S, dt.UTC)
         filters = dg.RunsFilter(statuses=_ENDED, updated_after=since)
-        assets = frozenset(all_assets())
+        assets, keys_of = frozenset(all_assets()), recordings_of(self._instance, self._names)
         ended: dict[str, dg.DagsterRun] = {}
         for record in self._instance.get_run_records(filters, order_by="update_timestamp", ascending=True):
             run = record.dagster_run
-            if PARTITION_TAG in run.tags and self._names.is_about(run, assets):
+            if not self._names.is_about(run, assets):
+                continue
+            if PARTITION_TAG in run.tags:
                 ended[run.tags[PARTITION_TAG]] = run
-            for key in batch_of(run, self._names):
+                continue
+            for key in keys_of(run):
                 ended.pop(key, None)
         for key, run in ended.items():
             # All that it has may be up to date, and yet Dagster shows it as failed.
@@ -249,10 +252,15 @@ class Scan:
     def _was_cancelled(self, key: str) -> bool:
         """Return whether the last run of a recording was cancelled: then the same is not requested again."""
         assets, names = frozenset(all_assets()), self._names
-        alone = self._instance.get_run_records(dg.RunsFilter(tags={PARTITION_TAG: key}), limit=_LATEST)
-        shared = self._instance.get_run_records(dg.RunsFilter(job_name=names.batch_job), limit=_LATEST)
-        records = [record for record in alone if names.is_about(record.dagster_run, assets)]
-        records += [record for record in shared if key in batch_of(record.dagster_run, names)]
+        keys_of = recordings_of(self._instance, names)
+        asked = [dg.RunsFilter(tags={PARTITION_TAG: key})]
+        asked += [dg.RunsFilter(job_name=name) for name in (names.batch_job, WHOLE_GRAPH)]
+        records = [
+            record
+            for filters in asked
+            for record in self._instance.get_run_records(filters, limit=_LATEST)
+            if names.is_about(record.dagster_run, assets) and key in keys_of(record.dagster_run)
+        ]
         latest = max(records, key=lambda record: record.storage_id, default=None)
         return latest is not None and latest.dagster_run.status == dg.DagsterRunStatus.CANCELED
 

@@ -1,14 +1,21 @@
-"""Batches as Dagster has them: the config of their job, and the recordings of such a run.
+"""Which recordings a run is about: one, those of a batch, or of a backfill's range.
 
-Dagster's range runs would not do: all partitions of such a run have the same data version, and fail together.
+A batch has its recordings in the config of its job. The range of a backfill is in tags: its first and its last partition, in
+the order in which they were registered; Dagster makes it of exactly those that were asked for.
 """
 
+from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import dagster as dg
 
 from bagassets.defs.records.naming import BATCH_JOB, BATCH_OP, Naming
 from bagassets.engine.batches import Batch
+
+PARTITION_TAG = "dagster/partition"
+"""Tag of a run about one partition."""
+_RANGE_TAGS = "dagster/asset_partition_range_start", "dagster/asset_partition_range_end"
 
 
 def batch_config(batch: Batch, names: Naming) -> dict[str, Any]:
@@ -27,3 +34,30 @@ def batch_of(run: dg.DagsterRun, names: Naming | None = None) -> tuple[str, ...]
         return tuple(run_config["ops"][operation]["config"]["recordings"])
     except (KeyError, TypeError, AttributeError):  # somebody launched it with a config of their own
         return ()
+
+
+def range_of(run: dg.DagsterRun) -> tuple[str, str] | None:
+    """Return the first and the last partition of a run about a range of them; None if it is about something else."""
+    first, last = (run.tags.get(tag) for tag in _RANGE_TAGS)
+    return None if first is None or last is None else (first, last)
+
+
+def recordings_of(instance: dg.DagsterInstance, names: Naming) -> Callable[[dg.DagsterRun], tuple[str, ...]]:
+    """Return a function that returns the partition keys of a run; of one about datasets, `DATASET` if a batch makes them.
+
+    It does not look at the assets of the run, which may be those of another project: see `Naming.is_about`.
+    """
+    registered = cache(lambda: list(instance.get_dynamic_partitions(names.partitions)))
+
+    def found(run: dg.DagsterRun) -> tuple[str, ...]:
+        if PARTITION_TAG in run.tags:
+            return (run.tags[PARTITION_TAG],)
+        ends = range_of(run)
+        if ends is None:
+            return batch_of(run, names)
+        keys = registered()
+        if not {*ends} <= {*keys}:  # one was removed since
+            return ends
+        return tuple(keys[keys.index(ends[0]) : keys.index(ends[1]) + 1])
+
+    return found

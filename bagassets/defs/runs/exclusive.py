@@ -15,6 +15,7 @@ from pydantic import PrivateAttr
 
 from bagassets.base.lock_files import LockFile
 from bagassets.defs.records.fence import refuse_if_ended, run_has_ended
+from bagassets.defs.records.run_step import RunStep
 
 _POLL_S = 0.2
 ASKS_PER_LOOK = 5
@@ -82,6 +83,34 @@ def _file(folder: Path, key: str) -> Path:
     return folder.resolve() / f"{hashlib.sha256(key.encode()).hexdigest()[:32]}.lock"
 
 
+@contextmanager
+def hold_recording(folder: Path, step: RunStep, key: str) -> Iterator[None]:
+    """Wait until no other run on this machine works on a recording, and hold it for a while.
+
+    Args:
+        folder: folder of the locks of recordings.
+        step: of the run that wants it.
+        key: partition key of the recording.
+
+    Raises:
+        RunEndedError: this run has ended meanwhile.
+    """
+
+    def keep_waiting(asked: int) -> bool:
+        # Where each step is a process, one of this run may hold it, or the worker that waits for all of them; they make
+        # nothing twice.
+        if _holder(folder, key) == step.run_id:
+            return False
+        if asked == 0:
+            step.log(f"Waiting for another run of {key} to end.")
+        # An interrupt raises.
+        return bool(asked % ASKS_PER_LOOK) or not holder_has_ended(step.instance, folder, key)
+
+    with exclusive(folder, key, keep_waiting=keep_waiting, holder=step.run_id):
+        refuse_if_ended(step.instance, step.run_id)
+        yield
+
+
 class RecordingLock(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get it itself, not a value
     """Keeps runs of one recording from recording or publishing at the same time, whoever launched them.
 
@@ -97,30 +126,8 @@ class RecordingLock(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps
         Raises:
             RunEndedError: this run has ended meanwhile.
         """
-        self._held.enter_context(self.hold(context, context.partition_key))
-
-    @contextmanager
-    def hold(self, context: dg.OpExecutionContext | dg.AssetExecutionContext, key: str) -> Iterator[None]:
-        """Wait until no other run on this machine works on a recording, and hold it for a while.
-
-        Raises:
-            RunEndedError: this run has ended meanwhile.
-        """
-        folder = Path(self.folder)
-
-        def keep_waiting(asked: int) -> bool:
-            # Where each step is a process, one of this run may hold it, or the worker that waits for all of them; they
-            # make nothing twice.
-            if _holder(folder, key) == context.run.run_id:
-                return False
-            if asked == 0:
-                context.log.info("Waiting for another run of %s to end.", key)
-            # An interrupt raises.
-            return bool(asked % ASKS_PER_LOOK) or not holder_has_ended(context.instance, folder, key)
-
-        with exclusive(folder, key, keep_waiting=keep_waiting, holder=context.run.run_id):
-            refuse_if_ended(context.instance, context.run.run_id)
-            yield
+        step, key = RunStep.of(context), context.partition_key
+        self._held.enter_context(hold_recording(Path(self.folder), step, key))
 
     def teardown_after_execution(self, context: dg.InitResourceContext) -> None:  # noqa: ARG002  (Dagster's)
         """Let the next run begin."""

@@ -5,9 +5,11 @@ says nothing: so any launcher of Dagster's, or of a stranger, may stand in `dags
 `ConfiguredLauncher` and says where it differs; no other file needs to know of it.
 """
 
+import os
 from collections.abc import Collection
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, get_args, get_type_hints
 
 import dagster as dg
 
@@ -21,8 +23,12 @@ from bagassets.defs.dagster_private import (
 from bagassets.defs.records.databases import read_settings
 from bagassets.defs.records.projects import configured_recipe
 from bagassets.forkserver.server_files import last_lines
+from bagassets.propose.project import dagster_home
+from bagassets.recipe.model import Recipe
 
 _LAST_LINES = 30
+# Texts and whole numbers may be given as `{env: NAME}`.
+_KINDS: dict[Any, Any] = {str: dg.StringSource, int: dg.IntSource, float: float, tuple[str, ...]: [str]}
 
 
 class Launching:
@@ -31,7 +37,8 @@ class Launching:
     Attributes:
         most_at_once: most runs that a build hands over before others have ended; None: as many as it has jobs.
         recordings_per_run: most small recordings that share a run; None: as many as keep the jobs busy.
-        executes_here: processes of this machine execute the runs, forked from the server that makes inventories ahead.
+        executes_here: processes of this machine execute the runs, forked from the server that makes inventories ahead; so a
+            run of a backfill may be about several recordings, which more of these processes make.
         names_workers: a run that it launched and that names no worker has none (see `orphaned_runs`).
     """
 
@@ -49,18 +56,41 @@ class Launching:
         return []
 
 
-class ConfiguredLauncher(Launching, RunLauncher[T_DagsterInstance], ConfigurableClass):
-    """A launcher whose constructor takes what `dagster.yaml` gives, and whose runs may be checked by run monitoring.
+@dataclass(frozen=True, kw_only=True)
+class LauncherSettings:
+    """What `config` of a launcher in `dagster.yaml` may say; all of it has a default.
 
-    Args:
-        inst_data: the configuration that it was made from.
+    Attributes:
         recipe: recipe of the project, for code locations that name none; default: that of the environment.
     """
 
-    def __init__(self, inst_data: ConfigurableClassData | None, recipe: str | None) -> None:
+    recipe: str | None = None
+
+
+class ConfiguredLauncher(Launching, RunLauncher[T_DagsterInstance], ConfigurableClass):
+    """A launcher with settings from `dagster.yaml`, whose runs may be checked by run monitoring.
+
+    Args:
+        inst_data: the configuration that it was made from.
+        config: the fields of its settings that are given.
+
+    Attributes:
+        settings_type: a dataclass, from which Dagster learns what `config` may hold.
+        settings: one of these.
+    """
+
+    settings_type: type[LauncherSettings] = LauncherSettings
+    settings: LauncherSettings
+
+    def __init__(self, inst_data: ConfigurableClassData | None = None, **config: Any) -> None:
         self._inst_data = inst_data
-        self._recipe = recipe
+        self.settings = self.settings_type(**config)
         super().__init__()  # type: ignore[no-untyped-call]  # Dagster's mixin has no annotations
+
+    @classmethod
+    def config_type(cls) -> dict[str, dg.Field]:
+        """Return the fields of `config` in `dagster.yaml`."""
+        return config_fields(cls.settings_type)
 
     @property
     def inst_data(self) -> ConfigurableClassData | None:
@@ -80,7 +110,7 @@ class ConfiguredLauncher(Launching, RunLauncher[T_DagsterInstance], Configurable
 
     @property
     def _recipe_file(self) -> Path | None:
-        found = configured_recipe(self._recipe)
+        found = configured_recipe(self.settings.recipe)
         return None if found is None else found.absolute()
 
     def _refuse_to_cancel(self, run: dg.DagsterRun, why: str) -> bool:
@@ -90,9 +120,21 @@ class ConfiguredLauncher(Launching, RunLauncher[T_DagsterInstance], Configurable
         return False
 
 
-def optional_fields(kind: Any, *names: str) -> dict[str, dg.Field]:
-    """Return fields of a launcher's `config` in `dagster.yaml` that may be left out, all of one kind."""
-    return {name: dg.Field(kind, is_required=False) for name in names}
+def config_fields(settings: type) -> dict[str, dg.Field]:
+    """Return the fields of `config` in `dagster.yaml` for a dataclass of settings; all may be left out.
+
+    Their kinds follow from the types. Another one stands in the metadata of a field, as `kind`.
+    """
+    types = get_type_hints(settings)
+    kinds = {
+        one.name: one.metadata["kind"] if "kind" in one.metadata else _kind_of(types[one.name])
+        for one in fields(settings)
+    }
+    return {name: dg.Field(kind, is_required=False) for name, kind in kinds.items()}
+
+
+def _kind_of(hint: Any) -> Any:
+    return _KINDS[hint if hint in _KINDS else get_args(hint)[0]]  # the type of `… | None`
 
 
 def last_words(log: Path) -> str:
@@ -106,9 +148,13 @@ def launching_of(instance: dg.DagsterInstance) -> Launching:
     return _said_by(instance.run_launcher)
 
 
-def launching_at(home: Path) -> Launching:
-    """Return how the launcher that the `dagster.yaml` of a folder names deals with runs, without opening the instance."""
-    return _said_by(read_settings(home).run_launcher)
+def executes_here(recipe_file: Path, recipe: Recipe) -> bool:
+    """Return whether the server of a project executes its runs, as far as its launcher says so; no instance is opened."""
+    try:
+        home = os.environ.get("DAGSTER_HOME") or dagster_home(recipe_file, recipe)
+        return _said_by(read_settings(Path(home)).run_launcher).executes_here
+    except Exception:  # noqa: BLE001  (whatever it is, who opens the instance meets it, too, and reports it)
+        return False
 
 
 def _said_by(launcher: object) -> Launching:

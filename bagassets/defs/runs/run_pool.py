@@ -119,12 +119,10 @@ class RunPool:
     _launched: frozenset[str] = frozenset()  # when last read
 
     def __post_init__(self) -> None:
-        launching = launching_of(self.instance)
-        self.jobs = launching.most_at_once or self.jobs
+        self.jobs = launching_of(self.instance).most_at_once or self.jobs
         self._key_of = self.key_of or self.names.key
         # Below a prefix, steps of assets are run by whatever executor the location names, perhaps a process each.
         self._is_by_job = self.key_of is None and bool(self.names.prefix)
-        self.most_per_run: int | None = launching.recordings_per_run
         # One for all runs: a code server takes seconds to start.
         self._workspace = LaunchWorkspace(self.instance, self.location, self.log)
         self._commits = Commits(self.instance)

@@ -217,10 +217,10 @@ def test_nothing_is_planned_when_nothing_has_changed(project, monkeypatch):
     project.build_project()
     assert project.cursor.quiet
 
-    def planned(*_args):
+    def planned(*_args, **_options):
         raise AssertionError("the plan was made again")
 
-    monkeypatch.setattr("bagassets.defs.graph.sensor_scan.plan_instance", planned)
+    monkeypatch.setattr("bagassets.defs.graph.sensor_scan.planner_of", planned)
     assert project.scan() == {}
     assert project.cursor.said == "1 recording; up to date."
     project.instance.wipe_assets([dg.AssetKey("frames")])
@@ -516,15 +516,15 @@ def test_a_tick_does_not_wait_for_one_that_takes_longer(project, monkeypatch):
 
 def test_a_recording_that_goes_during_a_look_is_no_failure(project, monkeypatch):
     monkeypatch.setattr(sensor, "PAUSE_S", 0.0)
-    plan_instance, calls = sensor_scan.plan_instance, []
+    planner_of, calls = sensor_scan.planner_of, []
 
-    def plan(*args):
+    def plan(*args, **options):
         calls.append(args)
         if len(calls) == 1:
             raise RecordingError("a.bag: cannot be read (No such file or directory); was it removed?")
-        return plan_instance(*args)
+        return planner_of(*args, **options)
 
-    monkeypatch.setattr(sensor_scan, "plan_instance", plan)
+    monkeypatch.setattr(sensor_scan, "planner_of", plan)
     assert [request.partition_key for request in tick(project).run_requests] == ["a.bag"]
 
 

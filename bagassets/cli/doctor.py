@@ -1,0 +1,116 @@
+"""`bagassets doctor`: what is wrong with a recording, what can be saved of it, and a mended copy."""
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from bagassets.base.errors import RecordingError
+from bagassets.base.escaping import visible
+from bagassets.cli.exit_status import ExitStatus
+from bagassets.cli.terminal import echo, echo_json, echo_lines
+
+if TYPE_CHECKING:
+    from bagassets.recordings.salvage.examine import Examined
+
+_STATUS = {"sound": 0, "mendable": ExitStatus.FOUND, "lost": ExitStatus.FAILED}
+_SHOWN = 20
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  bagassets doctor /data/recordings/monday.bag
+  bagassets doctor monday.bag.active --write monday_mended.bag
+  bagassets doctor tuesday --json | jq .damage.lost
+
+\b
+Exit status: 0 the recording is sound; 3 it is damaged, and can be read in part or as a whole; 1 nothing of it can."""
+)
+@click.argument("recording", type=click.Path(path_type=Path), metavar="PATH")
+@click.option(
+    "--write",
+    "copy",
+    type=click.Path(path_type=Path),
+    metavar="COPY",
+    help="Write what can be read to a new recording: a .bag, an .mcap, or a ROS 2 bag folder for one of ROS 2.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print what was found as JSON.")
+def doctor(recording: Path, copy: Path | None, as_json: bool) -> None:
+    """Say what is wrong with a recording, where, what can be saved, and what to do next.
+
+    PATH is a .bag, .bag.active, .mcap or .db3 file, one of these packed by zstd, or a ROS 2 bag folder. It is read completely,
+    and never written to.
+    """
+    from bagassets.recordings.salvage.examine import examine, mend
+
+    if copy is not None and copy.exists():
+        raise RecordingError(f"{copy}: there is something already; name a path where nothing is.")
+    found = examine(recording)
+    written = None if copy is None or found.verdict == "lost" else mend(recording, copy)
+    if as_json:
+        echo_json({**found.as_json(), **({} if copy is None else {"copy": str(copy), "written": written})})
+    else:
+        _print(found, copy, written)
+    sys.exit(_STATUS[found.verdict])
+
+
+def _print(found: "Examined", copy: Path | None, written: int | None) -> None:
+    """Print one page: what is wrong, where, what can be saved, what to do next."""
+    path = visible(str(found.path))
+    if found.verdict == "sound":
+        number = sum(count for _, count in found.topics.values())
+        echo_lines(f"{path}\n\nSound: all {number} messages can be read.", nl=written is None)
+    else:
+        echo_lines(f"{path}\n\nWhat is wrong\n  {found.problem.removeprefix(f'{found.path}: ')}")
+    damage = found.damage
+    if damage is not None:
+        lines = [f"{line[:1].upper()}{line[1:]}." for line in damage.findings]
+        lines += [
+            f"{hole.file}, bytes {hole.begin} to {hole.end}{_between(hole.start_ns, hole.end_ns)}: {hole.reason}"
+            for hole in damage.holes[:_SHOWN]
+        ]
+        if len(damage.holes) > _SHOWN:
+            lines.append(f"and {len(damage.holes) - _SHOWN} more places; --json has all")
+        if lines:
+            echo_lines("\nWhere\n" + "\n".join(f"  {line}" for line in lines))
+        width = max(map(len, found.topics), default=0)
+        rows = [
+            f"  {name:{width}}  {count:>8}  {damage.lost.get(name, 0):>6} lost"
+            for name, (_, count) in found.topics.items()
+        ]
+        if "" in damage.lost:
+            rows.append(f"  {'of unknown topics':{width}}  {'':>8}  {damage.lost['']:>6} lost")
+        share = damage.share()
+        echo_lines(f"\nWhat can be saved\n  {share[:1].upper()}{share[1:]}.\n" + "\n".join(rows))
+    if written is not None:
+        echo(f"\n{copy}: {written} messages written.".lstrip("\n"))
+    if found.verdict != "sound":
+        echo_lines("\nWhat to do next\n" + "\n".join(f"  {line}" for line in _advice(found, copy)))
+
+
+def _between(start_ns: int | None, end_ns: int | None) -> str:
+    from bagassets.assets.quality.finding import clock
+
+    if start_ns is None and end_ns is None:
+        return ""
+    after = "" if start_ns is None else f" after {clock(start_ns)}"
+    return after if end_ns is None or end_ns == start_ns else f"{after} before {clock(end_ns)}"
+
+
+def _advice(found: "Examined", copy: Path | None) -> list[str]:
+    if found.damage is None:
+        return [
+            "Copy it again from where it was recorded; nothing in this file is a recording that can be read."
+        ]
+    if found.damage.is_complete:
+        lines = ["Builds use it as it is, unless the recipe says `recover: refuse`."]
+    else:
+        lines = [
+            "Copy it again from where it was recorded, if it is whole there.",
+            "Or have builds use what can be read: `recover: all` in bags of the recipe.",
+        ]
+    if copy is None:
+        lines.append("For other programs, `--write COPY` makes a mended copy; this file stays as it is.")
+    return lines

@@ -1,0 +1,402 @@
+"""Damaged SQLite files of ROS 2: rows are read from the leaf pages of tables, wherever these lie in the file.
+
+A page tells by itself what it is, and a row by the types of its values which table it is in
+(https://www.sqlite.org/fileformat2.html). The pages above the leaves, and the index by time, are not needed.
+"""
+
+import os
+from collections.abc import Collection, Iterator, Mapping
+from pathlib import Path
+from struct import Struct
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bagassets.base.errors import BagAssetsError
+from bagassets.recipe.model import Limits
+from bagassets.recordings.damage import DamageError
+from bagassets.recordings.database_file import serialization_problem
+from bagassets.recordings.journals import journals_of, without_journals
+from bagassets.recordings.model import Definition, OnRead
+from bagassets.recordings.salvage.damage_map import CUT, Damage, Hole
+from bagassets.recordings.topic import RefusedBytes, TopicSource, is_transient_local, normalise_msgtype
+
+_MAGIC = b"SQLite format 3\0"
+_HEADER_BYTES, _LEAF = 100, 0x0D
+_PAGE_SIZES = tuple(1 << power for power in range(9, 17))
+_BLOCK_BYTES = 4 << 20
+_LEAF_HEAD, _POINTER, _NEXT = Struct(">BHHHB"), Struct(">H"), Struct(">I")
+_INTEGER_BYTES = (0, 1, 2, 3, 4, 6, 8, 8, 0, 0)
+_KEPT_PAGES = 64
+
+
+class _Cell(NamedTuple):
+    """A row as it lies in a page: its number, (type, begin, end) of its values, where its bytes begin, how many are here and in all."""
+
+    rowid: int
+    values: list[tuple[int, int, int]]
+    begin: int
+    local: int
+    size: int
+
+
+class TopicRow(NamedTuple):
+    """A row of `topics`."""
+
+    name: str
+    msgtype: str
+    serialization: str
+    qos: str
+
+
+class SalvagedDatabase:
+    """Reads the rows of a bag from the pages of its file; close it.
+
+    Args:
+        path: the file.
+        limits: of the recipe.
+        on_read: called with how far reading has come.
+        damage: takes what is found damaged.
+
+    Raises:
+        DamageError: there is no page with messages.
+    """
+
+    def __init__(self, path: Path, limits: Limits, on_read: OnRead | None, damage: Damage) -> None:
+        self._path, self._on_read, self._damage, self._limits = path, on_read, damage, limits
+        self.topics: dict[int, TopicRow] = {}
+        self._definitions: dict[str, Definition] = {}
+        self._pages: dict[int, bytes] = {}
+        self._file = self._opened()
+        try:
+            self._size = os.fstat(self._file).st_size
+            self._page_bytes, self._usable = self._page_size()
+            self._written = -(-self._size // self._page_bytes)  # pages up to the last that is not just zeros
+            self._rows = self._scan()
+        except BaseException:
+            os.close(self._file)
+            raise
+
+    def _opened(self) -> int:
+        """Open the file or, if it has a log or journal that can be applied, a private copy with that applied."""
+        if journals_of([self._path]):
+            try:
+                with without_journals(self._path) as readable:
+                    return os.open(readable, os.O_RDONLY)
+            except BagAssetsError:
+                raise
+            except Exception:  # noqa: BLE001  (whatever SQLite says of damaged bytes)
+                reason = "what lies beside it cannot be applied, so the last messages are missing"
+                size = self._path.stat().st_size
+                self._damage.is_total_known = False
+                self._damage.hole(Hole(self._path.name, size, size, reason))
+        return os.open(self._path, os.O_RDONLY)
+
+    def _page_size(self) -> tuple[int, int]:
+        """Return the size of a page and how much of it is used: as the header says or, if that is damaged, as most pages are."""
+        head = os.pread(self._file, _HEADER_BYTES, 0)
+        if len(head) < _HEADER_BYTES:
+            raise DamageError("it ends too early, or is damaged")
+        named = int.from_bytes(head[16:18], "big")
+        named = 65536 if named == 1 else named
+        reserved = head[20]
+        if head.startswith(_MAGIC) and named in _PAGE_SIZES and self._leaves(named) > 0:
+            return named, named - reserved
+        found = max(_PAGE_SIZES, key=self._leaves)
+        if self._leaves(found) <= 0:
+            raise DamageError("it is no SQLite database")
+        self._damage.find(
+            f"{self._path.name}: its first page is damaged, so what pages hold was found by looking"
+        )
+        return found, found - (reserved if reserved < 64 and found == named else 0)
+
+    def _leaves(self, page_bytes: int) -> int:
+        """Return how many rows are whole in the first pages of a file, less those that are not, if its pages are so large."""
+        block = os.pread(self._file, _BLOCK_BYTES, 0)
+        found, broken = 0, _Broken()
+        for at in range(page_bytes, len(block) - page_bytes + 1, page_bytes):
+            if block[at] == _LEAF:
+                found += sum(1 for _ in _cells(block[at : at + page_bytes], 0, page_bytes, broken))
+        return found - broken.number
+
+    # --- scanning ------------------------------------------------------------------------
+
+    def _scan(self) -> NDArray[np.int64]:
+        """Return (N, 5) rows of `messages`: log time, row number, topic, page, and offset of its cell in this; sorted by both of the first."""
+        found: list[tuple[int, int, int, int, int]] = []
+        rows: list[NDArray[np.int64]] = []
+        per_block = max(1, _BLOCK_BYTES // self._page_bytes)
+        last = 0
+        for first in range(0, -(-self._size // self._page_bytes), per_block):
+            block = os.pread(self._file, per_block * self._page_bytes, first * self._page_bytes)
+            self._tell((first + per_block) * self._page_bytes)
+            whole = len(block) // self._page_bytes
+            pages = np.frombuffer(block, np.uint8, whole * self._page_bytes).reshape(whole, -1)
+            written = np.flatnonzero(pages.any(axis=1))
+            last = first + int(written[-1]) + 1 if len(written) else last
+            leaves = pages[:, 0] == _LEAF
+            if first == 0 and whole:
+                leaves[0] = pages[0, _HEADER_BYTES] == _LEAF
+            for number in np.flatnonzero(leaves).tolist():
+                page = bytes(pages[number])
+                found += self._take_page(page, first + number)
+            rows.append(np.array(found, np.int64).reshape(-1, 5))
+            found.clear()
+        self._written = last
+        together = np.concatenate(rows) if rows else np.empty((0, 5), np.int64)
+        _, unique = np.unique(together[:, 1], return_index=True)
+        together = together[unique]
+        self._note_missing(together)
+        return together[np.lexsort((together[:, 1], together[:, 0]))]
+
+    def _take_page(self, page: bytes, number: int) -> Iterator[tuple[int, int, int, int, int]]:
+        """Yield the messages of a page, and note rows of other tables."""
+        broken = _Broken()
+        begin = _HEADER_BYTES if number == 0 else 0
+        for at, cell in _cells(page, begin, self._usable, broken):
+            kinds = [kind for kind, _, _ in cell.values]
+            if (
+                len(kinds) == 4
+                and kinds[0] <= 9
+                and max(kinds[1:3]) <= 9
+                and (kinds[3] >= 12 or not kinds[3])
+            ):
+                topic, time_ns = (_integer(page, *cell.values[i]) for i in (1, 2))
+                yield time_ns, cell.rowid, topic, number, at
+            elif len(kinds) >= 4 and kinds[0] <= 9 and all(kind >= 13 and kind % 2 for kind in kinds[1:4]):
+                self._take_texts(cell, self._content(page, cell))
+        if broken.number:
+            begin = number * self._page_bytes
+            reason = f"{broken.number} rows of a page are damaged"
+            self._damage.hole(Hole(self._path.name, begin, begin + self._page_bytes, reason))
+
+    def _take_texts(self, cell: _Cell, content: bytes | None) -> None:
+        if content is None:
+            return
+        texts = [
+            content[begin - cell.begin : end - cell.begin].decode("utf-8", "replace") if kind >= 13 else ""
+            for kind, begin, end in cell.values
+        ]
+        if texts[2] in {"ros2msg", "ros2idl", "unknown"}:
+            if texts[3] and texts[2] != "unknown":
+                msgtype = normalise_msgtype(texts[1])
+                kind: Any = "idl" if texts[2] == "ros2idl" else "msg"
+                self._definitions.setdefault(msgtype, Definition(kind, texts[3]))
+        elif "/" in texts[2]:
+            self.topics.setdefault(cell.rowid, TopicRow(texts[1], texts[2], texts[3], "".join(texts[4:5])))
+
+    def _note_missing(self, rows: NDArray[np.int64]) -> None:
+        """Note what the file lacks: its end, pages that were not written, and messages by the gaps between their numbers."""
+        name, end = self._path.name, self._size
+        head = os.pread(self._file, 32, 0)
+        announced = int.from_bytes(head[28:32], "big") * self._page_bytes
+        is_sure = head.startswith(_MAGIC) and 0 < announced < 2**48
+        if is_sure and announced > end:
+            self._damage.is_total_known = False
+            self._damage.hole(
+                Hole(name, end, announced, f"{CUT}: of {announced} bytes there are {end}", _latest(rows))
+            )
+        elif end % self._page_bytes:
+            self._damage.is_total_known = False
+            self._damage.hole(Hole(name, end, end, f"{CUT} within a page", _latest(rows)))
+        written = self._written * self._page_bytes
+        if written < end - end % self._page_bytes:
+            self._damage.is_total_known = False
+            reason = "zeros, as if it had not been written to the end"
+            self._damage.hole(Hole(name, written, end, reason, _latest(rows)))
+        numbers = np.concatenate([[0], rows[:, 1]])
+        for at in np.flatnonzero(np.diff(numbers) > 1).tolist():
+            missing = int(numbers[at + 1] - numbers[at] - 1)
+            before, after = rows[at - 1] if at else None, rows[at]
+            begin = 0 if before is None else (int(before[3]) + 1) * self._page_bytes
+            start_ns = None if before is None else int(before[0])
+            reason = "rows are gone, as the numbers of the others tell"
+            close = max(begin, int(after[3]) * self._page_bytes)
+            self._damage.hole(Hole(name, begin, close, reason, start_ns, int(after[0]), {"": missing}))
+
+    # --- content -------------------------------------------------------------------------
+
+    def _page(self, number: int) -> bytes:
+        page = self._pages.get(number)
+        if page is None:
+            page = os.pread(self._file, self._page_bytes, number * self._page_bytes)
+            self._pages[number] = page
+            if len(self._pages) > _KEPT_PAGES:
+                del self._pages[next(iter(self._pages))]
+            self._tell((number + 1) * self._page_bytes)
+        return page
+
+    def _content(self, page: bytes, cell: _Cell) -> bytes | None:
+        """Return the bytes of a row, those on overflow pages included; None if these are not all there."""
+        local = page[cell.begin : cell.begin + cell.local]
+        if cell.local == cell.size:
+            return local
+        (following,) = _NEXT.unpack_from(page, cell.begin + cell.local)
+        room = self._usable - _NEXT.size
+        pieces, left = [local], cell.size - cell.local
+        while left > 0:
+            if not 2 <= following <= self._written:
+                return None
+            number = min(-(-left // room), _BLOCK_BYTES // self._page_bytes)
+            block = os.pread(self._file, number * self._page_bytes, (following - 1) * self._page_bytes)
+            whole = len(block) // self._page_bytes
+            if not whole:
+                return None
+            pages = np.frombuffer(block, np.uint8, whole * self._page_bytes).reshape(whole, -1)
+            links = pages[:, : _NEXT.size].copy().view(">u4")[:, 0].astype(np.int64)
+            apart = np.flatnonzero(links != np.arange(following + 1, following + whole + 1))
+            run = int(apart[0]) + 1 if len(apart) else whole
+            piece = pages[:run, _NEXT.size : self._usable].tobytes()
+            pieces.append(piece[:left])
+            left -= len(pieces[-1])
+            following = int(links[run - 1])
+        return b"".join(pieces) if following == 0 else None
+
+    # --- as other files of recordings ----------------------------------------------------
+
+    def definitions(self) -> dict[str, Definition]:
+        """Return type -> definition."""
+        return dict(self._definitions)
+
+    def sources(self, counts: Mapping[int, int] = MappingProxyType({})) -> dict[int, TopicSource]:
+        """Return topic id -> name, type, definition, and one of `counts`."""
+        return {
+            number: TopicSource(
+                row.name,
+                msgtype := normalise_msgtype(row.msgtype),
+                counts.get(number, 0),
+                self._definitions.get(msgtype, Definition("none", "")),
+                "cdr",
+                serialization_problem(row.serialization),
+                is_transient_local(row.qos),
+            )
+            for number, row in sorted(self.topics.items())
+        }
+
+    def counts(self) -> dict[int, int]:
+        """Return topic id -> number of rows."""
+        numbers, counts = np.unique(self._rows[:, 2], return_counts=True)
+        return dict(zip(numbers.tolist(), counts.tolist(), strict=True))
+
+    def note_unnamed(self) -> None:
+        """Note messages of topics that have no row."""
+        for number, count in self.counts().items():
+            if number not in self.topics:
+                reason = f"nothing tells the name of topic {number}"
+                self._damage.hole(Hole(self._path.name, -number, -number, reason, lost={"": count}))
+
+    def span_ns(self) -> tuple[int, int] | None:
+        """Return first and last log time; None without messages."""
+        return (int(self._rows[0, 0]), int(self._rows[-1, 0])) if len(self._rows) else None
+
+    def messages(self, topics: Collection[int]) -> Iterator[tuple[int, int, bytes]]:
+        """Yield topic id, log time and payload in order of log time."""
+        rows = self._rows[np.isin(self._rows[:, 2], list(topics))]
+        for time_ns, rowid, topic, number, at in _listed(rows):
+            page = self._page(number)
+            cell = _cell(page, at, self._usable)
+            _, begin, end = cell.values[3]
+            if end - begin > self._limits.message_bytes:
+                yield topic, time_ns, RefusedBytes()
+                continue
+            content = self._content(page, cell)
+            if content is not None:
+                yield topic, time_ns, content[begin - cell.begin : end - cell.begin]
+                continue
+            place = number * self._page_bytes + at
+            reason = f"the pages of message {rowid} are gone or torn"
+            lost = {self.topics[topic].name if topic in self.topics else "": 1}
+            self._damage.hole(
+                Hole(self._path.name, place, place + cell.local, reason, time_ns, time_ns, lost)
+            )
+
+    def _tell(self, position: int) -> None:
+        if self._on_read is not None:
+            self._on_read(self._path, min(position, self._size), b"")
+
+    def close(self) -> None:
+        """Close the file."""
+        os.close(self._file)
+
+
+def _listed(rows: NDArray[np.int64]) -> Iterator[list[int]]:
+    """Yield rows as lists, without making all of them at once."""
+    for begin in range(0, len(rows), 10_000):
+        yield from rows[begin : begin + 10_000].tolist()
+
+
+def _latest(rows: NDArray[np.int64]) -> int | None:
+    return int(rows[:, 0].max()) if len(rows) else None
+
+
+class _Broken:
+    """Counts the cells of a page that cannot be read."""
+
+    number = 0
+
+
+def _cells(page: bytes, begin: int, usable: int, broken: _Broken) -> Iterator[tuple[int, _Cell]]:
+    """Yield the offsets of the cells of a leaf, and what they hold."""
+    _, _, number, _, _ = _LEAF_HEAD.unpack_from(page, begin)
+    first = begin + _LEAF_HEAD.size
+    if first + _POINTER.size * number > usable:
+        broken.number += 1
+        return
+    for place in range(first, first + _POINTER.size * number, _POINTER.size):
+        (at,) = _POINTER.unpack_from(page, place)
+        try:
+            yield at, _cell(page, at, usable)
+        except (IndexError, DamageError):
+            broken.number += 1
+
+
+def _cell(page: bytes, at: int, usable: int) -> _Cell:
+    """Return a row of a table.
+
+    Raises:
+        DamageError: there is none.
+        IndexError: likewise.
+    """
+    size, at = _varint(page, at)
+    rowid, begin = _varint(page, at)
+    most = usable - 35
+    local = size
+    if size > most:
+        least = (usable - 12) * 32 // 255 - 23
+        local = least + (size - least) % (usable - 4)
+        local = local if local <= most else least
+    if not size > 0 or begin + local + (4 if local < size else 0) > usable:
+        raise DamageError("cell")
+    head_bytes, at = _varint(page, begin)
+    values, value_at, head_end = [], begin + head_bytes, begin + head_bytes
+    if head_end > begin + local:
+        raise DamageError("cell")
+    while at < head_end:
+        kind, at = _varint(page, at)
+        length = (kind - 12) // 2 if kind >= 12 else _INTEGER_BYTES[kind]
+        values.append((kind, value_at, value_at + length))
+        value_at += length
+    if at != head_end or value_at - begin != size or len(values) > 20:
+        raise DamageError("cell")
+    return _Cell(rowid, values, begin, local, size)
+
+
+def _varint(page: bytes, at: int) -> tuple[int, int]:
+    """Return a number of up to 9 bytes, and where it ends."""
+    value = page[at]
+    if value < 0x80:
+        return value, at + 1
+    value &= 0x7F
+    for number in range(1, 8):
+        byte = page[at + number]
+        value = value << 7 | byte & 0x7F
+        if byte < 0x80:
+            return value, at + number + 1
+    value = value << 8 | page[at + 8]
+    return value - (1 << 64) if value >= 1 << 63 else value, at + 9
+
+
+def _integer(page: bytes, kind: int, begin: int, end: int) -> int:
+    return kind - 8 if kind in {8, 9} else int.from_bytes(page[begin:end], "big", signed=True)

@@ -1,0 +1,122 @@
+"""What is wrong with one recording: read as builds do and, where that fails, as far as can be."""
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Literal
+
+from bagassets.base.errors import RecordingError
+from bagassets.base.json_types import JsonObject
+from bagassets.recipe.model import Limits
+from bagassets.recordings.open import open_recording
+from bagassets.recordings.recording import Recording
+from bagassets.recordings.salvage.copy import write_copy
+from bagassets.recordings.salvage.damage_map import DamageMap
+from bagassets.recordings.salvage.open import open_salvaged
+
+Verdict = Literal["sound", "mendable", "lost"]
+
+# A copy takes every message, whatever builds would make of it.
+_ANY = Limits(chunk_bytes=4_000_000_000, message_bytes=4_000_000_000, connections=10**9, topics=10**9)
+
+
+@dataclass(frozen=True)
+class Examined:
+    """What was found.
+
+    Attributes:
+        path: the recording.
+        verdict: `sound`; `mendable` if anything can be read; else `lost`.
+        problem: what builds that refuse damaged recordings say of it; "" if it is sound.
+        topics: topic -> type, and number of messages that can be read.
+        damage: what is damaged; None if it is sound, or nothing can be read.
+    """
+
+    path: Path
+    verdict: Verdict
+    problem: str
+    topics: Mapping[str, tuple[str, int]]
+    damage: DamageMap | None
+
+    def as_json(self) -> JsonObject:
+        """Return it as JSON."""
+        return {
+            "path": str(self.path),
+            "verdict": self.verdict,
+            "problem": self.problem,
+            "topics": {
+                name: {"type": kind, "messages": number} for name, (kind, number) in self.topics.items()
+            },
+            "damage": None
+            if self.damage is None
+            else {**self.damage.as_json(), "complete": self.damage.is_complete},
+        }
+
+
+def examine(path: Path) -> Examined:
+    """Read a recording, and say what is wrong with it.
+
+    Raises:
+        RecordingError: nothing is there, or there is no space for what reading it takes.
+    """
+    path = path.absolute()
+    if not path.exists():
+        raise RecordingError(f"{path}: no such file or folder.")
+    try:
+        with open_recording(path) as recording:
+            counts, missing = _read(recording)
+            problem = ", ".join(f"{number} of {name}" for name, number in missing.items() if number > 0)
+            if not problem:
+                return Examined(path, "sound", "", _topics(recording, counts), None)
+            problem = f"{path}: messages that its index announces are missing: {problem}."
+    except RecordingError as err:
+        if err.transient:
+            raise
+        problem = str(err)
+    try:
+        with open_salvaged(path) as recording:
+            counts, missing = _read(recording)
+            if recording.damage is not None and counts.total():
+                damage = recording.damage.map(missing, counts.total())
+                return Examined(path, "mendable", problem, _topics(recording, counts), damage)
+    except RecordingError as err:
+        if err.transient:
+            raise
+    return Examined(path, "lost", problem, {}, None)
+
+
+def _read(recording: Recording) -> tuple[Counter[str], dict[str, int]]:
+    """Return topic -> messages that can be read, and topic -> those that are announced beyond them."""
+    counts: Counter[str] = Counter()
+    recording.check_content()
+    for message in recording.messages(list(recording.topics)):
+        counts[message.topic] += 1
+    return counts, {name: topic.count - counts[name] for name, topic in recording.topics.items()}
+
+
+def _topics(recording: Recording, counts: Mapping[str, int]) -> dict[str, tuple[str, int]]:
+    return {name: (topic.msgtype, counts.get(name, 0)) for name, topic in recording.topics.items()}
+
+
+def mend(path: Path, copy: Path) -> int:
+    """Write a copy of what can be read of a recording, which appears whole; return the number of messages.
+
+    Raises:
+        RecordingError: the copy has the name of another format, or cannot be written.
+    """
+    path, copy = path.absolute(), copy.absolute()
+    with open_salvaged(path, (), _ANY) as recording:
+        suffix = {"ros1": ".bag", "mcap": ".mcap"}.get(recording.format, "")
+        if (copy.suffix if copy.suffix in {".bag", ".mcap", ".db3"} else "") != suffix:
+            kind = f"a file whose name ends in {suffix}" if suffix else "a folder, a ROS 2 bag"
+            raise RecordingError(f"{copy}: the copy of {path.name} is {kind}; name it so.")
+        try:
+            with TemporaryDirectory(prefix=".bagassets-", dir=copy.parent) as folder:
+                made = Path(folder) / copy.name
+                number = write_copy(recording, made)
+                made.rename(copy)
+        except OSError as err:
+            raise RecordingError(f"{copy}: cannot be written ({err.strerror}).") from err
+    return number

@@ -1,0 +1,190 @@
+"""ROS 2 bag folders of which the metadata, a file, or a part of one is damaged or missing."""
+
+import re
+from collections import Counter
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+
+from bagassets.base.errors import BagAssetsError
+from bagassets.base.json_types import JsonMapping
+from bagassets.recipe.model import Limits
+from bagassets.recordings.damage import DamageError, refuse_pointer, unreadable
+from bagassets.recordings.decompress import TooLargeError, decompress
+from bagassets.recordings.journals import scratch_folder
+from bagassets.recordings.merge_topics import merge_topics
+from bagassets.recordings.model import METADATA, OnRead, RawMessage
+from bagassets.recordings.recording import Recording
+from bagassets.recordings.rosbag2 import (
+    ZSTD,
+    Rosbag2Recording,
+    compression_mode,
+    named_files,
+    read_metadata,
+)
+from bagassets.recordings.salvage.damage_map import END_UNKNOWN, Damage, Hole
+from bagassets.recordings.salvage.database_pages import SalvagedDatabase, TopicRow
+from bagassets.recordings.salvage.mcap_scan import SalvagedMcap
+from bagassets.recordings.salvage.unpack import unpack_file
+from bagassets.recordings.sizes import Sizes
+from bagassets.recordings.topic import RefusedBytes
+
+_STORAGE = ("*.db3", "*.mcap", "*.db3.zstd", "*.mcap.zstd")
+_NO_METADATA: JsonMapping = {"topics_with_message_count": []}
+
+
+class SalvagedFolder(Rosbag2Recording):
+    """A ROS 2 bag folder, for what can be read of it.
+
+    Args:
+        path: the folder.
+        message_definitions: folders of `.msg` files.
+        limits: of the recipe.
+        on_read: called with how far reading has come.
+        damage: takes what is found damaged.
+
+    Raises:
+        RecordingError: none of its files can be read.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        message_definitions: Sequence[Path],
+        limits: Limits,
+        on_read: OnRead | None,
+        damage: Damage,
+    ) -> None:
+        self._limits, self._on_read, self._noted = limits, on_read, damage
+        self._stack = ExitStack()
+        metadata, mode, files = self._described(path)
+        self._compressed_messages = mode == "message"
+        try:
+            there = [file for file in files if file.exists()]
+            self._sizes = Sizes(path, sum(file.stat().st_size for file in there), limits)
+            opened = [
+                self._salvaged(file, metadata, is_packed=mode == "file" or file.suffix == ZSTD)
+                for file in files
+            ]
+            self._files = [one for one in opened if not isinstance(one, BagAssetsError)]  # type: ignore[misc]
+            if not self._files:
+                errors = (one for one in opened if isinstance(one, BagAssetsError))
+                raise next(errors, DamageError("none of its files is there"))  # noqa: TRY301  (others are closed below)
+            for one in self._files:
+                if isinstance(one, SalvagedDatabase):
+                    self._name_topics(one, metadata)
+            if metadata is not _NO_METADATA:  # it says how many there were
+                damage.is_total_known = damage.is_listed = True
+                damage.findings = {one: None for one in damage.findings if not one.endswith(END_UNKNOWN)}
+            topics = merge_topics(path, self._sources(metadata), message_definitions, limits)
+            Recording.__init__(self, path, "ros2", topics)
+        except BaseException:
+            self._stack.close()
+            raise
+
+    def _described(self, path: Path) -> tuple[JsonMapping, str, list[Path]]:
+        """Return the metadata, what is compressed, and the files; without metadata, those that are there."""
+        try:
+            metadata = read_metadata(path / METADATA)
+            return metadata, compression_mode(metadata), named_files(path, metadata)
+        except (BagAssetsError, DamageError, OSError) as err:
+            self._noted.find(str(err) if isinstance(err, DamageError) else f"its {METADATA} cannot be read")
+        self._noted.end_unknown(METADATA)
+        files = [file for pattern in _STORAGE for file in path.glob(pattern)]
+        return _NO_METADATA, "none", sorted(files, key=_by_number)
+
+    def _salvaged(
+        self, file: Path, metadata: JsonMapping, *, is_packed: bool
+    ) -> SalvagedDatabase | SalvagedMcap | BagAssetsError:
+        """Open one file; return why that cannot be, if so, which is noted."""
+        size = file.stat().st_size if file.exists() else 0
+        try:
+            refuse_pointer(file)
+            if not is_packed:
+                return self._reader(file)
+            with scratch_folder(file, size) as folder:
+                plain = folder / file.stem
+                if problem := unpack_file(file, plain, self._sizes, self._on_read):
+                    self._noted.is_total_known = False
+                    self._noted.hole(Hole(file.name, size, size, problem))
+                return self._reader(plain)
+        except BagAssetsError as err:
+            if err.transient:
+                raise
+            return self._lost(file, size, err, metadata)
+        except Exception as err:  # noqa: BLE001  (whatever damaged bytes lead to)
+            return self._lost(file, size, unreadable(file, err), metadata)
+
+    def _reader(self, file: Path) -> SalvagedDatabase | SalvagedMcap:
+        opened: SalvagedDatabase | SalvagedMcap
+        if file.suffix == ".mcap":
+            opened = SalvagedMcap(file, self._limits, self._on_read, self._noted, self._sizes)
+        else:
+            opened = SalvagedDatabase(file, self._limits, self._on_read, self._noted)
+        self._stack.callback(opened.close)
+        return opened
+
+    def _lost(self, file: Path, size: int, err: BagAssetsError, metadata: JsonMapping) -> BagAssetsError:
+        entries = [
+            one
+            for one in metadata.get("files") or []
+            if isinstance(one, dict) and one.get("path") == file.name
+        ]
+        number = entries[0].get("message_count") if entries else None
+        lost = {"": number} if isinstance(number, int) else None
+        reason = str(err).removeprefix(f"{file}: ").rstrip(".") if file.exists() else "the file is missing"
+        self._noted.is_total_known = False
+        self._noted.hole(Hole(file.name, 0, size, reason, lost=lost))
+        return err
+
+    def _name_topics(self, database: SalvagedDatabase, metadata: JsonMapping) -> None:
+        """Give topics that have no row the name of the only topic in the metadata with so many messages."""
+        counts, listed = database.counts(), metadata["topics_with_message_count"]
+        unnamed = {number: count for number, count in counts.items() if number not in database.topics}
+        for number, count in unnamed.items():
+            alike = [entry["topic_metadata"] for entry in listed if entry["message_count"] == count]
+            if len(alike) == 1 and Counter(unnamed.values())[count] == 1 and len(self._files) == 1:
+                name, msgtype, how = (
+                    alike[0].get(one) or "" for one in ("name", "type", "serialization_format")
+                )
+                if all(isinstance(text, str) for text in (name, msgtype, how)):
+                    database.topics[number] = TopicRow(name, msgtype, how, "")
+        database.note_unnamed()
+
+    @property
+    def files(self) -> "tuple[SalvagedDatabase | SalvagedMcap, ...]":
+        """The open files."""
+        return tuple(self._files)  # type: ignore[arg-type]
+
+    def rows(self, file: SalvagedDatabase) -> Iterator[tuple[int, int, bytes | memoryview]]:
+        """Yield topic id, log time and payload of the messages in one of the files, decompressed."""
+        for number, log_time_ns, data in file.messages(file.topics):
+            content = self._unpacked(file.topics[number].name, log_time_ns, data)
+            if content is not None:
+                yield number, log_time_ns, content
+
+    def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
+        for file in self._files:
+            wanted = self._carrying(topics, file.sources())
+            for number, log_time_ns, data in file.messages(wanted.keys()) if wanted else ():
+                content = self._unpacked(wanted[number][0], log_time_ns, data)
+                if content is not None:
+                    yield RawMessage(*wanted[number], log_time_ns, content)
+
+    def _unpacked(self, topic: str, time_ns: int, data: bytes | memoryview) -> bytes | memoryview | None:
+        """Return a message, or None if it cannot be decompressed, which is noted."""
+        if not self._compressed_messages or isinstance(data, RefusedBytes):
+            return data
+        try:
+            return decompress(bytes(data), "zstd", self._limits.message_bytes)
+        except TooLargeError:
+            return RefusedBytes()
+        except Exception:  # noqa: BLE001  (as above)
+            hole = Hole(METADATA, -1, -1, "messages cannot be decompressed", time_ns, time_ns)
+            self._noted.cost(hole, topic)
+            return None
+
+
+def _by_number(file: Path) -> list[tuple[int, str]]:
+    """Return what to sort parts by: their numbers as such."""
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", file.name)]

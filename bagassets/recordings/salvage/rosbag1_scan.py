@@ -1,0 +1,413 @@
+"""Damaged ROS 1 bags: chunks are found by their records, and messages by the index behind each chunk or by theirs.
+
+Where the index behind a chunk is whole and its connections are known, the chunk is not unpacked before its messages are
+due (https://wiki.ros.org/Bags/Format/2.0).
+"""
+
+import re
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from io import BytesIO
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.interfaces import Connection
+from rosbags.rosbag1.reader import Chunk, Header, RecordType
+
+from bagassets.base.errors import SizeLimitError
+from bagassets.recipe.model import Limits
+from bagassets.recordings.chunks import LatestChunks, detached
+from bagassets.recordings.damage import NO_BEGINNING, DamageError
+from bagassets.recordings.model import OnRead
+from bagassets.recordings.rosbag1 import ENTRY, SIZE, IndexReader, Records, in_order, sized, text_in
+from bagassets.recordings.salvage.damage_map import NO_INDEX, Damage, Extent, Hole, times_around
+from bagassets.recordings.salvage.find_records import next_record, what_is_there
+from bagassets.recordings.salvage.unpack import unpack_chunk
+
+_MAGIC = b"#ROSBAG V2.0\n"
+_LONGEST_HEADER, _LONGEST_RECORD = 1_000_000, 64_000_000  # but for those of chunks and messages
+# Headers of chunks and messages have the same fields everywhere, in any order, and so one length each.
+_CHUNK_BEGINNING = re.compile(
+    rb"[\x28\x29]\0\0\0(?:[\x0f\x10]\0\0\0compression=|\x04\0\0\0op=\x05|\x09\0\0\0size=)", re.DOTALL
+)
+_MESSAGE_BEGINNING = re.compile(
+    rb"\x26\0\0\0(?:\x09\0\0\0conn=|\x04\0\0\0op=\x02|\x0d\0\0\0time=)", re.DOTALL
+)
+
+
+@dataclass(slots=True)
+class _Found:
+    """A chunk: where it and its index end, and connection -> entries of its index.
+
+    Its file may end before it does; or it was being written, and its length is not known.
+    """
+
+    end: int
+    is_cut: bool
+    is_open: bool
+    index: dict[int, NDArray[np.void]] = field(default_factory=dict)
+
+
+class SalvagedBag(IndexReader):
+    """Reads what is whole of a bag; it is opened at once.
+
+    Args:
+        path: the file.
+        limits: of the recipe.
+        on_read: called with how far reading has come.
+        damage: takes what is found damaged.
+    """
+
+    def __init__(self, path: Path, limits: Limits, on_read: OnRead | None, damage: Damage) -> None:
+        self._damage = damage
+        self._found: dict[int, _Found] = {}
+        self._data_end = 0  # where the index begins; 0 if nothing says so
+        self._by_id: dict[int, Connection] = {}
+        self.fields: dict[int, Header] = {}
+        self._announced: Counter[int] = Counter()
+        self._counts_at: dict[int, dict[int, int]] = {}
+        super().__init__(path, limits, on_read)
+
+    def open(self) -> None:
+        """Find the chunks, and what is in them.
+
+        Raises:
+            DamageError: it does not begin as a bag does.
+            SizeLimitError: it announces more than it may hold.
+        """
+        self.bio = self._file.open("rb")
+        try:
+            if not (has_magic := self.bio.read(len(_MAGIC)) == _MAGIC):
+                self._damage.find(f"{self._file.name}: its first bytes are damaged")
+            is_indexed = self._read_index()
+            self._walk(len(_MAGIC))
+            if not has_magic and not self._found:
+                raise DamageError(NO_BEGINNING)  # noqa: TRY301  (the file is closed below)
+            for position in sorted(self._found):
+                self._take_chunk(position)
+            self.connections = [self._by_id[one] for one in sorted(self._by_id)]
+            if not is_indexed:
+                self._note_missing_index()
+            self._note_missing_chunks()
+        except BaseException:
+            self.bio.close()
+            raise
+
+    def _read_index(self) -> bool:
+        """Read connections and the counts of chunks at the end of the file; return whether all are there."""
+        try:
+            header = Header.read(self._opened, RecordType.BAGHEADER)
+            position, connections = header.get_uint64("index_pos"), header.get_uint32("conn_count")
+            if not len(_MAGIC) < position <= self._size:
+                return False
+            self._data_end = position
+            self._opened.seek(position)
+            for _ in range(connections):
+                self._take_connection(self.read_connection())
+            infos = [self.read_chunk_info() for _ in range(header.get_uint32("chunk_count"))]
+        except SizeLimitError:
+            raise
+        except Exception:  # noqa: BLE001  (whatever the library raises on damaged bytes)
+            return False
+        finally:
+            self._compression.clear()
+        self.chunk_infos = infos
+        self._counts_at = {info.pos: info.connection_counts for info in infos}
+        for info in infos:
+            self._announced.update(info.connection_counts)
+        return True
+
+    def read_connection(self) -> Connection:
+        """Read one connection, and keep its fields for a copy."""
+        begin = self._opened.tell()
+        self._connections_read = len(self._by_id)  # the same one may be met several times
+        one = super().read_connection()
+        self._opened.seek(begin)
+        Header.read(self._opened)
+        self.fields[one.id] = Header.read(self._opened)
+        return one
+
+    def _take_connection(self, one: Connection) -> None:
+        self._by_id.setdefault(one.id, one)
+
+    # --- records of the file -------------------------------------------------------------
+
+    def _walk(self, begin: int) -> None:
+        """Find all chunks with their indexes; what cannot be read between them is a hole."""
+        latest: _Found | None = None
+        data_end = self._data_end or self._size
+        while begin < data_end:
+            try:
+                latest, begin = self._record(begin, latest)
+            except SizeLimitError:
+                raise
+            except Exception:  # noqa: BLE001  (as above)
+                at = next_record(self._opened, begin + 1, data_end, _CHUNK_BEGINNING, self._is_chunk)
+                self._note_hole(begin, at)
+                begin, latest = at, None
+
+    def _record(self, begin: int, latest: _Found | None) -> tuple[_Found | None, int]:
+        """Take the record at a position; return the chunk that an index behind it belongs to, and where it ends."""
+        header, at, size = self._header(begin)
+        end, op = at + size, header.get_uint8("op")
+        if op == RecordType.CHUNK:
+            compression, unpacked = text_in(header, "compression"), header.get_uint32("size")
+            if compression not in {"none", "bz2", "lz4"}:
+                raise DamageError("compression")
+            most = max(unpacked, size if compression == "none" else 0)
+            if most > self._limits.chunk_bytes:
+                raise DamageError("size")
+            self._sizes.add_chunk(begin, most)
+            if is_open := not size and not unpacked:  # recorders fill these in when a chunk is done
+                most = min(self._size - at, self._limits.chunk_bytes)
+                end, unpacked = self._size + 1, most if compression == "none" else self._limits.chunk_bytes
+                self._damage.find(f"{self._file.name}: its last chunk was being written")
+            self.chunks[begin] = Chunk(min(end, self._size) - at, at, bytes)
+            self._compression[begin] = compression, unpacked
+            latest = self._found[begin] = _Found(min(end, self._size), end > self._size, is_open)
+            return latest, latest.end
+        if end > self._size or size > _LONGEST_RECORD:
+            raise DamageError("cut off")
+        if op == RecordType.IDXDATA and latest is not None and begin == latest.end:
+            if size != header.get_uint32("count") * ENTRY.itemsize or header.get_uint32("ver") != 1:
+                raise DamageError("index")
+            self._opened.seek(at)
+            latest.index[header.get_uint32("conn")] = np.frombuffer(self._opened.read(size), ENTRY)
+            latest.end = end
+        elif op == RecordType.CONNECTION:
+            self._opened.seek(begin)
+            self._take_connection(self.read_connection())
+        elif op not in {RecordType.BAGHEADER, RecordType.CHUNK_INFO, RecordType.IDXDATA}:
+            raise DamageError("record")
+        return latest, end
+
+    def _header(self, begin: int) -> tuple[Header, int, int]:
+        """Return the header of the record at a position, where its data begin, and their length."""
+        file = self._opened
+        file.seek(begin)
+        (length,) = SIZE.unpack(file.read(SIZE.size))
+        if not 0 < length <= _LONGEST_HEADER:
+            raise DamageError("header")
+        file.seek(begin)
+        header = Header.read(file)
+        (size,) = SIZE.unpack(file.read(SIZE.size))
+        return header, file.tell(), size
+
+    def _is_chunk(self, begin: int) -> bool:
+        with suppress(Exception):
+            header, _, size = self._header(begin)
+            return header.get_uint8("op") == RecordType.CHUNK and size > 0
+        return False
+
+    def _note_hole(self, begin: int, end: int, reason: str = "") -> None:
+        spans = [(position, _span_of(one.index)) for position, one in self._found.items()]
+        extents = [Extent(position, *span) for position, span in spans if span is not None]
+        lost: Counter[str] = Counter()
+        for info in self.chunk_infos:
+            if begin <= info.pos < end:
+                lost += self._of_topics(info.connection_counts)
+        if not reason:
+            reason = what_is_there(self._opened, begin, end)
+        known = dict(lost) if self.chunk_infos else None
+        self._damage.hole(
+            Hole(self._file.name, begin, end, reason, *times_around(extents, begin, end), known)
+        )
+
+    def _note_missing_index(self) -> None:
+        if not self._data_end:
+            self._damage.find(f"{self._file.name}: {NO_INDEX}")
+            self._damage.end_unknown(self._file.name)
+            return
+        self._damage.find(f"{self._file.name}: its index is damaged")
+        if self._damage.holes:
+            self._damage.is_total_known = False
+
+    def _note_missing_chunks(self) -> None:
+        for info in self.chunk_infos:
+            holes = self._damage.holes.values()
+            is_told = any(hole.begin <= info.pos < hole.end for hole in holes if hole.file == self._file.name)
+            if info.pos not in self._found and not is_told:
+                self._note_hole(info.pos, info.pos + 1, "there is no chunk, although its index names one")
+
+    def _of_topics(self, counts: "Counter[int] | dict[int, int]") -> Counter[str]:
+        found: Counter[str] = Counter()
+        for one, number in counts.items():
+            found[self._by_id[one].topic if one in self._by_id else ""] += number
+        return found
+
+    # --- chunks --------------------------------------------------------------------------
+
+    def _take_chunk(self, position: int) -> None:
+        """Note the messages of a chunk, by its index if that can be trusted, else by its records."""
+        found = self._found[position]
+        index = found.index
+        if not self._is_sound(position) or not index.keys() <= self._by_id.keys():
+            content = self._load(position)
+            index = self._index_of(position, content)
+        for one, entries in index.items():
+            if one in self._by_id:
+                self._entries.setdefault(one, []).append((position, entries))
+            else:
+                reason = f"nothing describes connection {one}"
+                self._damage.hole(Hole(self._file.name, position, found.end, reason, lost={"": len(entries)}))
+
+    def _is_sound(self, position: int) -> bool:
+        """Tell whether the index behind a chunk is whole, as far as can be seen without unpacking."""
+        found, (compression, unpacked) = self._found[position], self._compression[position]
+        if (
+            found.is_cut
+            or not found.index
+            or (compression == "none" and unpacked != self.chunks[position].datasize)
+        ):
+            return False
+        offsets = np.sort(np.concatenate([entries["offset"] for entries in found.index.values()]))
+        if len(offsets) and (int(offsets[-1]) >= unpacked or (np.diff(offsets) == 0).any()):
+            return False
+        if not all(
+            (np.diff(_times(one)) >= 0).all() and (np.diff(one["offset"].astype(np.int64)) > 0).all()
+            for one in found.index.values()
+        ):
+            return False
+        if not self.chunk_infos:
+            return found.end in self._found  # else more of the index may be missing
+        counts = {one: len(entries) for one, entries in found.index.items()}
+        return counts == self._counts_at.get(position)
+
+    def _load(self, position: int) -> bytes:
+        """Return what a chunk holds, as far as it can be read; anything else is noted."""
+        chunk, (compression, unpacked) = self.chunks[position], self._compression[position]
+        self._opened.seek(chunk.datapos)
+        packed = self._opened.read(chunk.datasize)
+        if self._on_read is not None:
+            self._on_read(self._file, self._opened.tell(), packed)
+        found = self._found[position]
+        most = max(unpacked, len(packed)) if compression == "none" else unpacked
+        content, problem = unpack_chunk(packed, compression, most, is_cut=found.is_cut)
+        if problem and not (found.is_open and compression == "none"):  # whose records tell where they end
+            first_ns, last_ns = _span_of(found.index) or (None, None)
+            lost = self._of_topics({one: len(entries) for one, entries in found.index.items()})
+            known = dict(lost) if lost and not content else None
+            end = chunk.datapos + chunk.datasize
+            reason = f"the chunk is damaged: {problem}"
+            self._damage.hole(Hole(self._file.name, position, end, reason, first_ns, last_ns, known))
+        return content
+
+    def _index_of(self, position: int, content: bytes) -> dict[int, NDArray[np.void]]:
+        """Return connection -> entries of the records in a chunk; what lies between them is noted."""
+        found: dict[int, list[tuple[int, int, int]]] = {}
+        for begin, header, end in self._records_in(position, content):
+            if header.get_uint8("op") == RecordType.CONNECTION:
+                with suppress(Exception):  # one without a topic carries nothing
+                    self._take_connection(_read_as(self, BytesIO(content), begin))
+            elif end <= len(content):
+                time_ns = header.get_time("time")
+                found.setdefault(header.get_uint32("conn"), []).append((*divmod(time_ns, 10**9), begin))
+        return {one: np.array(entries, ENTRY) for one, entries in found.items()}
+
+    def _records_in(self, position: int, content: bytes) -> Iterator[tuple[int, Header, int]]:
+        """Yield where each record in a chunk begins, its header, and where it ends."""
+        source, begin = BytesIO(content), 0
+
+        def record(at: int) -> tuple[Header, int]:
+            source.seek(at)
+            (length,) = SIZE.unpack(source.read(SIZE.size))
+            if not 0 < length <= _LONGEST_HEADER:
+                raise DamageError("header")
+            source.seek(at)
+            header = Header.read(source)
+            op = header.get_uint8("op")
+            if op not in {RecordType.MSGDATA, RecordType.CONNECTION}:
+                raise DamageError("record")
+            header.get_uint32("conn")
+            if op == RecordType.MSGDATA:
+                header.get_time("time")
+            end = source.tell() + SIZE.size + len(sized(content, source.tell()))
+            return header, end
+
+        def is_record(at: int) -> bool:
+            with suppress(Exception):
+                record(at)
+                return True
+            return False
+
+        while begin < len(content):
+            try:
+                header, end = record(begin)
+            except Exception:  # noqa: BLE001  (as above)
+                at = next_record(source, begin + 1, len(content), _MESSAGE_BEGINNING, is_record)
+                chunk = self.chunks[position]
+                found = self._found[position]
+                if not found.is_cut or found.is_open or at < len(content):
+                    reason = f"bytes {begin} to {at} in the chunk are no record"
+                    end = chunk.datapos + chunk.datasize
+                    self._damage.hole(Hole(self._file.name, position, end, reason))
+                begin = at
+                continue
+            yield begin, header, end
+            begin = end
+
+    # --- messages ------------------------------------------------------------------------
+
+    def counts(self) -> dict[int, int]:
+        """Return connection -> number of messages, announced or found."""
+        found = super().counts()
+        return {one: max(self._announced[one], found.get(one, 0)) for one in {*found, *self._announced}}
+
+    def span_ns(self) -> tuple[int, int] | None:
+        """Return first and last log time of what can be read."""
+        spans = [_span_of(dict(enumerate(e for _, e in parts))) for parts in self._entries.values()]
+        found = [span for span in spans if span is not None]
+        return (min(first for first, _ in found), max(last for _, last in found)) if found else None
+
+    def messages(  # type: ignore[override]  # as that of its base
+        self, connections: Collection[int]
+    ) -> Iterator[tuple[int, int, bytes | memoryview]]:
+        """Yield connection, log time and payload in order of log time, of the messages that can be read."""
+        chunks = LatestChunks(self._load, self._limits.chunk_bytes, self._sizes.unpacked_bytes)
+        records = [Records(one.id, one.topic) for one in self.connections if one.id in connections]
+        for number, time_ns, position, offset in in_order([self._index(r.connection) for r in records]):
+            content = chunks.at(position)
+            try:
+                data: memoryview | None = records[number].data(content, time_ns, offset)
+            except Exception:  # noqa: BLE001  (as above)
+                data = self._looked_for(position, content, records[number].connection, time_ns)
+            if data is not None:
+                yield records[number].connection, time_ns, detached(data)
+
+    def _looked_for(self, position: int, content: bytes, connection: int, time_ns: int) -> memoryview | None:
+        """Return a message that is not where the index says, or note that it is lost."""
+        for begin, header, _ in self._records_in(position, content) if content else ():
+            with suppress(Exception):
+                if (header.get_uint32("conn"), header.get_time("time")) == (connection, time_ns):
+                    return Records(connection, "").data(content, time_ns, begin)
+        if content:
+            chunk = self.chunks[position]
+            reason = "its index announces messages where none are"
+            hole = Hole(self._file.name, position, chunk.datapos + chunk.datasize, reason, time_ns, time_ns)
+            self._damage.cost(hole, self._by_id[connection].topic)
+        return None
+
+
+def _span_of(index: Mapping[int, NDArray[np.void]]) -> tuple[int, int] | None:
+    """Return first and last log time of entries; None if there are none."""
+    times = [_times(entries) for entries in index.values() if len(entries)]
+    return (min(int(one.min()) for one in times), max(int(one.max()) for one in times)) if times else None
+
+
+def _times(entries: NDArray[np.void]) -> NDArray[np.int64]:
+    times: NDArray[np.int64] = entries["seconds"].astype(np.int64) * 10**9 + entries["nanoseconds"]
+    return times
+
+
+def _read_as(bag: SalvagedBag, source: BinaryIO, begin: int) -> Connection:
+    """Have a bag read a connection from other bytes."""
+    own, bag.bio = bag.bio, source
+    try:
+        source.seek(begin)
+        return bag.read_connection()
+    finally:
+        bag.bio = own

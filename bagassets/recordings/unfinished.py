@@ -1,0 +1,50 @@
+"""What recorders leave that were stopped: bags without an index, files that were being packed, logs without a database."""
+
+import os
+import time
+from pathlib import Path
+
+from bagassets.recordings.join_parts import FOR_NOW
+
+SUFFIXES = frozenset({".active", ".zstd", ".db3-wal", ".db3-journal"})
+"""Of files that may be left."""
+
+_BAG = ".bag.active"
+# A recorder writes its buffers now and then; of one that records slowly that may take minutes.
+_QUIET_S = 600.0
+_HEADER_BYTES = 32  # of a log that holds nothing
+_AT_WORK = f"{FOR_NOW} (it has grown within the last ten minutes, so its recorder may be at work); later it is taken as a recording"
+_PACKED = (
+    "packed by a recorder that wrote no metadata.yaml, so it may be half-written; `bagassets doctor` says what is in it, and "
+    "`--write` makes a bag of that"
+)
+
+
+def whole_name(name: str) -> str | None:
+    """Return the name that a bag gets when it is finished, whose key it has; None if the file is none that is not."""
+    return name.removesuffix(".active") if name.endswith(_BAG) else None
+
+
+def reason(path: Path, status: os.stat_result) -> str:
+    """Return what a file with one of `SUFFIXES` is, and why it is no recording; "" if it is one, or of no interest.
+
+    Args:
+        path: the file.
+        status: of it.
+    """
+    name, beside = path.name, path.with_suffix("")
+    if name.endswith(_BAG):
+        if beside.exists():
+            return f"unfinished, and {beside.name} lies beside it, which is taken"
+        return _AT_WORK if 0 <= time.time() - status.st_mtime < _QUIET_S else ""
+    if name.endswith((".db3.zstd", ".mcap.zstd")):
+        is_source = beside.exists()
+        return f"{beside.name} was being packed into it, which is the recording" if is_source else _PACKED
+    if path.suffix not in {".db3-wal", ".db3-journal"} or status.st_size <= _HEADER_BYTES:
+        return ""
+    database = path.with_name(name.rpartition("-")[0])
+    return (
+        ""
+        if database.exists()
+        else f"the last messages of {database.name}, which is not here; copy that beside it"
+    )

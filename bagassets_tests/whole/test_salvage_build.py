@@ -1,0 +1,166 @@
+"""Builds of damaged recordings: what `recover` says, what users are shown, and what is made again when."""
+
+import json
+import shutil
+
+import pytest
+from click.testing import CliRunner
+
+from bagassets.assets.inventory import INVENTORY
+from bagassets.base.errors import BagAssetsError
+from bagassets.cli.main import root
+from bagassets.engine.graph import Graph
+from bagassets.formats.catalogue import recording_assets
+from bagassets.formats.dataset_lock import load_lock
+from bagassets.propose.project import write_project
+from bagassets.recipe import load_recipe
+from bagassets.recordings.discover import discover
+from bagassets.store.integrity import check_store
+from bagassets.store.store import Store
+from bagassets_tests import in_process
+from bagassets_tests.nuscenes_checks import check_dataset
+from bagassets_tests.small_drive import RECIPE, write_drive
+from bagassets_tests.whole.test_end_to_end import build_of
+
+pytestmark = pytest.mark.once
+TEXT = RECIPE.format(name="test", root="bags") + "preview: {enabled: false}\n"
+
+
+@pytest.fixture(scope="module")
+def drives(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("drives")
+    names = {"ros1": "a.bag", "ros2": "a", "mcap": "a.mcap"}
+    return {kind: write_drive(folder / name, kind, 3.0) for kind, name in names.items()}
+
+
+def project(tmp_path, recover=None):
+    """Write the recipe, and return it."""
+    given = f"root: bags, recover: {recover}" if recover else "root: bags"
+    (tmp_path / "recipe.yaml").write_text(TEXT.replace("root: bags", given))
+    (tmp_path / "bags").mkdir(exist_ok=True)
+    return load_recipe(tmp_path / "recipe.yaml")
+
+
+def without_end(path, target, share=0.6):
+    data = path.read_bytes()
+    target.write_bytes(data[: int(len(data) * share)])
+    return target
+
+
+def without_index(path, target):
+    data = path.read_bytes()
+    at = data.index(b"index_pos=") + 10
+    end = int.from_bytes(data[at : at + 8], "little")
+    target.write_bytes(data[:at] + bytes(8) + data[at + 8 : end])
+    return target
+
+
+def made(recipe, key):
+    return {result.asset: result for result in build_of(recipe, key).build()}
+
+
+def error_of(recipe, key):
+    with pytest.raises(BagAssetsError) as caught:
+        made(recipe, key)
+    return str(caught.value)
+
+
+def test_a_bag_without_index_gives_what_the_whole_one_gives(tmp_path, drives):
+    recipe = project(tmp_path)
+    shutil.copy(drives["ros1"], recipe.bags.root / "whole.bag")
+    without_index(drives["ros1"], recipe.bags.root / "damaged.bag")
+    whole, damaged = made(recipe, "whole.bag"), made(recipe, "damaged.bag")
+    for asset in ("calibration", "ego_poses", "frames", "sweeps", "annotations"):
+        assert damaged[asset].artifact.digest == whole[asset].artifact.digest
+    inventories = [one["inventory"].artifact.read_json("inventory.json") for one in (whole, damaged)]
+    damage = inventories[1].pop("damage")
+    assert damage["lost"] == {}
+    assert "nothing says where it ended" in damage["findings"][1]
+    assert inventories[0]["topics"] == inventories[1]["topics"]
+    assert list(check_store(Store(recipe.store_path))) == []
+
+
+@pytest.mark.parametrize("kind", ["ros1", "mcap"])
+def test_recover_decides_what_becomes_of_a_cut_recording(tmp_path, drives, kind):
+    name = drives[kind].name
+    recipe = project(tmp_path, "refuse")
+    path = without_end(drives[kind], recipe.bags.root / name)
+    refused = error_of(recipe, name)
+    assert "recover: all" not in refused
+    recipe = project(tmp_path)
+    told = error_of(recipe, name)
+    assert told.startswith(refused.rstrip("."))
+    assert "recover: all" in told
+    assert "messages can be read; how many there were is not known" in told
+    recipe = project(tmp_path, "all")
+    results = made(recipe, name)
+    counts = results["frames"].artifact.summary()["channels"]["CAM_FRONT"]
+    assert counts["read"] == counts["written"] > 10
+    inventory = results["inventory"].artifact
+    assert inventory.summary()["damage"].split()[0] == str(inventory.summary()["messages"])
+    shown = INVENTORY.face.shown(inventory)
+    assert next(iter(shown)) == "damaged"
+    assert shown["damaged"].rows[-1][0] == name
+    assert all(result.cached for result in made(recipe, name).values())
+    assert path.read_bytes() == drives[kind].read_bytes()[: path.stat().st_size]
+
+
+def test_only_what_was_salvaged_has_its_version_in_the_key(tmp_path, drives):
+    recipe = project(tmp_path)
+    shutil.copy(drives["mcap"], recipe.bags.root / "whole.mcap")
+    without_index(drives["ros1"], recipe.bags.root / "damaged.bag")
+    assert made(recipe, "whole.mcap")
+    assert made(recipe, "damaged.bag")
+    actions = [json.loads(path.read_bytes()) for path in (recipe.store_path / "actions").rglob("*.json")]
+    keyed = [one for one in actions if "salvage" in one["action"]["params"]]
+    assert [one["action"]["params"]["salvage"] for one in keyed] == [{"version": 1, "recover": "complete"}]
+    assert {one["action"]["step"] for one in keyed} == {"inventory"}
+    changed = project(tmp_path, "all")
+    assert all(result.cached for result in made(changed, "whole.mcap").values())
+    again = made(changed, "damaged.bag")
+    assert not again["inventory"].cached
+    assert all(result.cached for asset, result in again.items() if asset != "inventory")
+
+
+def test_what_failed_before_salvage_existed_is_tried_once_more_and_then_no_more(tmp_path, drives):
+    refusing = project(tmp_path, "refuse")
+    without_index(drives["ros1"], refusing.bags.root / "a.bag")
+    error_of(refusing, "a.bag")
+
+    def state(recipe):
+        recording = discover(recipe.bags).recordings["a.bag"]
+        return Graph.of(recording_assets(recipe), Store(recipe.store_path), recording).states()["inventory"]
+
+    assert state(refusing).state == "failed"
+    recipe = project(tmp_path)
+    assert state(recipe).state == "missing"
+    made(recipe, "a.bag")
+    assert state(recipe).state == "record-only"
+    without_end(drives["ros1"], recipe.bags.root / "a.bag")
+    assert state(recipe).state != "failed"
+    told = error_of(recipe, "a.bag")
+    assert (state(recipe).state, state(recipe).reason) == ("failed", told)
+
+
+def test_a_whole_build_tells_of_the_damage_everywhere(tmp_path, drives, monkeypatch):
+    recipe = project(tmp_path, "all")
+    shutil.copy(drives["mcap"], recipe.bags.root / "whole.mcap")
+    without_end(drives["ros1"], recipe.bags.root / "cut.bag")
+    shutil.copytree(drives["ros2"], recipe.bags.root / "torn")
+    (database,) = (recipe.bags.root / "torn").glob("*.db3")
+    without_end(database, database, 0.7)
+    write_project(tmp_path, (tmp_path / "recipe.yaml").read_text())
+    report, _ = in_process.build(tmp_path / "recipe.yaml", monkeypatch)
+    assert {outcome.result for outcome in report.outcomes.values()} == {"built"}
+    check_dataset(recipe.nuscenes.output, recipe.nuscenes.version)
+    lock = load_lock(recipe.nuscenes.output).value
+    assert set(lock["damaged"]) == {"cut.bag", "torn"}
+    assert "messages can be read" in lock["damaged"]["torn"]
+    verdicts = json.loads(
+        CliRunner().invoke(root, ["check", "--recipe", str(tmp_path / "recipe.yaml"), "--json"]).stdout
+    )
+    found = {one["recording"]: one["passed"] for one in verdicts if one["check"] == "recording_whole"}
+    assert found == {"cut.bag": False, "torn": False, "whole.mcap": True}
+    page = tmp_path / "report.html"
+    CliRunner().invoke(root, ["report", "--recipe", str(tmp_path / "recipe.yaml"), "--output", str(page)])
+    assert "lost, in damaged parts of the recording" in page.read_text()
