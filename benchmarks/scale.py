@@ -124,14 +124,15 @@ def main() -> None:
 
 def scale_table(found: dict[str, Any]) -> str:
     """Return the table of `scale.json`, with the growth of each row."""
-    copied = [f"{number:,} (copies)" for number in found["replicated"]]
-    numbers = found["built"]["numbers"]
-    heads = [f"{number:,}" for number in numbers if number not in found["replicated"]]
-    return _table(found["built"], [*heads, *copied])
+    copied = found["replicated"]
+    heads = [f"{number:,}{' (copies)' if number in copied else ''}" for number in found["built"]["numbers"]]
+    return _table(found["built"], heads)
 
 
 def unbuilt_table(found: dict[str, Any]) -> str:
     """Return the table of recordings that are only registered."""
+    if not found["unbuilt"]["numbers"]:
+        return "not measured yet"
     return _table(found["unbuilt"], [f"{number:,}" for number in found["unbuilt"]["numbers"]])
 
 
