@@ -28,7 +28,13 @@ def locked(name):
     return {canonicalize_name(pin.name): str(pin.specifier).removeprefix("==") for pin in pins}
 
 
-@pytest.mark.parametrize("text", [*PROJECT["dependencies"], *PROJECT["optional-dependencies"]["postgres"]])
+@pytest.mark.parametrize(
+    "text",
+    [
+        *PROJECT["dependencies"],
+        *(one for extra in ("postgres", "video") for one in PROJECT["optional-dependencies"][extra]),
+    ],
+)
 def test_lowest_versions_are_those_that_the_package_allows(text):
     requirement = Requirement(text)
     [lowest] = [one.version for one in requirement.specifier if one.operator == ">="]
