@@ -228,6 +228,32 @@ def test_nothing_is_planned_when_nothing_has_changed(project, monkeypatch):
         project.scan()
 
 
+def test_where_nothing_has_changed_no_recording_is_looked_for(project, monkeypatch):
+    project.build_project()
+    assert project.cursor.quiet
+    with monkeypatch.context() as patch:
+        patch.setattr("bagassets.defs.records.workspace.discover", None)
+        assert project.scan() == {}
+    (project.bags / "notes.txt").touch()
+    monkeypatch.setattr("bagassets.defs.records.workspace.discover", None)
+    with pytest.raises(TypeError):
+        project.scan()
+
+
+def test_what_a_backfill_targets_goes_once_that_has_ended(project, monkeypatch):
+    shutil.copy(project.bags / "a.bag", project.bags / "c.bag")
+    project.build_project()
+    (project.bags / "c.bag").unlink()
+    held = lambda _instance, keys: dict.fromkeys(keys, "why")
+    with monkeypatch.context() as patch:
+        patch.setattr("bagassets.defs.graph.sensor_scan.held_by_backfills", held)
+        project.build_project()
+        project.scan()
+        assert "c.bag" in project.live
+    project.scan()
+    assert "c.bag" not in project.live
+
+
 @pytest.mark.parametrize("change", ["recording", "recipe", "wipe"])
 def test_what_changes_is_asked_for_alone(project, change):
     write_drive(project.bags / "b.mcap", "mcap", duration_s=2.0)
