@@ -47,6 +47,7 @@ _EPISODES, _TASKS = (
 _STARTS = word_set("begin begins started start")
 _ENDS = word_set("done end ended ends finish finished stop stopped success failure")
 _LONGEST_TEXT, _MOST_FPS = 100, 50
+_ALIKE = 0.2  # share by which rates may differ
 
 
 @dataclass(frozen=True)
@@ -215,8 +216,10 @@ def write_lerobot(sheet: Sheet, rigs: Sequence[_Rig]) -> None:
             "action: {next_of: observation.state}",
             "no commands were found, so the next state is the action",
         )
-    for name in cameras:
-        sheet.field(2, f"observation.images.{name.removeprefix('CAM_').lower()}: {{camera: {name}}}")
+    for name, topic in cameras.items():
+        # Of a camera at about this rate, the latest image would now and then be one twice and none of the next.
+        at = ", at: nearest" if topic.rate_hz and abs(topic.rate_hz / fps - 1) < _ALIKE else ""
+        sheet.field(2, f"observation.images.{name.removeprefix('CAM_').lower()}: {{camera: {name}{at}}}")
     _write_episodes(sheet, rig, signals["episode"])
     _write_task(sheet, rig)
 

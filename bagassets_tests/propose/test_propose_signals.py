@@ -57,8 +57,8 @@ def test_the_arm_gets_all_that_it_needs(arms, kind):
         "features": {
             "observation.state": {"signals": ["joint_states"]},
             "action": {"signals": ["joint_commands"]},
-            "observation.images.workspace": {"camera": "CAM_WORKSPACE"},
-            "observation.images.wrist": {"camera": "CAM_WRIST"},
+            "observation.images.workspace": {"camera": "CAM_WORKSPACE", "at": "nearest"},
+            "observation.images.wrist": {"camera": "CAM_WRIST", "at": "nearest"},
         },
         "episodes": {"topic": "/episode", "field": text, "start": ["start"], "end": ["end"]},
         "task": {"topic": "/task", "field": text},
