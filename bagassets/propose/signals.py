@@ -59,7 +59,7 @@ class SignalProposal:
         topic: its topic.
         fields: paths of its fields.
         names: its elements, if the messages name them.
-        by_log_time: the messages have no header.
+        by_log_time: the messages have no header, or a stamp of zero.
         role: what it is.
         rate_hz: how often it has values; None if too little was read.
     """
@@ -123,14 +123,13 @@ def find_signals(summary: RecordingSummary, *, cameras: bool = False) -> list[Si
         if not topic.elements or role is None:
             continue
         named = kind == _JOINTS or topic.msgtype.endswith("/JointTrajectory")
-        base = "_".join(tokens(topic.name))
+        base = "_".join(tokens(topic.name)) or "signal"
         groups = _apart(topic.elements) if named else [()]
         for names in groups:
             taken = [one.name for one in found]
             name = free_name(base if base[0].isalpha() else f"signal_{base}", taken, "_")
-            by_log_time = topic.offset_s is None and not topic.unstamped
             rate_hz = topic.rate_hz and topic.rate_hz / len(groups)  # by turns
-            found.append(SignalProposal(name, topic, fields, names, by_log_time, role, rate_hz))
+            found.append(SignalProposal(name, topic, fields, names, topic.offset_s is None, role, rate_hz))
     order: tuple[Role, ...] = ("state", "command", "episode")
     found.sort(key=lambda one: (order.index(one.role), one.topic.name))
     roles = {one.role for one in found}

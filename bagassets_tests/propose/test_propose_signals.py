@@ -144,6 +144,13 @@ def test_a_car_with_lidar_is_no_arm(tmp_path):
     assert "nuscenes" in recipe
 
 
+def test_stamps_of_zero_and_topics_without_letters(tmp_path):
+    messages = [state(n, ("a", "b"), topic="/1/2", stamped=False) for n in range(20)]
+    _, recipe = proposed(write_ros1(tmp_path / "a.bag", messages))
+    expected = {"topic": "/1/2", "field": "position", "names": ["a", "b"], "clock": "log"}
+    assert recipe["rigs"][0]["signals"] == {"signal_1_2": expected}
+
+
 def test_commands_alone_are_nothing_to_convert(tmp_path):
     proposal, recipe = proposed(write_ros1(tmp_path / "a.bag", [twist(n) for n in range(50)]))
     assert not proposal.rigs
