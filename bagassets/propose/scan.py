@@ -318,7 +318,7 @@ def _image(facts: Facts, decode: Decode, value: Message, _msgtype: str) -> None:
 def _video(facts: Facts, decode: Decode, value: Message, _msgtype: str) -> None:
     packet: VideoPacket = decode(value)
     facts |= {"frames": (packet.frame_id,), "encoding": packet.codec, "is_16_bit": False}
-    decoder_version()
+    decoder_version("its pictures")
 
 
 def _radar(facts: Facts, decode: Decode, value: Message, msgtype: str) -> None:

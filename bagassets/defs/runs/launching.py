@@ -37,7 +37,8 @@ class Launching:
     Attributes:
         most_at_once: most runs that a build hands over before others have ended; None: as many as it has jobs.
         recordings_per_run: most small recordings that share a run; None: as many as keep the jobs busy.
-        executes_here: processes of this machine execute the runs, forked from the server that makes inventories ahead.
+        executes_here: processes of this machine execute the runs, forked from the server that makes inventories ahead; so a
+            run of a backfill may be about several recordings, which more of these processes make.
         names_workers: a run that it launched and that names no worker has none (see `orphaned_runs`).
     """
 

@@ -217,7 +217,7 @@ def test_nothing_is_planned_when_nothing_has_changed(project, monkeypatch):
     project.build_project()
     assert project.cursor.quiet
 
-    def planned(*_args):
+    def planned(*_args, **_options):
         raise AssertionError("the plan was made again")
 
     monkeypatch.setattr("bagassets.defs.graph.sensor_scan.planner_of", planned)
@@ -492,11 +492,11 @@ def test_a_recording_that_goes_during_a_look_is_no_failure(project, monkeypatch)
     monkeypatch.setattr(sensor, "PAUSE_S", 0.0)
     planner_of, calls = sensor_scan.planner_of, []
 
-    def plan(*args):
+    def plan(*args, **options):
         calls.append(args)
         if len(calls) == 1:
             raise RecordingError("a.bag: cannot be read (No such file or directory); was it removed?")
-        return planner_of(*args)
+        return planner_of(*args, **options)
 
     monkeypatch.setattr(sensor_scan, "planner_of", plan)
     assert [request.partition_key for request in tick(project).run_requests] == ["a.bag"]
