@@ -47,6 +47,7 @@ _EPISODES, _TASKS = (
 _STARTS = word_set("begin begins started start")
 _ENDS = word_set("done end ended ends finish finished stop stopped success failure")
 _LONGEST_TEXT, _MOST_FPS = 100, 50
+_ALIKE = 0.2  # share by which rates may differ
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ class SignalProposal:
         topic: its topic.
         fields: paths of its fields.
         names: its elements, if the messages name them.
-        by_log_time: the messages have no header.
+        by_log_time: the messages have no header, or a stamp of zero.
         role: what it is.
         rate_hz: how often it has values; None if too little was read.
     """
@@ -122,14 +123,13 @@ def find_signals(summary: RecordingSummary, *, cameras: bool = False) -> list[Si
         if not topic.elements or role is None:
             continue
         named = kind == _JOINTS or topic.msgtype.endswith("/JointTrajectory")
-        base = "_".join(tokens(topic.name))
+        base = "_".join(tokens(topic.name)) or "signal"
         groups = _apart(topic.elements) if named else [()]
         for names in groups:
             taken = [one.name for one in found]
             name = free_name(base if base[0].isalpha() else f"signal_{base}", taken, "_")
-            by_log_time = topic.offset_s is None and not topic.unstamped
             rate_hz = topic.rate_hz and topic.rate_hz / len(groups)  # by turns
-            found.append(SignalProposal(name, topic, fields, names, by_log_time, role, rate_hz))
+            found.append(SignalProposal(name, topic, fields, names, topic.offset_s is None, role, rate_hz))
     order: tuple[Role, ...] = ("state", "command", "episode")
     found.sort(key=lambda one: (order.index(one.role), one.topic.name))
     roles = {one.role for one in found}
@@ -215,8 +215,10 @@ def write_lerobot(sheet: Sheet, rigs: Sequence[_Rig]) -> None:
             "action: {next_of: observation.state}",
             "no commands were found, so the next state is the action",
         )
-    for name in cameras:
-        sheet.field(2, f"observation.images.{name.removeprefix('CAM_').lower()}: {{camera: {name}}}")
+    for name, topic in cameras.items():
+        # Of a camera at about this rate, the latest image would now and then be one twice and none of the next.
+        at = ", at: nearest" if topic.rate_hz and abs(topic.rate_hz / fps - 1) < _ALIKE else ""
+        sheet.field(2, f"observation.images.{name.removeprefix('CAM_').lower()}: {{camera: {name}{at}}}")
     _write_episodes(sheet, rig, signals["episode"])
     _write_task(sheet, rig)
 

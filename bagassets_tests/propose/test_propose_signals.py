@@ -57,8 +57,8 @@ def test_the_arm_gets_all_that_it_needs(arms, kind):
         "features": {
             "observation.state": {"signals": ["joint_states"]},
             "action": {"signals": ["joint_commands"]},
-            "observation.images.workspace": {"camera": "CAM_WORKSPACE"},
-            "observation.images.wrist": {"camera": "CAM_WRIST"},
+            "observation.images.workspace": {"camera": "CAM_WORKSPACE", "at": "nearest"},
+            "observation.images.wrist": {"camera": "CAM_WRIST", "at": "nearest"},
         },
         "episodes": {"topic": "/episode", "field": text, "start": ["start"], "end": ["end"]},
         "task": {"topic": "/task", "field": text},
@@ -142,6 +142,13 @@ def test_a_car_with_lidar_is_no_arm(tmp_path):
     assert "lerobot" not in recipe
     assert "signals" not in recipe["rigs"][0]
     assert "nuscenes" in recipe
+
+
+def test_stamps_of_zero_and_topics_without_letters(tmp_path):
+    messages = [state(n, ("a", "b"), topic="/1/2", stamped=False) for n in range(20)]
+    _, recipe = proposed(write_ros1(tmp_path / "a.bag", messages))
+    expected = {"topic": "/1/2", "field": "position", "names": ["a", "b"], "clock": "log"}
+    assert recipe["rigs"][0]["signals"] == {"signal_1_2": expected}
 
 
 def test_commands_alone_are_nothing_to_convert(tmp_path):
