@@ -295,14 +295,11 @@ def test_references_without_an_end_or_aim_are_no_hang(tmp_path, reference):
         messages(write(tmp_path / "a.mcap", of_json({}, schema)))
 
 
-@pytest.mark.parametrize(
-    "schema", [{"properties": []}, {"type": 3, "items": "x"}, {"properties": {"a": 3}}], ids=str
-)
+@pytest.mark.parametrize("schema", [{"properties": []}, {"properties": {"a": 3}}], ids=str)
 def test_schemas_that_are_none_lose_messages_and_nothing_more(tmp_path, schema):
-    try:
-        messages(write(tmp_path / "a.mcap", of_json({"a": [1]}, schema)))
-    except DecodeError as error:
-        assert "do not fit acme.Speed" in str(error)
+    path = write(tmp_path / "a.mcap", of_json({"a": [1]}, schema))
+    with pytest.raises(DecodeError, match=r"do not fit acme\.Speed"):
+        messages(path)
 
 
 def test_lists_of_many_strings_and_messages_are_not_made_objects_of(tmp_path):
