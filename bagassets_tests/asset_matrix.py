@@ -56,6 +56,33 @@ LABEL_FILES = (
 )
 
 
+CAMERA_FEATURE = {"camera": "CAM_FRONT", "at": "nearest", "tolerance_s": 0.25, "gap": "hold"}
+EPISODES = {
+    "file": {"ranges": "ranges.csv", "trim_s": 2.0, "min_length_s": 1.0, "max_length_s": 60.0},
+    "topic": {"topic": "/pose", "field": "header.frame_id", "start": ["go", True, 1], "end": ["stop"]},
+    "signal": {"signal": "speed"},
+}
+
+
+def _lerobot(folder, ways):
+    """Return a section for episodes that are cut in one of these ways; files are in `folder`."""
+    episodes = dict(EPISODES[ways])
+    if "ranges" in episodes:
+        episodes["ranges"] = str(folder / episodes["ranges"])
+    return {
+        "fps": 10,
+        "robot": "arm",
+        "features": {
+            "observation.state": {"signals": ["arm", "speed"], "at": "linear", "gap": "end"},
+            "action": {"next_of": "observation.state"},
+            "observation.images.front": CAMERA_FEATURE,
+        },
+        "episodes": episodes,
+        "task": {"topic": "/tf_static", "field": "frame"} if ways == "topic" else "Lift.",
+        "video": {"codec": "av1", "crf": 40, "preset": "11", "keyframes": 4, "odd_size": "pad"},
+    }
+
+
 def _rig(name, channels, pose=ODOMETRY, **fields):
     return {"name": name, "channels": channels, "ego_pose": pose, **fields}
 
@@ -65,7 +92,7 @@ def _recipe(*rigs, **sections):
         "name": "test",
         "bags": {"root": "/bags"},
         "rigs": rigs,
-        **{kind: {} for kind in OUR_FORMATS},
+        **{kind: {} for kind in OUR_FORMATS if kind != "lerobot"},
         **sections,
     }
 
@@ -87,6 +114,7 @@ def recipes(folder):
         splits={"pinned": {"a*": "train", "b*": "val"}},
         nuscenes={"categories": [{"name": "car"}, {"name": "van"}], "attributes": [{"name": "p"}]},
         formats={"kitti": {"output": "kitti"}},
+        lerobot=_lerobot(folder, "file"),
         datasets=[{"name": "some", "rigs": ["car", "bus"], "place": [[48, 11], [48, 12], [49, 12]]}],
         checks={
             "topic_rates": {"limits": {"/odom": {"min_hz": 1, "max_hz": 200}}},
@@ -125,6 +153,12 @@ def recipes(folder):
         "lenses": _recipe(_rig("car", lenses), vision={"trajectories": ["base_link:CAM_FRONT"]}),
         "files": _recipe(_rig("car", files, **urdf)),
         "clouds": _recipe(_rig("car", clouds), clock="log"),
+        **{
+            f"episodes by {ways}": _recipe(
+                _rig("car", {"CAM_FRONT": CAMERA}, signals=SIGNALS), lerobot=_lerobot(folder, ways)
+            )
+            for ways in ("topic", "signal")
+        },
         "labels": _recipe(
             _rig("car", plain, annotation_files=[{**entry, **BOX_RULES} for entry in LABEL_FILES])
         ),
@@ -151,6 +185,9 @@ def recipes(folder):
 def write_files(folder):
     """Write the files that the recipes name, and those that changed recipes name."""
     (folder / "other").mkdir()
+    for number, name in enumerate(("ranges.csv", f"ranges{OTHER}.csv", "other/ranges.csv")):
+        rows = [f"{key},{number},{number + 5}" for key in ("car/full", "van/plain", "car/sparse")]
+        (folder / name).write_text("\n".join(["recording,start_s,end_s", *rows]))
     for number, name in enumerate(("car.urdf", f"car{OTHER}.urdf", "other/car.urdf")):
         (folder / name).write_text(
             '<robot name="r"><link name="base_link"/><link name="imu"/><joint name="j" type="fixed">'
@@ -269,6 +306,8 @@ def _recording(path, topics, *, origin=None, labelled=True, boxes_in=None, undis
         }
         for asset, images in (("frames", True), ("sweeps", False))
     }
+    series = [name + suffix for name in SIGNALS for suffix in ("", OTHER)]
+    facts.parts["signals"] = {name: MadeUpArtifact(digest_json([path, name])) for name in series}
     if not swept:
         facts.parts["sweeps"] = {}
     return MadeUpRecording(path, facts)

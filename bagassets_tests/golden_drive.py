@@ -59,6 +59,12 @@ bags: {root: bags, settle_s: 0}
 nuscenes: {}
 vision: {frames: 4, trajectories: ["CAM_FRONT:global"]}
 preview: {columns: 3, width: 640}
+lerobot:
+  fps: 10
+  features:
+    observation.state: {signals: [motion], at: linear}
+    action: {next_of: observation.state}
+    observation.images.front: {camera: CAM_FRONT, tolerance_s: 1.0}
 scenes: {min_length_s: 0}
 rigs:
   - name: car

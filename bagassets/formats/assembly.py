@@ -9,7 +9,7 @@ import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import TypeVar
@@ -20,7 +20,7 @@ from bagassets.base.errors import DatasetError, StoreError
 from bagassets.base.json_types import JsonMapping
 from bagassets.engine.splits import SplitShare, deal, moves
 from bagassets.formats.dataset_lock import LOCK, LockedBag, read_lock
-from bagassets.formats.format import Entry, Format, Link, LooseFiles, Member, Part, UnitFolders
+from bagassets.formats.format import FACTS, Entry, Format, Kept, Link, LooseFiles, Member, Part, UnitFolders
 from bagassets.formats.groups import GroupsRecord, TornError
 from bagassets.formats.guard import GUARD, guarded, refuse_unexpected
 from bagassets.formats.joining import Joint, join_into
@@ -114,7 +114,13 @@ def assemble(
     splits = splits or Splits()
     chosen, duplicates = without_copies(parts)
     dealt = deal([part.key for part in chosen], splits) if dealt is None else dealt
-    left_out = {"duplicates": duplicates, "skipped": skipped or {}, "failed": failed or {}}
+    misfits = _misfits(kind, chosen, store)
+    chosen = [part for part in chosen if part.key not in misfits]
+    left_out = {
+        "duplicates": duplicates,
+        "skipped": {**(skipped or {}), **misfits},
+        "failed": failed or {},
+    }
     left_out |= {"damaged": damaged} if damaged else {}
     joint = Joint(kind, chosen, settings, splits, dealt, left_out, store)
     folder = kind.folder(settings)
@@ -126,6 +132,8 @@ def assemble(
         # What else changed, or what a killed build left behind, only a look at everything can tell.
         if suspects or suspects is None or leftovers or (record and record.made_by != joint.made_by):
             record = None
+        if kind.rejoin is not None and suspects is not None:
+            joint = replace(joint, kept=_kept(current, suspects))
         new = output / f"{folder}.tmp-{uuid4().hex}"
         new.mkdir()
         try:
@@ -185,6 +193,27 @@ def without_copies(parts: Iterable[Part]) -> tuple[list[Part], dict[str, str]]:
         first.setdefault(part.content, part)
     copies = {part.key: first[part.content].key for part in ordered if first[part.content] is not part}
     return list(first.values()), copies
+
+
+def _misfits(kind: Format[S], parts: Sequence[Part], store: Store) -> Mapping[str, str]:
+    """Return the recordings that the format cannot join with the others -> why."""
+    if kind.misfits is None:
+        return {}
+    return kind.misfits({part.key: store.artifact(part.artifact).read_json(FACTS) for part in parts})
+
+
+def _kept(current: Path, suspects: AbstractSet[str]) -> Kept:
+    """Return the joined files of the dataset on disk that nobody has touched; none without its lock."""
+    if f"{current.name}/{LOCK}" in suspects:
+        return Kept()
+    try:
+        before = read_lock(current)
+    except DatasetError:
+        before = None
+    files = {} if before is None else before.files
+    return Kept(
+        current, {name: one for name, one in files.items() if f"{current.name}/{name}" not in suspects}
+    )
 
 
 def _put_files(
@@ -270,8 +299,8 @@ def _is_same(new: Path, current: Path, digests: Mapping[str, str]) -> bool:
     """Tell whether `current` has the lock and the joined files of `new`, byte for byte."""
     try:
         return (current / LOCK).read_bytes() == (new / LOCK).read_bytes() and all(
-            (current / name).stat().st_size == (new / name).stat().st_size
-            and digest_file(current / name) == digest
+            (here := (current / name).stat()).st_size == (there := (new / name).stat()).st_size
+            and (here.st_ino == there.st_ino or digest_file(current / name) == digest)
             for name, digest in digests.items()
         )
     except OSError:

@@ -150,6 +150,23 @@ class Finished:
 
 
 @dataclass(frozen=True)
+class Kept:
+    """Joined files of the dataset on disk that are as they were published, for formats that join large ones.
+
+    Attributes:
+        folder: the folder that is swapped.
+        digests: file in it -> digest.
+    """
+
+    folder: Path = Path()
+    digests: Mapping[str, str] = field(default_factory=dict)
+
+    def path(self, name: str) -> Path:
+        """Return the path of a file."""
+        return self.folder / name
+
+
+@dataclass(frozen=True)
 class UnitFolders:
     """Links of a format with one folder per recording.
 
@@ -242,6 +259,10 @@ class Format(Generic[S]):
         check: settings and names of `checks` -> name -> finding. A format that joins `ByGroups` also gets what is on record
             of the dataset, if it is.
         distribution: name and version of the package that adds it; "" for formats of bagassets.
+        rejoin: `join` that may link files from the dataset on disk, which other recordings did not change, instead of
+            writing them again; what comes out must be the same. None: there is nothing to gain.
+        misfits: recording -> facts, of all that are to be joined -> why some cannot be, as clauses; they are left out. None: all
+            recordings fit.
     """
 
     name: str
@@ -267,6 +288,8 @@ class Format(Generic[S]):
     checks: Sequence[DatasetCheck] = ()
     check: Callable[..., Mapping[str, Finding]] | None = None
     distribution: str = ""
+    rejoin: Callable[[Sequence[Member], S, Sequence[SplitShare], Path, Kept], Joined] | None = None
+    misfits: Callable[[Mapping[str, Facts]], Mapping[str, str]] | None = None
 
     @property
     def asset(self) -> str:

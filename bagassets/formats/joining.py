@@ -4,7 +4,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -14,7 +14,7 @@ from bagassets.base.fingerprints import loaded_code_fingerprint
 from bagassets.base.json_types import JsonObject
 from bagassets.engine.splits import SplitShare, shares_of
 from bagassets.formats.dataset_lock import FORMAT, LOCK, LockedBag, locked_bag
-from bagassets.formats.format import FACTS, ByGroups, Format, Joined, Member, Part
+from bagassets.formats.format import FACTS, ByGroups, Format, Joined, Kept, Member, Part
 from bagassets.formats.groups import (
     GroupRecord,
     GroupsRecord,
@@ -48,6 +48,7 @@ class Joint(Generic[S]):
         left_out: `duplicates`, `skipped`, `failed` -> recording -> why it takes no part; `damaged` ->
             recording -> how much of it was read.
         store: has the artifacts.
+        kept: files of the dataset on disk.
     """
 
     kind: Format[S]
@@ -57,6 +58,7 @@ class Joint(Generic[S]):
     dealt: Mapping[str, str]
     left_out: Mapping[str, Mapping[str, str]]
     store: Store
+    kept: Kept = field(default_factory=Kept)
 
     @property
     def made_by(self) -> str:
@@ -145,6 +147,8 @@ def join_into(new: Path, joint: Joint[S], on_disk: Path, record: GroupsRecord | 
         for name, content in finished.files.items():
             digests[name] = write_hashed(new / name, content)
         joined = Joined(dict(sorted(digests.items())), finished.facts, finished.beside)
+    elif kind.rejoin is not None:
+        joined = kind.rejoin(again, joint.settings, shares, new, joint.kept)
     else:
         joined = how(again, joint.settings, shares, new)
     needs = _needs(kind, again, before)

@@ -32,8 +32,7 @@ def locked(name):
     "text",
     [
         *PROJECT["dependencies"],
-        *PROJECT["optional-dependencies"]["postgres"],
-        *PROJECT["optional-dependencies"]["video"],
+        *(one for extra in ("postgres", "video") for one in PROJECT["optional-dependencies"][extra]),
     ],
 )
 def test_lowest_versions_are_those_that_the_package_allows(text):

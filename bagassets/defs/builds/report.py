@@ -19,7 +19,7 @@ from bagassets.engine.splits import SplitShare, moves
 from bagassets.engine.targets import TO_MAKE
 from bagassets.formats.catalogue import problems_of
 from bagassets.formats.checking import remarks_on_record
-from bagassets.formats.dataset_build import dataset_folders, first_lock
+from bagassets.formats.dataset_build import dataset_folders, datasets_of, first_lock
 from bagassets.formats.emptiness import left_behind, why_empty
 from bagassets.recipe.model import Recipe
 
@@ -47,6 +47,7 @@ def report_of(
     lock = first_lock(recipe)
     locked: JsonMapping = {} if lock is None else lock.value
     left_out = locked.get("failed", {})
+    misfits = _misfits(recipe, now)
     moved = moves(split_before, {} if lock is None else lock.splits)
     dataset, problem = _of_datasets(build.ended.get(DATASET))
     if not before.asked.datasets:
@@ -65,7 +66,8 @@ def report_of(
         removed=tuple(key for key in before.plan.gone if key not in before.held),
         remarks=tuple(remarks_of_runs(instance, {one.run_id for one in build.ended.values()})),
         duplicates=locked.get("duplicates", {}),
-        left_out={key: reason for key, reason in left_out.items() if key not in before.asked.chosen},
+        left_out={key: reason for key, reason in left_out.items() if key not in before.asked.chosen}
+        | misfits,
         moved=moved,
         pinned=tuple(key for key in moved if now.plan.ties.pinned(key, recipe.splits)),
         splits=_shares(locked.get("shares", {})),
@@ -75,6 +77,19 @@ def report_of(
         datasets=_each_dataset(recipe, now, dataset),
         interrupted=interrupted,
     )
+
+
+def _misfits(recipe: Recipe, now: PendingWork) -> dict[str, str]:
+    """Return the recordings that were made, but do not fit into a dataset -> why."""
+    locks = [one.lock for one in datasets_of(recipe).values() if one.kind.misfits is not None]
+    bags = now.plan.bags
+    return {
+        key: why
+        for lock in locks
+        if lock is not None
+        for key, why in lock.value["skipped"].items()
+        if key in bags and bags[key].skipped is None
+    }
 
 
 # --- remarks -----------------------------------------------------------------------------
