@@ -14,7 +14,7 @@ import pytest
 from bagassets.base.errors import DatasetError, PluginError
 from bagassets.formats.lerobot import video
 from bagassets.store.canonical import digest_bytes
-from bagassets_tests.arm_recordings import number_in, painted
+from bagassets_tests.painted_numbers import number_in, painted
 
 H264 = video.EncoderSettings.of("h264", None, None, 2, "crop")
 AV1 = video.EncoderSettings.of("av1", None, None, 2, "crop")
