@@ -199,6 +199,18 @@ class TestJoining:
         video.join(films, 30, tmp_path / "b.mp4")
         assert (tmp_path / "a.mp4").read_bytes() == (tmp_path / "b.mp4").read_bytes()
 
+    def test_av1(self, tmp_path):
+        parts = []
+        for part, frames in enumerate((5, 4)):
+            (tmp_path / f"{part}.mp4").write_bytes(
+                video.encode((painted(100 * part + n) for n in range(frames)), 30, AV1)
+            )
+            parts.append((tmp_path / f"{part}.mp4", frames))
+        video.join(parts, 30, tmp_path / "joined.mp4")
+        found = decoded(tmp_path / "joined.mp4")
+        assert [time for time, _ in found] == [Fraction(n, 30) for n in range(9)]
+        assert [number_in(image) for _, image in found] == [*range(5), *range(100, 104)]
+
     def test_a_part_that_lacks_a_frame_is_refused(self, tmp_path, films):
         (path, frames), *_ = films
         with pytest.raises(DatasetError, match="has 7 frames instead of 8"):
