@@ -19,6 +19,8 @@ from bagassets.assets.asset import Asset, Inputs, Summary, Use
 from bagassets.assets.face import Face, Loss
 from bagassets.assets.frames import FRAMES
 from bagassets.assets.inventory import INVENTORY
+from bagassets.assets.quality.check import RecordingCheck
+from bagassets.assets.quality.finding import Finding
 from bagassets.assets.signals import SIGNALS, TABLE
 from bagassets.base.errors import DatasetError, DecodeError
 from bagassets.base.json_types import JsonMapping, JsonObject
@@ -336,6 +338,13 @@ def _losses(summary: JsonMapping) -> list[Loss]:
     ]
 
 
+def _all_kept(summary: JsonMapping) -> Finding:
+    """Report the episodes that were left out."""
+    left_out = summary["left_out"]
+    problems = [f"the episode at {one['at_s']:g} s is left out: {one['why']}" for one in left_out]
+    return Finding(problems, {"episodes": summary["episodes"], "left_out": len(left_out)})
+
+
 LEROBOT_EPISODES = Asset(
     name="lerobot_episodes",
     version=1,
@@ -354,4 +363,15 @@ are left out, with the reason.""",
     params=EpisodesParams.of,
     use=use,
     make=make,
+    checks=(
+        RecordingCheck(
+            "episodes_kept",
+            "channels_present",
+            "No episode of the LeRobot dataset was left out.",
+            "an episode breaks a rule of `lerobot.features` or `lerobot.episodes`; the message names feature and time (section "
+            "`channels_present`)",
+            lambda e: _all_kept(e.artifact("lerobot_episodes").summary()),
+            quick=True,
+        ),
+    ),
 )

@@ -147,7 +147,8 @@ def join(parts: Sequence[tuple[Path, int]], fps: int, out: Path) -> None:
             with av.open(str(path)) as source:
                 own = source.streams.video[0]
                 if stream is None:
-                    stream = target.add_stream_from_template(own)
+                    # Opaque: as copied packets need no encoder, of which that of AV1 has another name than the decoder.
+                    stream = target.add_stream_from_template(own, opaque=True)
                 ticks = int(1 / ((own.time_base or 0) * fps))
                 number = 0
                 for packet in source.demux(own):

@@ -16,10 +16,10 @@ from bagassets_tests.arm_recordings import (
     join,
     joints_at,
     make_project,
-    number_in,
     parts_of,
     write_arm,
 )
+from bagassets_tests.painted_numbers import number_in
 
 TWO = (
     RECIPE.replace(

@@ -11,11 +11,10 @@ from bagassets_tests.arm_recordings import (
     joint_state,
     joints_at,
     make_project,
-    number_in,
-    painted,
     picture,
     write_arm,
 )
+from bagassets_tests.painted_numbers import number_in, painted
 from bagassets_tests.recorded_bags import NOON_NS, SECOND, text
 from bagassets_tests.sample_drives import build_recordings
 

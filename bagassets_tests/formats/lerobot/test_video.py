@@ -14,7 +14,7 @@ import pytest
 from bagassets.base.errors import DatasetError, PluginError
 from bagassets.formats.lerobot import video
 from bagassets.store.canonical import digest_bytes
-from bagassets_tests.arm_recordings import number_in, painted
+from bagassets_tests.painted_numbers import number_in, painted
 
 H264 = video.EncoderSettings.of("h264", None, None, 2, "crop")
 AV1 = video.EncoderSettings.of("av1", None, None, 2, "crop")
@@ -198,6 +198,18 @@ class TestJoining:
         video.join(films, 30, tmp_path / "a.mp4")
         video.join(films, 30, tmp_path / "b.mp4")
         assert (tmp_path / "a.mp4").read_bytes() == (tmp_path / "b.mp4").read_bytes()
+
+    def test_av1(self, tmp_path):
+        parts = []
+        for part, frames in enumerate((5, 4)):
+            (tmp_path / f"{part}.mp4").write_bytes(
+                video.encode((painted(100 * part + n) for n in range(frames)), 30, AV1)
+            )
+            parts.append((tmp_path / f"{part}.mp4", frames))
+        video.join(parts, 30, tmp_path / "joined.mp4")
+        found = decoded(tmp_path / "joined.mp4")
+        assert [time for time, _ in found] == [Fraction(n, 30) for n in range(9)]
+        assert [number_in(image) for _, image in found] == [*range(5), *range(100, 104)]
 
     def test_a_part_that_lacks_a_frame_is_refused(self, tmp_path, films):
         (path, frames), *_ = films
