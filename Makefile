@@ -4,6 +4,9 @@
 # pyenv are on the PATH even if no such version is chosen. The devkit prefers one that has wheels of numpy < 2.
 PYTHON ?= $(call first,$(call fits,15),python3 python3.13 python3.12 python3.11 python3.14 python)
 DEVKIT_PYTHON ?= $(or $(call first,$(call fits,13),$(PYTHON) python3.12 python3.11),$(PYTHON))
+# Of lerobot 0.4.4, whose newer versions want another Python than the one that most have.
+LEROBOT_PYTHON ?= $(call first,$(is_3_11),$(PYTHON) python3.11 $(wildcard $(HOME)/.pyenv/versions/3.11.*/bin/python))
+is_3_11 = import ensurepip, sys, venv; sys.exit(sys.version_info[:2] != (3, 11))
 fits = import ensurepip, sys, venv; sys.exit(not (3, 11) <= sys.version_info < (3, $(1)))
 first = $(shell for name in $(2); do "$$name" -c '$(1)' 2>/dev/null && echo "$$name" && break; done)
 define need
@@ -13,10 +16,12 @@ endef
 
 VENV := .venv
 DEVKIT := .devkit-venv
+LEROBOT := .lerobot-venv
 BIN := $(VENV)/bin
 export BAGASSETS_DEVKIT_PYTHON := $(CURDIR)/$(DEVKIT)/bin/python
+export BAGASSETS_LEROBOT_PYTHON ?= $(CURDIR)/$(LEROBOT)/bin/python
 
-.PHONY: demo test test-all lint docs clean bench bench-all bench-incremental bench-peers bench-plan chaos soak mutants
+.PHONY: demo test test-all test-lerobot lint docs clean bench bench-all bench-lerobot bench-incremental bench-peers bench-plan chaos soak mutants
 .DEFAULT_GOAL := demo
 
 # Whoever has an environment of that name, with other things in it, keeps it.
@@ -62,6 +67,21 @@ test: $(VENV)/.made $(DEVKIT)/.made
 # TEST_ALL="lowest" runs one part of it.
 test-all: $(VENV)/.made $(DEVKIT)/.made
 	$(BIN)/python -m scripts.test_all $(TEST_ALL)
+
+# The real lerobot loads, decodes, merges and trains on what we write; a part of test-all. torch for the processor alone is
+# not in the package index, so its own is asked if no other place is configured.
+test-lerobot: $(VENV)/.made $(LEROBOT)/.made
+	$(BIN)/pytest -n 0 -m lerobot bagassets_tests/formats/lerobot $(PYTEST_ARGS)
+
+$(LEROBOT)/.made: requirements-lerobot.lock
+	@[ -n "$(LEROBOT_PYTHON)" ] || { echo "lerobot 0.4.4 needs Python 3.11, and there is none here: name it, as in\
+ make LEROBOT_PYTHON=/path/to/python3.11 test-lerobot" >&2; exit 1; }
+	@echo "Making the environment $(LEROBOT), once: some minutes, most of them for downloads"
+	"$(LEROBOT_PYTHON)" -m venv --clear $(LEROBOT)
+	$(LEROBOT)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps -r requirements-lerobot.lock || \
+		$(LEROBOT)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps \
+		--extra-index-url https://download.pytorch.org/whl/cpu -r requirements-lerobot.lock
+	touch $@
 
 lint: $(VENV)/.made
 	$(BIN)/ruff check .
@@ -124,4 +144,4 @@ $(VENV)/.made-mutants: $(VENV)/.made
 	touch $@
 
 clean:
-	rm -rf build $(VENV) $(DEVKIT)
+	rm -rf build $(VENV) $(DEVKIT) $(LEROBOT)

@@ -19,7 +19,7 @@ from bagassets.base.errors import BagAssetsError, DatasetError, RecipeError
 from bagassets.base.interrupts import deferred_interrupts
 from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.cli.progress import LinesProgress, LiveProgress, SilentProgress
-from bagassets.cli.remote import InterruptedBuildError, build_on_server, end_servers, server_for
+from bagassets.cli.remote import InterruptedBuildError, end_servers, report_of_build
 from bagassets.cli.summary import counts_line
 from bagassets.engine.build_report import BuildOptions, BuildReport, Event, OwnOutcome, Remark, SummaryRow
 from bagassets.recipe.inline import parse_inline, write_inline
@@ -168,11 +168,7 @@ def _build(file: Path, options: BuildOptions, progress: bool | Callable[[Event],
     with _display(progress) as display:
         listener = display if isinstance(progress, bool) else progress
         try:
-            while True:
-                with server_for(file, options.bags) as server:
-                    value = build_on_server(server, file, options, listener, None)
-                if value is not None:
-                    return value
+            return report_of_build(file, options, listener, None)
         except InterruptedBuildError as err:
             raise KeyboardInterrupt from err
 

@@ -24,6 +24,16 @@ RADAR = {"modality": "radar", "topic": "/radar"}
 LENS = {"width": 640, "height": 480, "fx": 300, "fy": 301, "cx": 320, "cy": 240}
 MOUNT = {"translation": [1, 2, 3], "rotation": [0, 0, 0, 1]}
 ODOMETRY = {"source": "odometry", "topic": "/odom"}
+SIGNALS = {
+    "arm": {
+        "topic": "/joint_states",
+        "field": "position",
+        "names": ["elbow", "wrist"],
+        "unit": "rad",
+        "recorded_unit": "deg",
+    },
+    "speed": {"topic": "/odom", "field": ["twist.twist.linear.x", "twist.twist.angular.z"], "clock": "log"},
+}
 BOX_RULES = {
     "categories": {"a": "car", "b": "van"},
     "attributes": {"car": ["parked"], "van": ["moving"]},
@@ -46,6 +56,33 @@ LABEL_FILES = (
 )
 
 
+CAMERA_FEATURE = {"camera": "CAM_FRONT", "at": "nearest", "tolerance_s": 0.25, "gap": "hold"}
+EPISODES = {
+    "file": {"ranges": "ranges.csv", "trim_s": 2.0, "min_length_s": 1.0, "max_length_s": 60.0},
+    "topic": {"topic": "/pose", "field": "header.frame_id", "start": ["go", True, 1], "end": ["stop"]},
+    "signal": {"signal": "speed"},
+}
+
+
+def _lerobot(folder, ways):
+    """Return a section for episodes that are cut in one of these ways; files are in `folder`."""
+    episodes = dict(EPISODES[ways])
+    if "ranges" in episodes:
+        episodes["ranges"] = str(folder / episodes["ranges"])
+    return {
+        "fps": 10,
+        "robot": "arm",
+        "features": {
+            "observation.state": {"signals": ["arm", "speed"], "at": "linear", "gap": "end"},
+            "action": {"next_of": "observation.state"},
+            "observation.images.front": CAMERA_FEATURE,
+        },
+        "episodes": episodes,
+        "task": {"topic": "/tf_static", "field": "frame"} if ways == "topic" else "Lift.",
+        "video": {"codec": "av1", "crf": 40, "preset": "11", "keyframes": 4, "odd_size": "pad"},
+    }
+
+
 def _rig(name, channels, pose=ODOMETRY, **fields):
     return {"name": name, "channels": channels, "ego_pose": pose, **fields}
 
@@ -55,7 +92,7 @@ def _recipe(*rigs, **sections):
         "name": "test",
         "bags": {"root": "/bags"},
         "rigs": rigs,
-        **{kind: {} for kind in OUR_FORMATS},
+        **{kind: {} for kind in OUR_FORMATS if kind != "lerobot"},
         **sections,
     }
 
@@ -65,7 +102,7 @@ def recipes(folder):
     urdf = {"urdf": str(folder / "car.urdf")}
     car = _rig("car", {"CAM_FRONT": CAMERA, "LIDAR_TOP": LIDAR, "CAM_BACK": BACK, "RADAR_FRONT": RADAR},
                annotations=[{"topic": "/boxes", **BOX_RULES}], vehicle="van", location="yard", required=["CAM_FRONT"],
-               match=["car/**", "van/**"], **urdf)  # fmt: skip
+               match=["car/**", "van/**"], signals=SIGNALS, **urdf)  # fmt: skip
     bus = _rig("bus", {"CAM_BACK": {**BACK, "undistort": False}, "LIDAR_TOP": PACKETS}, {"source": "fixed"})
     full = _recipe(
         car,
@@ -77,14 +114,18 @@ def recipes(folder):
         splits={"pinned": {"a*": "train", "b*": "val"}},
         nuscenes={"categories": [{"name": "car"}, {"name": "van"}], "attributes": [{"name": "p"}]},
         formats={"kitti": {"output": "kitti"}},
+        lerobot=_lerobot(folder, "file"),
         datasets=[{"name": "some", "rigs": ["car", "bus"], "place": [[48, 11], [48, 12], [49, 12]]}],
-        checks={"topic_rates": {"limits": {"/odom": {"min_hz": 1, "max_hz": 200}}}},
+        checks={
+            "topic_rates": {"limits": {"/odom": {"min_hz": 1, "max_hz": 200}}},
+            "signal_values": {"limits": {"arm": {"min": -4, "max": 4}}},
+        },
     )
     lenses = {
         "CAM_FRONT": {**CAMERA, "target": dict(list(LENS.items())[2:]), "to_8bit": {"range": [0, 900]}},
         "CAM_BACK": {**BACK, "intrinsics": {**LENS, "distortion": [0.1, 0.2, 0, 0]}, "extrinsics": MOUNT,
                      "output": "png", "to_8bit": {"percentiles": [1, 99]}},
-        "CAM_LEFT": {**CAMERA, "undistort": False, "output": "as_recorded", "frame": "cam_left"},
+        "CAM_LEFT": {**CAMERA, "undistort": False, "output": "as_recorded", "frame": "cam_left", "depth_unit_m": 0.01},
     }  # fmt: skip
     chain, front = str(folder / "chain.yaml"), str(folder / "front.yaml")
     files = {
@@ -112,6 +153,12 @@ def recipes(folder):
         "lenses": _recipe(_rig("car", lenses), vision={"trajectories": ["base_link:CAM_FRONT"]}),
         "files": _recipe(_rig("car", files, **urdf)),
         "clouds": _recipe(_rig("car", clouds), clock="log"),
+        **{
+            f"episodes by {ways}": _recipe(
+                _rig("car", {"CAM_FRONT": CAMERA}, signals=SIGNALS), lerobot=_lerobot(folder, ways)
+            )
+            for ways in ("topic", "signal")
+        },
         "labels": _recipe(
             _rig("car", plain, annotation_files=[{**entry, **BOX_RULES} for entry in LABEL_FILES])
         ),
@@ -138,6 +185,9 @@ def recipes(folder):
 def write_files(folder):
     """Write the files that the recipes name, and those that changed recipes name."""
     (folder / "other").mkdir()
+    for number, name in enumerate(("ranges.csv", f"ranges{OTHER}.csv", "other/ranges.csv")):
+        rows = [f"{key},{number},{number + 5}" for key in ("car/full", "van/plain", "car/sparse")]
+        (folder / name).write_text("\n".join(["recording,start_s,end_s", *rows]))
     for number, name in enumerate(("car.urdf", f"car{OTHER}.urdf", "other/car.urdf")):
         (folder / name).write_text(
             '<robot name="r"><link name="base_link"/><link name="imu"/><joint name="j" type="fixed">'
@@ -163,6 +213,7 @@ TOPICS = {
     "/points": ("sensor_msgs/msg/PointCloud2", ["lidar_top"]),
     "/packets": ("velodyne_msgs/msg/VelodyneScan", ["lidar_top"]),
     "/radar": ("radar_msgs/msg/RadarScan", ["radar_front"]),
+    "/joint_states": ("sensor_msgs/msg/JointState", []),
     "/odom": ("nav_msgs/msg/Odometry", ["odom"]),
     "/pose": ("geometry_msgs/msg/PoseStamped", ["odom"]),
     "/fix": ("sensor_msgs/msg/NavSatFix", ["gps"]),
@@ -255,6 +306,8 @@ def _recording(path, topics, *, origin=None, labelled=True, boxes_in=None, undis
         }
         for asset, images in (("frames", True), ("sweeps", False))
     }
+    series = [name + suffix for name in SIGNALS for suffix in ("", OTHER)]
+    facts.parts["signals"] = {name: MadeUpArtifact(digest_json([path, name])) for name in series}
     if not swept:
         facts.parts["sweeps"] = {}
     return MadeUpRecording(path, facts)

@@ -5,7 +5,7 @@ from bagassets.assets.image_output import CameraSettings, CameraUse
 IMAGE = "sensor_msgs/msg/Image"
 
 
-def camera_use(msgtype=IMAGE, *, camera=None, **asked):
+def camera_use(msgtype=IMAGE, *, camera=None, video=None, period_ns=None, **asked):
     """Return what shapes the images of a camera that is undistorted only if a test asks for it."""
     defaults = {
         "topic": "/cam", "clock": "header", "output": "jpeg", "undistort": False, "target": None, "to_8bit": None,
@@ -14,4 +14,7 @@ def camera_use(msgtype=IMAGE, *, camera=None, **asked):
     fields = defaults | asked
     if fields["output"] != "png":
         fields = {"quality": 90} | fields
-    return CameraUse(channel="CAM", settings=CameraSettings(**fields), msgtype=msgtype, camera=camera)
+    settings = CameraSettings(**fields)
+    return CameraUse(
+        channel="CAM", settings=settings, msgtype=msgtype, camera=camera, video=video, period_ns=period_ns
+    )

@@ -36,7 +36,7 @@ def confined(inventory: str, recording: Path, others: Iterable[Path]) -> Iterato
         return make_action(store, action, make_confined, subject)
 
     def pass_confined(graph, opened, nodes, *rest):
-        declared = {digest for node in nodes for digest in node.action.inputs.values()}
+        declared = {inventory, *(digest for node in nodes for digest in node.action.inputs.values())}
         with nothing_but(graph.store, declared, others):
             return run_pass(graph, opened, nodes, *rest)
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 # Where programs and files are, the devkit's environment, and what drives the tests.
 KEPT = (
     "PATH", "HOME", "TMPDIR", "USER", "LOGNAME", "SHELL", "PYTHONPATH", "LD_LIBRARY_PATH",
-    "BAGASSETS_DEVKIT_PYTHON", "PYTEST_*", "HYPOTHESIS_*", "COVERAGE_*", "COV_CORE_*", "MUTA*", "PYTHONDONTWRITEBYTECODE",
+    "BAGASSETS_DEVKIT_PYTHON", "BAGASSETS_LEROBOT_PYTHON", "PYTEST_*", "HYPOTHESIS_*", "COVERAGE_*", "COV_CORE_*", "MUTA*", "PYTHONDONTWRITEBYTECODE",
 )  # fmt: skip
 SET = {"LC_ALL": "C.UTF-8", "TZ": "UTC"}
 

@@ -59,6 +59,12 @@ bags: {root: bags, settle_s: 0}
 nuscenes: {}
 vision: {frames: 4, trajectories: ["CAM_FRONT:global"]}
 preview: {columns: 3, width: 640}
+lerobot:
+  fps: 10
+  features:
+    observation.state: {signals: [motion], at: linear}
+    action: {next_of: observation.state}
+    observation.images.front: {camera: CAM_FRONT, tolerance_s: 1.0}
 scenes: {min_length_s: 0}
 rigs:
   - name: car
@@ -69,6 +75,8 @@ rigs:
       CAM_BACK: {modality: camera, topic: /back/image_raw, output: png, target: {fx: 30, fy: 30, cx: 24, cy: 16}}
       LIDAR_TOP: {modality: lidar, topic: /points, deskew: true}
       RADAR_FRONT: {modality: radar, topic: /radar}
+    signals:
+      motion: {topic: /odom, field: [pose.pose.position, twist.twist.linear.x], names: [x, y, z, v], unit: m}
 """
 RECIPE += "".join(f"{name}: {{}}\n" for name in OUR_FORMATS if f"\n{name}:" not in RECIPE)
 

@@ -21,6 +21,11 @@ bags: {root: bags}
 nuscenes: {version: v1.0-keys}
 vision: {frames: 5}
 preview: {width: 320}
+lerobot:
+  fps: 4
+  features:
+    observation.state: {signals: [motion], gap: hold}
+    observation.images.front: {camera: CAM_FRONT, gap: hold}
 rigs:
   - name: car
     ego_pose: {source: odometry, topic: /odom}
@@ -29,6 +34,8 @@ rigs:
       CAM_FRONT: {modality: camera, topic: /cam/image_raw}
       CAM_BACK: {modality: camera, topic: /back/image_raw, intrinsics: {file: back.yaml}}
       LIDAR_TOP: {modality: lidar, topic: /points}
+    signals:
+      motion: {topic: /odom, field: twist.twist.linear}
 """
 
 

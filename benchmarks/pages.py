@@ -26,6 +26,7 @@ from benchmarks.floor import floor_table
 from benchmarks.incremental import incremental_table
 from benchmarks.kernels import kernels_table
 from benchmarks.launch import DEFAULT, SHIPPED, launch_table
+from benchmarks.patches import patches_table
 from benchmarks.peers import peers_table
 from benchmarks.plan import plan_table
 from benchmarks.reader import reader_table
@@ -33,7 +34,7 @@ from benchmarks.reads import reads_table
 from benchmarks.rq1 import rq1_table
 from benchmarks.rq2 import rq2_table
 from benchmarks.rq3 import rq3_table
-from benchmarks.scale import scale_table
+from benchmarks.scale import scale_table, unbuilt_table
 from benchmarks.slurm import scaling_table, slurm_table
 from benchmarks.small import small_table
 from benchmarks.soak import soak_table
@@ -72,6 +73,7 @@ FIGURES: dict[str, tuple[str, Callable[[Any], str]]] = {
     "launch": ("launch", launch_table),
     "launch default": ("launch", _step(DEFAULT)),
     "launch shipped": ("launch", _step(SHIPPED)),
+    "patches": ("patches", patches_table),
     "peers": ("peers", peers_table),
     "plan": ("plan", plan_table),
     "reader": ("reader", reader_table),
@@ -80,6 +82,8 @@ FIGURES: dict[str, tuple[str, Callable[[Any], str]]] = {
     "rq2": ("rq2", _plotted(rq2_table, "rq2", "run time over size")),
     "rq3": ("rq3", _plotted(rq3_table, "rq3", "times by number of files")),
     "scale": ("scale", scale_table),
+    "unbuilt": ("scale", unbuilt_table),
+    "scale postgres": ("scale_postgres", scale_table),
     "small": ("small", small_table),
     "small daily": ("small", lambda found: f"{1e4 * median(found['each']['record_bytes']) / 1e9:.1f} GB"),
     "small records": ("small", lambda found: f"{median(found['each']['record_bytes']) / 1e6:.2f} MB"),

@@ -77,6 +77,7 @@ def plain_command(bags: Path, out: Path) -> list[str]:
 def convert_plainly(recipe_file: Path, bags: Path, out: Path) -> None:
     """Convert recordings one after the other. No hasher of this process sees content from then on."""
     import bagassets.assets.topic_log
+    import bagassets.formats.groups
     import bagassets.formats.json_files
     import bagassets.store.artifact
     from bagassets.engine.execute import Skipped, execute
@@ -90,7 +91,8 @@ def convert_plainly(recipe_file: Path, bags: Path, out: Path) -> None:
     from bagassets.recordings.discover import discover
 
     bagassets.assets.topic_log.blake3 = Unhashed  # type: ignore[assignment,attr-defined]
-    bagassets.formats.json_files.blake3 = Unhashed  # type: ignore[assignment,attr-defined]
+    bagassets.formats.groups.blake3 = Unhashed  # type: ignore[assignment,attr-defined]
+    bagassets.formats.json_files.digest_bytes = lambda _data: Unhashed().hexdigest()  # type: ignore[assignment,attr-defined]
     bagassets.store.artifact.digest_bytes = lambda _data: Unhashed().hexdigest()  # type: ignore[assignment,attr-defined]
     recipe = load_recipe(recipe_file)
     assets, parts = recording_assets(recipe), []

@@ -32,10 +32,15 @@ from bagassets.defs.records.workspace import Workspace
 from bagassets.engine.freshness.plan_cache import PlanCache, recording_fingerprint
 from bagassets.engine.freshness.published import Publication
 from bagassets.engine.plan import AssetState, BagPlan
-from bagassets.engine.planner import Planner
+from bagassets.engine.planner import plan_recording, recorded_graph
 from bagassets.formats.after_crash import noted_build
 from bagassets.formats.catalogue import recording_assets
-from bagassets.formats.dataset_build import dataset_code_versions, dataset_folders, datasets_of
+from bagassets.formats.dataset_build import (
+    dataset_code_versions,
+    dataset_folders,
+    datasets_of,
+    select_inputs,
+)
 from bagassets.formats.dataset_lock import LOCK
 from bagassets.propose.project import write_project
 from bagassets.recipe.model import Recipe
@@ -177,7 +182,7 @@ def record(instance: dg.DagsterInstance, assets: tuple[str, ...], keys: list[str
 def datasets(instance: dg.DagsterInstance, workspace: Workspace) -> None:
     """Make datasets on disk of which only the lock files matter, and record them."""
     recipe = workspace.recipe
-    inputs = plan_instance(instance, workspace).inputs
+    inputs = select_inputs(plan_instance(instance, workspace))
     if len(inputs.parts["nuscenes"]) != len(workspace.discover().recordings):
         sys.exit("the benchmark is out of date: the plan does not take its recordings for fresh")
     folder = datasets_of(recipe)["nuscenes_dataset"].folder
@@ -229,13 +234,17 @@ def walk(recipe_file: Path) -> float:
         recordings = workspace.discover().recordings
         names = workspace.names
         recorded = fetch_recorded(instance, names, latest_ids(instance, names, all_assets()), recordings)
-        planner = Planner(workspace.assets, workspace.store, workspace.index)
-        if not all(planner.plan(recording, recorded[key]).settled for key, recording in recordings.items()):
+
+        def plan(key: str) -> BagPlan:
+            known = workspace.assets, workspace.store, recordings[key], recorded[key], workspace.index
+            return plan_recording(recorded_graph(*known))
+
+        if not all(plan(key).settled for key in recordings):
             sys.exit("the recordings should be fresh after a build")
         began = time.perf_counter()
         for _ in range(TIMES):
-            for key, recording in recordings.items():
-                planner.plan(recording, recorded[key])
+            for key in recordings:
+                plan(key)
         return (time.perf_counter() - began) / TIMES / len(recordings)
 
 

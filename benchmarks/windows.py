@@ -135,8 +135,8 @@ def seconds_to_open(url: str) -> float:
 def _long_report(recipe: Path, number: int) -> str:
     """Return the report of a project as if it had so many recordings."""
     with open_project(recipe) as (instance, workspace):
-        planned = plan_instance(instance, workspace)
-        data = report_data(workspace.recipe, workspace.store, planned.plan, planned.discovery)
+        plan = plan_instance(instance, workspace)
+        data = report_data(workspace.recipe, workspace.store, plan, plan.discovery)
     built = data.recordings
     recordings = [
         replace(built[n % len(built)], key=f"{n:04}_{built[n % len(built)].key}") for n in range(number)

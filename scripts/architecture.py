@@ -23,6 +23,8 @@ MONO = "font-family=\"ui-monospace,SFMono-Regular,'DejaVu Sans Mono',Menlo,Conso
 # What assets are, in two or three words; others are shown with the beginning of their titles.
 ABOUT = {
     "inventory": "topics, digest of each",
+    "signals": "series of numbers",
+    "signal_plots": "a picture of each",
     "calibration": "extrinsics, lenses",
     "ego_poses": "where the vehicle was",
     "annotations": "boxes and tracks",

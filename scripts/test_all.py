@@ -25,6 +25,7 @@ ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "build" / "test-all"
 LOWEST_PYTHON = (3, 11)
 NEWEST_PYTHON = (3, 14)
+LEROBOT_PYTHON = (3, 11)
 _USABLE = "import ensurepip, sys, venv; print(*sys.version_info[:2])"
 _TESTS = ("-m", "pytest", "-q", "-n", "auto", "-p", "no:cacheprovider", "--dist")
 _AT_MOST_S = 35 * 60.0  # a part that hangs must not take the time of the others
@@ -80,7 +81,14 @@ def main(arguments: list[str]) -> int:
 
 def _long() -> None:
     # Not by file: the benchmarks are one file, and would keep one worker busy after all others are done.
-    _run(sys.executable, *_TESTS, "loadgroup", "-m", "long")
+    _run(sys.executable, *_TESTS, "loadgroup", "-m", "long and not lerobot")
+
+
+def _lerobot() -> None:
+    python = find_pythons().get(LEROBOT_PYTHON)
+    if python is None:
+        raise LeftOutError(f"there is no Python {_dotted(LEROBOT_PYTHON)}, with which this lerobot runs")
+    _run("make", f"LEROBOT_PYTHON={python}", "test-lerobot")
 
 
 def _lowest() -> None:
@@ -110,6 +118,7 @@ PARTS = {
     "long": Part(
         "tests that take long, or are some of many alike: the wheel, installed outside of the checkout", _long
     ),
+    "lerobot": Part("the real lerobot on datasets of ours, in an environment of its own", _lerobot),
     "lowest": Part("what depends on libraries, with the lowest versions that pyproject.toml allows", _lowest),
     "newest": Part(
         "what depends on libraries, with the newest Python here, and the newest versions", _newest
@@ -175,6 +184,7 @@ def _requirements() -> list[str]:
     return [
         *project["project"]["dependencies"],
         *project["project"]["optional-dependencies"]["postgres"],
+        *project["project"]["optional-dependencies"]["video"],
         *project["dependency-groups"]["dev"],
     ]
 

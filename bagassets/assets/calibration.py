@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use, as_json, by_digest
+from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use, as_json, by_digest, omitted
 from bagassets.assets.calibration_files import FileContent, pose_in, read_file, short_names
 from bagassets.assets.face import Face, Table
 from bagassets.assets.intrinsics import camera_intrinsics, rounded
@@ -20,7 +20,7 @@ from bagassets.assets.sensors import RecordedSensor, Sensor
 from bagassets.assets.transform_logs import RigFrames, read_urdf
 from bagassets.base.errors import CalibrationError
 from bagassets.base.json_types import Json
-from bagassets.geometry.calibration import CalibratedSensor, Calibration
+from bagassets.geometry.calibration import UNPLACED, CalibratedSensor, Calibration
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.urdf import urdf_edges
 from bagassets.recipe.model import Recipe, Rig
@@ -41,6 +41,7 @@ class CalibrationParams:
         tf_static: topics with static transforms; like `tf` and `urdf` empty if the recipe has all extrinsics.
         tf: topics with transforms, some of which may be fixed joints.
         urdf: URDF file.
+        anywhere: sensors may be anywhere, since no dataset of the recipe needs to know.
     """
 
     ego_frame: str
@@ -48,14 +49,19 @@ class CalibrationParams:
     tf_static: tuple[str, ...]
     tf: tuple[str, ...]
     urdf: Path | None
+    anywhere: bool = omitted(default=False)
 
     @classmethod
-    def of(cls, _: Recipe, rig: Rig) -> "CalibrationParams":
+    def of(cls, recipe: Recipe, rig: Rig) -> "CalibrationParams":
         """Return the parameters of a rig."""
         channels = {name: Sensor.of(channel) for name, channel in sorted(rig.channels.items())}
+        asked = recipe.dataset_settings.values()
+        # What a format asks for is unknown as long as its package cannot be used.
+        known = all(one in asked for one in recipe.formats.values())
+        anywhere = bool(asked) and known and not any(one.needs_mounts for one in asked)
         if _placed_by_hand(channels.values(), rig.ego_frame):
-            return cls(rig.ego_frame, channels, (), (), None)
-        return cls(rig.ego_frame, channels, rig.tf_static, rig.tf, rig.urdf)
+            return cls(rig.ego_frame, channels, (), (), None, anywhere)
+        return cls(rig.ego_frame, channels, rig.tf_static, rig.tf, rig.urdf, anywhere)
 
 
 @dataclass(frozen=True)
@@ -69,6 +75,7 @@ class CalibrationUse:
         tf: topics with transforms.
         urdf: content of the URDF file.
         files: name -> content of the calibration files.
+        anywhere: see `CalibrationParams`.
     """
 
     ego_frame: str
@@ -77,6 +84,7 @@ class CalibrationUse:
     tf: tuple[str, ...]
     urdf: bytes | None = by_digest()
     files: Mapping[str, FileContent] = by_digest()
+    anywhere: bool = omitted(default=False)
 
 
 def use(params: CalibrationParams, facts: Facts) -> dict[str, Use[CalibrationUse]]:
@@ -100,7 +108,7 @@ def use(params: CalibrationParams, facts: Facts) -> dict[str, Use[CalibrationUse
     static, moving = tuple(filter(inventory.has, static)), tuple(filter(inventory.has, moving))
     urdf = None if file is None else read_urdf(file, facts)
     inputs |= {} if urdf is None else {"urdf": digest_bytes(urdf)}
-    known = CalibrationUse(params.ego_frame, channels, static, moving, urdf, files)
+    known = CalibrationUse(params.ego_frame, channels, static, moving, urdf, files, params.anywhere)
     return {"": Use(known, tuple(sorted({*infos, *static, *moving})), inputs)}
 
 
@@ -138,7 +146,13 @@ def make_calibration(use: CalibrationUse, recording: Recording, out: ArtifactWri
     channels: dict[str, CalibratedSensor] = {}
     sources: dict[str, int] = {}
     for name, sensor in use.channels.items():
-        ego_SE3_sensor, source = _extrinsics(name, sensor, use, frames, notes)
+        try:
+            ego_SE3_sensor, source = _extrinsics(name, sensor, use, frames, notes)
+        except CalibrationError as err:
+            if not use.anywhere:
+                raise
+            ego_SE3_sensor, source = SE3(), UNPLACED
+            notes.append(f"Where {name} is remains unknown, and no dataset needs it: {err}")
         camera = None
         if sensor.sensor.lens is not None:
             camera, frame_SE3_image = camera_intrinsics(

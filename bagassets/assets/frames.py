@@ -4,9 +4,10 @@ Files of one camera: `<stamp_ns>.jpg` or `<stamp_ns>.png`, `index.parquet`, `cha
 """
 
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Executor, Future
-from dataclasses import dataclass, replace
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 
 import cv2
@@ -30,8 +31,11 @@ from bagassets.assets.quality.check import RecordingCheck
 from bagassets.base.errors import BagAssetsError, CalibrationError, DecodeError, LossLimitError
 from bagassets.base.json_types import JsonObject
 from bagassets.base.trace import span
+from bagassets.decode.depth import DepthLosses
 from bagassets.decode.loading import keyed_decoder
 from bagassets.decode.model import ImageReading
+from bagassets.decode.registry import AnyFamily
+from bagassets.decode.video import Picture, VideoPacket, VideoStream, decoder_version
 from bagassets.recipe.model import CameraChannel, Recipe, Rig
 from bagassets.recordings.model import Message, RawMessage
 from bagassets.recordings.recording import Recording
@@ -86,20 +90,23 @@ def _use_of_camera(facts: Facts, name: str, settings: CameraSettings) -> Use[Cam
 
     Raises:
         CalibrationError: undistortion is on but there are no intrinsics, or they are for a larger image than `limits` allow.
-        DecodeError: its topic does not carry images.
+        DecodeError: its topic does not carry images, or it carries video, and what decodes it is not installed.
         PluginError: several decoder plug-ins claim the type of its messages.
     """
-    msgtype = facts.inventory.topic(settings.topic).msgtype
-    decoder = require_decoder(name, settings.topic, msgtype, "image")
+    topic = facts.inventory.topic(settings.topic)
+    decoder = require_decoder(name, settings.topic, topic.msgtype, "image", "video")
+    is_video = decoder.family == "video"
     camera = facts.calibration.channels[name].camera
     lens = None if camera is None else camera.lens
     use = CameraUse(
         channel=name,
         settings=settings,
-        msgtype=msgtype,
+        msgtype=topic.msgtype,
         decoder=decoder.key,
         camera=lens,
         camera_from="" if camera is None else camera.source,
+        video=decoder_version(f"{name} ({settings.topic})") if is_video else None,
+        period_ns=topic.period_ns if is_video else None,
     )
     if lens is not None and lens.width * lens.height > settings.image_pixels:
         raise CalibrationError(
@@ -117,6 +124,7 @@ def _use_of_camera(facts: Facts, name: str, settings: CameraSettings) -> Use[Cam
 # Images of one channel in the queue or in work: enough to keep threads busy, few enough to bound memory.
 _MOST_IN_FLIGHT = 4
 _LARGE_BYTES = 40_000_000  # of images this large, only one waits
+Reading = ImageReading | VideoPacket
 Written = tuple[FileEntry, EncodedImage]  # an image in the artifact, without its data
 
 
@@ -142,12 +150,17 @@ class FrameExtractor:
         self._use = use
         self._by_log_time = use.settings.clock == "log"
         self._recording = recording
-        self._decoder: Callable[[Message], ImageReading] = keyed_decoder("image", use.msgtype, use.decoder)
+        self._video: VideoStream | None = None
+        if use.video is not None:
+            self._video = VideoStream(str(use), use.settings.image_pixels, use.period_ns)
+        family: AnyFamily = "image" if self._video is None else "video"
+        self._decoder: Callable[[Message], Reading] = keyed_decoder(family, use.msgtype, use.decoder)
         self._out = out
         self._counts = Counts()
         rule = use.settings.to_8bit
         self._percentiles = None if rule is None else rule.percentiles
-        self._survey = None if self._percentiles is None else GreySurvey(out.scratch)
+        surveys = self._percentiles is not None and self._video is None  # the pictures of video have 8 bit
+        self._survey = GreySurvey(out.scratch) if surveys else None
         self._output = ImageOutput(use, None if rule is None else rule.range)
         self._pool = pool
         self._in_flight: deque[tuple[int, int, Future[Written]]] = deque()
@@ -157,16 +170,18 @@ class FrameExtractor:
         self._failed = 0
         self._first_error: str | None = None
         self._extension = ".jpg"
+        self._depth: DepthLosses | None = None
 
     def add(self, message: RawMessage) -> None:
         """Take the next message; one that cannot be decoded is counted as lost."""
         if self._survey is None:
             self._convert(message)
             return
-        try:
-            pixels = raw_pixels(self._decode(message), self._use.settings.image_pixels)
-        except DecodeError:
-            pixels = None  # counted as lost when its turn comes
+        pixels = None
+        with suppress(DecodeError):  # counted as lost when its turn comes
+            reading = self._decode(message)
+            if isinstance(reading, ImageReading):
+                pixels = raw_pixels(reading, self._use.settings.image_pixels)
         self._survey.add(message, pixels)
 
     def _convert(self, message: RawMessage) -> None:
@@ -176,6 +191,24 @@ class FrameExtractor:
         except DecodeError as err:
             self._fail(err)
             return
+        if isinstance(reading, ImageReading):
+            self._take_reading(reading, message.log_time_ns, lasts=_outlasts_the_call(message.data))
+        elif self._video is not None:
+            self._take_pictures(self._video.add(reading, message.log_time_ns))
+
+    def _take_pictures(self, pictures: Iterable[Picture]) -> None:
+        for picture in pictures:
+            packet = picture.packet
+            if picture.pixels is not None:
+                reading = ImageReading(packet.stamp_ns, packet.frame_id, picture.pixels, None, "bgr8")
+                self._take_reading(reading, picture.log_time_ns, lasts=True)
+            elif picture.is_damage:
+                self._fail(DecodeError(picture.reason))
+            else:
+                self._counts.lose(picture.reason)
+
+    def _take_reading(self, reading: ImageReading, log_time_ns: int, *, lasts: bool) -> None:
+        """Have an image written; unless it `lasts`, it is valid during this call only."""
         if not (reading.stamp_ns or self._by_log_time):
             self._fail(DecodeError("its header stamp is zero; set `clock: log` in the recipe"), "zero stamp")
             return
@@ -186,9 +219,9 @@ class FrameExtractor:
         self._stamps_us.add(stamp_us)
         self._frame_id = self._frame_id or reading.frame_id
         if self._pool is None:
-            self._take(reading.stamp_ns, message.log_time_ns, partial(self._write, reading))
+            self._take(reading.stamp_ns, log_time_ns, partial(self._write, reading))
             return
-        if not _outlasts_the_call(message.data):
+        if not lasts:
             pixels, encoded = reading.pixels, reading.encoded
             reading = replace(
                 reading,
@@ -196,7 +229,7 @@ class FrameExtractor:
                 encoded=None if encoded is None else bytes(encoded),
             )
         future = self._pool.submit(self._write, reading)
-        self._in_flight.append((reading.stamp_ns, message.log_time_ns, future))
+        self._in_flight.append((reading.stamp_ns, log_time_ns, future))
         held = len(reading.encoded or b"") if reading.pixels is None else reading.pixels.nbytes
         while len(self._in_flight) > (1 if held > _LARGE_BYTES else _MOST_IN_FLIGHT):
             self._collect()
@@ -211,6 +244,8 @@ class FrameExtractor:
             self._output.grey_range = self._survey.range(*self._percentiles)
             for message in self._survey.messages():
                 self._convert(message)
+        if self._video is not None:
+            self._take_pictures(self._video.finish())
         while self._in_flight:
             self._collect()
         where = f"{self._use.channel}: topic {self._use.settings.topic}"
@@ -226,7 +261,9 @@ class FrameExtractor:
             )
         rows = sorted(self._rows, key=lambda row: row["stamp_ns"])
         self._out.write_table("index.parquet", pa.Table.from_pylist(rows, schema=INDEX_SCHEMA))
-        facts = {"counts": self._counts.as_json()}
+        facts: JsonObject = {"counts": self._counts.as_json()}
+        if self._depth is not None:
+            facts["depth"] = {"unit_m": self._use.settings.depth_unit_m, **asdict(self._depth)}
         self._out.write_json(
             "channel.json",
             {
@@ -241,7 +278,7 @@ class FrameExtractor:
         )
         return {**facts, "messages": self._counts.read, "bytes": sum(row["size"] for row in rows)}
 
-    def _decode(self, message: RawMessage) -> ImageReading:
+    def _decode(self, message: RawMessage) -> Reading:
         reading = self._decoder(self._recording.decode(message))
         if self._by_log_time:
             return replace(reading, stamp_ns=message.log_time_ns)
@@ -271,6 +308,8 @@ class FrameExtractor:
                 self._in_flight.popleft()[2].cancel()
             raise
         self._extension = image.extension
+        if image.depth is not None:
+            self._depth = (self._depth or DepthLosses()) + image.depth
         self._rows.append(
             {
                 "stamp_ns": stamp_ns,

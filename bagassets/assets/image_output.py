@@ -7,20 +7,22 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from threading import Condition
-from typing import Literal
+from typing import Literal, cast
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from bagassets.assets.asset import for_messages, inlined, omitted
 from bagassets.base.errors import DecodeError, RecipeError
 from bagassets.decode.compressed_image import checked_size, decode_pixels
+from bagassets.decode.depth import DepthLosses, in_steps
 from bagassets.decode.image import Pixels, bayer_to_bgra, check_pixels, to_bgr_or_grey
 from bagassets.decode.model import ImageReading
 from bagassets.geometry.calibration import CameraLens
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.undistortion import Undistortion
-from bagassets.recipe.model import GreyRange, Limits
+from bagassets.recipe.model import DEPTH_UNIT_M, GreyRange, Limits
 from bagassets.recipe.model_base import Clock
 from bagassets.recipe.model_calibration import PinholeIntrinsics
 
@@ -39,6 +41,7 @@ class CameraSettings:
         to_8bit: how 16-bit grey becomes 8 bit; None to keep 16 bit.
         lost_messages: share of the messages that may be lost.
         image_pixels: size of the largest image that is read.
+        depth_unit_m: depth that a grey level of the files stands for, if it was recorded in metres.
     """
 
     topic: str
@@ -50,6 +53,7 @@ class CameraSettings:
     to_8bit: GreyRange | None
     lost_messages: float
     image_pixels: int = omitted(Limits().image_pixels)
+    depth_unit_m: float = omitted(DEPTH_UNIT_M)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,6 +67,8 @@ class CameraUse:
         decoder: the plug-in that decodes them; None for a built-in decoder.
         camera: the calibrated lens; None for a camera without intrinsics.
         camera_from: what the lens is from, as `CalibratedCamera.source`.
+        video: what decodes video; None for images.
+        period_ns: median time between two packets of video.
     """
 
     channel: str
@@ -71,6 +77,8 @@ class CameraUse:
     decoder: Mapping[str, str] | None = omitted()
     camera: CameraLens | None
     camera_from: str = for_messages("")
+    video: str | None = omitted()
+    period_ns: int | None = omitted()
 
     def __str__(self) -> str:
         return f"{self.channel} ({self.settings.topic})"
@@ -78,12 +86,13 @@ class CameraUse:
 
 @dataclass(frozen=True, slots=True)
 class EncodedImage:
-    """A finished image file."""
+    """A finished image file, and, of depth in metres, how many of its pixels have none."""
 
     data: bytes | memoryview
     extension: str
     width: int
     height: int
+    depth: DepthLosses | None = None
 
 
 def raw_pixels(reading: ImageReading, most_pixels: int) -> Pixels:
@@ -94,7 +103,7 @@ def raw_pixels(reading: ImageReading, most_pixels: int) -> Pixels:
     """
     _size_of(reading, most_pixels)
     try:
-        return _converted(reading)
+        return _converted(reading)[0]
     except cv2.error as err:
         raise _refused(err) from err
 
@@ -111,10 +120,18 @@ def _size_of(reading: ImageReading, most_pixels: int) -> tuple[int, int]:
     return width, height
 
 
-def _converted(reading: ImageReading) -> Pixels:
-    if reading.pixels is not None:
-        return to_bgr_or_grey(reading.pixels, reading.encoding)
-    return decode_pixels(reading.encoded or b"", reading.encoding)
+def _converted(
+    reading: ImageReading, depth_unit_m: float = DEPTH_UNIT_M
+) -> tuple[Pixels, DepthLosses | None]:
+    """Return the pixels of a reading; of depth in metres, its levels, and how many of them are missing."""
+    pixels = reading.pixels
+    if pixels is None:
+        pixels = decode_pixels(reading.encoded or b"", reading.encoding)
+        if pixels.dtype != np.float32:
+            return cast("Pixels", pixels), None
+    if pixels.dtype == np.float32:
+        return in_steps(cast("NDArray[np.float32]", pixels), depth_unit_m)
+    return to_bgr_or_grey(cast("Pixels", pixels), reading.encoding), None
 
 
 def _refused(err: cv2.error) -> Exception:
@@ -179,6 +196,7 @@ class ImageOutput:
         self._format = settings.output
         self._jpeg_options = [] if settings.quality is None else [cv2.IMWRITE_JPEG_QUALITY, settings.quality]
         self._most_pixels = settings.image_pixels
+        self._depth_unit_m = settings.depth_unit_m
         self.grey_range = grey_range
         self._recorded = None if use.camera is None else CameraModel.from_calibration(use.camera)
         self.written = self._recorded
@@ -218,8 +236,8 @@ class ImageOutput:
         )
         # A Bayer mosaic as BGRA, which can be undistorted faster, into BGR.
         mosaic = None if self.undistort is None else reading.pixels
-        bgra = None if mosaic is None else bayer_to_bgra(mosaic, reading.encoding)
-        pixels = _converted(reading) if bgra is None else bgra
+        bgra = None if mosaic is None else bayer_to_bgra(cast("Pixels", mosaic), reading.encoding)
+        pixels, depth = _converted(reading, self._depth_unit_m) if bgra is None else (bgra, None)
         if pixels.dtype == np.uint16:
             pixels = self._to_8bit(pixels)
         if self.undistort is not None:
@@ -230,7 +248,7 @@ class ImageOutput:
             done, data = cv2.imencode(".png", pixels, [cv2.IMWRITE_PNG_COMPRESSION, 3])
         if not done:
             raise DecodeError("the image cannot be encoded")
-        return EncodedImage(data.data, ".jpg" if jpeg else ".png", pixels.shape[1], pixels.shape[0])
+        return EncodedImage(data.data, ".jpg" if jpeg else ".png", pixels.shape[1], pixels.shape[0], depth)
 
     def _to_8bit(self, pixels: Pixels) -> Pixels:
         if self.grey_range is None:

@@ -410,8 +410,12 @@ def _losses(summary: JsonMapping) -> list[Loss]:
 
 INVENTORY = Asset(
     name="inventory",
-    version=7,
-    changes={7: "lists topics that metadata.yaml leaves out, and knows stray fixes and clocks that were set"},
+    version=8,
+    changes={
+        7: "lists topics that metadata.yaml leaves out, and knows stray fixes and clocks that were set",
+        8: "reads messages in protobuf and JSON, and the stamps of Foxglove's in ROS 2",
+    },
+    spared={8: lambda use: use.format == "ros1"},
     # rosbags has the standard types, which recordings without definitions are decoded with.
     libraries=("pyarrow", "rosbags"),
     title="What is in the recording: topics, types, counts, rates, gaps, offsets between clocks, the place, day or night.",

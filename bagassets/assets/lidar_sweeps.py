@@ -32,7 +32,7 @@ from bagassets.decode.point_times import (
     survey,
     time_of,
 )
-from bagassets.decode.pointcloud2 import POINTCLOUD2, read_pointcloud2, with_times, without_zero_points
+from bagassets.decode.pointcloud2 import POINT_CLOUDS, read_pointcloud2, with_times, without_zero_points
 from bagassets.geometry.kernels.moving import KNOT_NS, move_points
 from bagassets.geometry.se3 import SE3, Floats, quaternion_multiply, rotate
 from bagassets.geometry.trajectory import Trajectory
@@ -275,7 +275,7 @@ class CloudSweeps:
 
     def _reading(self, message: Message) -> CloudReading:
         reading: CloudReading
-        if self._use.msgtype == POINTCLOUD2 and not self._by_plugin:
+        if self._use.msgtype in POINT_CLOUDS and not self._by_plugin:
             reading = read_pointcloud2(message)
         else:
             reading = self._decode(message, self._use.header_stamp_is, self._use.settings.stamp)

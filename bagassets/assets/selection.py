@@ -34,6 +34,7 @@ def skip_reason(recipe: Recipe, rig: Rig | None, inventory: Inventory) -> str | 
     if missing:
         topics = ", ".join(f"{name} ({rig.channels[name].topic})" for name in missing)
         return f"required channel without readable messages: {topics}"
-    if not present:
-        return f"none of the channels of rig {rig.name} has readable messages"
+    if not present and not any(inventory.has_readable(one.topic) for one in rig.signals.values()):
+        either = " or signals" if rig.signals else ""
+        return f"none of the channels{either} of rig {rig.name} has readable messages"
     return None

@@ -28,9 +28,9 @@ from bagassets.assets.radar_sweeps import RadarSettings, RadarSweeps, RadarUse
 from bagassets.assets.sweep_files import LIDAR_SCHEMA, SweepFiles
 from bagassets.base.errors import DecodeError, LossLimitError, RecipeError
 from bagassets.base.json_types import JsonObject
-from bagassets.decode.fields import check_points, stamp_ns
+from bagassets.decode.fields import check_points, head
 from bagassets.decode.point_times import Moment
-from bagassets.decode.pointcloud2 import POINTCLOUD2
+from bagassets.decode.pointcloud2 import POINT_CLOUDS
 from bagassets.decode.radar import measures_relative
 from bagassets.recipe.model import LidarChannel, PointTimes, RadarChannel, Recipe, Rig
 from bagassets.recordings.inventory import Inventory
@@ -113,7 +113,7 @@ def _use_of_lidar(facts: Facts, name: str, settings: LidarChannelSettings) -> Us
     common = settings.common
     topic = facts.inventory.topic(common.topic)
     decoder = require_decoder(name, topic.name, topic.msgtype, "cloud", "packets")
-    if settings.point_times is not None and topic.msgtype != POINTCLOUD2:
+    if settings.point_times is not None and topic.msgtype not in POINT_CLOUDS:
         raise RecipeError(
             f"{name}: point_times can be set for PointCloud2 only, but {topic.name} carries {topic.msgtype}; remove it "
             "from the recipe."
@@ -275,10 +275,9 @@ class SweepExtractor:
         settings = self._use.settings
         check_points(decoded, settings.cloud_points)
         if self._needs_header:
-            if not hasattr(decoded, "header"):
-                raise DecodeError("it has no header")
+            stamp_ns, _ = head(decoded)
             # Simulated time may start at 0, but does not stay there.
-            if settings.clock == "header" and self._messages > 1 and not stamp_ns(decoded.header.stamp):
+            if settings.clock == "header" and self._messages > 1 and not stamp_ns:
                 raise DecodeError(NO_STAMP)
         return decoded
 

@@ -21,6 +21,11 @@ def names_text(names: Sequence[str], most: int = _MOST_NAMED) -> str:
     return ", ".join(names[:most]) + (f" and {more} more" if more > 0 else "")
 
 
+def recordings_text(names: Sequence[str]) -> str:
+    """Return how many recordings there are and the first few names; of a single one, its name."""
+    return names[0] if len(names) == 1 else f"{len(names)} recordings ({names_text(names)})"
+
+
 @dataclass(frozen=True)
 class Told:
     """What is said of some recordings.
@@ -39,9 +44,7 @@ class Told:
     @property
     def title(self) -> str:
         """The recordings, of many only the first few by name."""
-        if len(self.names) == 1:
-            return self.names[0]
-        return f"{len(self.names)} recordings ({names_text(self.names)})"
+        return recordings_text(self.names)
 
 
 def told_once(found: Iterable[tuple[tuple[str, ...], str, str]], fewest: int = _FEWEST) -> list[Told]:

@@ -13,7 +13,7 @@ from hashlib import blake2b
 from bagassets.base.fingerprints import PlanNeeded, open_read_only
 
 NAME = "freshness.sqlite"
-_FORMAT = 2
+_FORMAT = 3
 _BUSY_S = 10.0
 _VERSION = "PRAGMA user_version"
 _ALL = "SELECT key, content, digest FROM entries WHERE kind = ?"

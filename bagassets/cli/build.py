@@ -11,7 +11,6 @@ import click
 
 from bagassets.base.json_types import JsonObject
 from bagassets.base.quantities import count_text
-from bagassets.base.trace import span
 from bagassets.cli.early import JOBS_PER_PROCESSOR, MOST_ROWS, HandedOver
 from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.options import recipe_option
@@ -126,7 +125,7 @@ def build_with_progress(
     handed_over: HandedOver | None = None,
 ) -> JsonObject:
     """Build on the server and show the progress; return the report, with the rows of its table, as JSON."""
-    from bagassets.cli.remote import build_on_server, server_for
+    from bagassets.cli.remote import report_of_build
 
     with ExitStack() as stack:
         listeners: list[Callable[[Event], None]] = [stack.enter_context(progress_for())]
@@ -141,16 +140,7 @@ def build_with_progress(
             for listener in listeners:
                 listener(event)
 
-        server, job, starting = handed_over or HandedOver()
-        while True:
-            if server is None:
-                with span("find or start the server"):
-                    server = server_for(recipe, options.bags, starting)
-            with server:
-                report = build_on_server(server, recipe, options, on_event, most, job)
-            if report is not None:
-                return report
-            server = job = starting = None
+        return report_of_build(recipe, options, on_event, most, handed_over)
 
 
 def _dry_run(recipe: Path, options: "BuildOptions", *, check: bool, as_json: bool) -> int:
@@ -167,12 +157,12 @@ def _dry_run(recipe: Path, options: "BuildOptions", *, check: bool, as_json: boo
         workspace = own.workspace
         pending = find_pending_work(instance, workspace, options, own, on_planned=on_planned)
         surveyed = own.survey(instance, pending, options)
-        moved = expected_moves(pending, workspace.recipe) if pending.datasets else {}
+        moved = expected_moves(pending, workspace.recipe) if pending.asked.datasets else {}
         # Recordings that will be built will also be checked again.
-        done = [pending.plan.bags[key] for key in sorted(pending.chosen - pending.todo.keys())]
-        remarks = tuple(remarks_on_record(workspace.recipe, workspace.store, pending.discovery, done))
+        done = [pending.plan.bags[key] for key in sorted(pending.asked.chosen - pending.todo.keys())]
+        remarks = tuple(remarks_on_record(workspace.recipe, workspace.store, pending.plan.discovery, done))
         again = pending.made_again(workspace, options.jobs)
-        empty = why_empty(workspace.recipe, recipe, workspace.store, pending.datasets)
+        empty = why_empty(workspace.recipe, recipe, workspace.store, pending.asked.datasets)
     if as_json:
         echo_json(dry_run_json(pending, surveyed, moved, remarks))
     else:

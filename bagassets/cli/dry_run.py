@@ -66,10 +66,10 @@ def verdict(pending: "PendingWork", own: "OwnProject") -> str:
         name for name, states in own.targets.items() if any(one.state in _TO_DO for one in states.values())
     ]
     behind, to_make = (
-        [one for one in to_do if (one in pending.datasets) == is_ours] for is_ours in (True, False)
+        [one for one in to_do if (one in pending.asked.datasets) == is_ours] for is_ours in (True, False)
     )
     if pending.is_settled and not to_make:
-        fresh = len(pending.chosen) - len(pending.failed)
+        fresh = len(pending.asked.chosen) - len(pending.failed)
         failed = f", {len(pending.failed)} failed" if pending.failed else ""
         return f"nothing to do: {count_text(fresh, 'recording')} up to date{failed}."
     skipped = sum(pending.plan.bags[key].skipped is not None for key in pending.todo)

@@ -1,6 +1,7 @@
 """Handing a build over to its server, or starting one, before the command line is imported, which takes a tenth of a second."""
 
 import os
+import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -27,11 +28,13 @@ class HandedOver(NamedTuple):
     """What has begun before the command line is imported: the build on its server, or that server.
 
     Attributes:
+        began_s: when the command began, by `time.monotonic`.
         client: of the server, if it is up.
         job: the build there.
         starting: the server, if it was not up.
     """
 
+    began_s: float
     client: Client | None = None
     job: str | None = None
     starting: ServerStart | None = None
@@ -44,6 +47,7 @@ def hand_over(recipe: str, jobs: int | None) -> HandedOver | None:
         recipe: recipe file.
         jobs: as given in the command; None for one per processor. The command line comments on too many.
     """
+    began_s = time.monotonic()
     processors = os.cpu_count() or 1
     jobs = processors if jobs is None else jobs
     if jobs > JOBS_PER_PROCESSOR * processors:
@@ -53,8 +57,8 @@ def hand_over(recipe: str, jobs: int | None) -> HandedOver | None:
         file = Path(recipe).absolute()
         client = find_server(file)
         if client is not None:
-            return HandedOver(client, submit_build(client, file, {"jobs": jobs}, MOST_ROWS))
-        return HandedOver(starting=begin_server(file, Path(state_folder(str(file)))))
+            return HandedOver(began_s, client, submit_build(client, file, {"jobs": jobs}, MOST_ROWS))
+        return HandedOver(began_s, starting=begin_server(file, Path(state_folder(str(file)))))
     except (PlanNeeded, BagAssetsError, OSError):  # the command line meets it again, and reports it
         if client is not None:
             client.close()

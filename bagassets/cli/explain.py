@@ -54,7 +54,7 @@ def explain(bag: str | None, asset: str | None, recipe: Path, as_json: bool) -> 
     from bagassets.engine.build_report import BuildOptions
     from bagassets.engine.choose import SelectionError, choose_assets, choose_recordings
     from bagassets.engine.explain import explain_asset, explanation
-    from bagassets.engine.planner import Planner
+    from bagassets.engine.planner import recorded_graph
     from bagassets.formats.dataset_build import dataset_code_versions, dataset_contents
 
     wanted, asset = ([bag], asset) if bag and asset else ([], bag or "")
@@ -64,9 +64,8 @@ def explain(bag: str | None, asset: str | None, recipe: Path, as_json: bool) -> 
         if asset not in own.assets:  # one of the user's may be below our prefix, too
             asset = workspace.names.shorten(asset)
         recordings = workspace.discover().recordings
-        planner = Planner(workspace.assets, workspace.store, workspace.index)
         datasets = dataset_code_versions(workspace.recipe)
-        known = ("bag", *planner.assets.names, *datasets)
+        known = ("bag", *workspace.assets.names, *datasets)
         if own.problem and asset not in known:
             raise RecipeError(own.problem)
         names, lacking = (*known, *own.assets), "" if asset else "name an asset"
@@ -101,7 +100,10 @@ def explain(bag: str | None, asset: str | None, recipe: Path, as_json: bool) -> 
             value, lines = _of_own(own.assets[asset], key, own.states[asset][key], own.evidence[asset][key])
         else:
             recorded_of_key = recorded_assets(instance, workspace.names, keys[0])
-            value = explain_asset(planner, recordings[keys[0]], recorded_of_key, asset)
+            graph = recorded_graph(
+                workspace.assets, workspace.store, recordings[keys[0]], recorded_of_key, workspace.index
+            )
+            value = explain_asset(graph, asset)
             lines = [*_lines(value)]
     if as_json:
         echo_json(value)

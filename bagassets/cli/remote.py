@@ -14,7 +14,8 @@ from bagassets.base.fingerprints import PlanNeeded
 from bagassets.base.interrupts import deferred_interrupts
 from bagassets.base.json_types import JsonObject
 from bagassets.base.lock_files import is_locked
-from bagassets.cli.early import GRACE_S, begin_server, submit_build
+from bagassets.base.trace import span
+from bagassets.cli.early import GRACE_S, HandedOver, begin_server, submit_build
 from bagassets.engine.build_report import BuildOptions, Event
 from bagassets.engine.freshness.decide import state_folder
 from bagassets.forkserver.client import Client, ServerRefusedError, ServerStart
@@ -34,6 +35,38 @@ _INTERRUPT_POLL_S = 0.2  # the longest time in which an interrupt goes unnoticed
 
 class InterruptedBuildError(BagAssetsError):
     """A build was interrupted before it could report what it did."""
+
+
+def report_of_build(
+    recipe: Path,
+    options: BuildOptions,
+    on_event: Callable[[Event], None],
+    most: int | None,
+    handed_over: HandedOver | None = None,
+) -> JsonObject:
+    """Build on the server of a recipe, which is started if it is not up; return the report as JSON.
+
+    Its `seconds` are what the user has waited, for the server, too. Arguments and errors are those of `server_for` and
+    `build_on_server`.
+
+    Args:
+        recipe: recipe file.
+        options: what to build.
+        on_event: called with each event of the build.
+        most: most rows of the table; None for all.
+        handed_over: what has begun before.
+    """
+    began_s, server, job, starting = handed_over or HandedOver(time.monotonic())
+    while True:
+        if server is None:
+            with span("find or start the server"):
+                server = server_for(recipe, options.bags, starting)
+        with server:
+            report = build_on_server(server, recipe, options, on_event, most, job)
+        if report is not None:
+            report["seconds"] = round(time.monotonic() - began_s, 3)
+            return report
+        server = job = starting = None
 
 
 def server_for(recipe: Path, bags: Sequence[str], begun: ServerStart | None = None) -> Client:

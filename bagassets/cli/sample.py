@@ -17,14 +17,23 @@ Examples:
   bagassets sample big --profile tas --duration 20      # a ROS 2 folder, 90 MB per second
   bagassets sample drive.mcap --odd projection-only     # K of CameraInfo is zero, as rectified cameras send it
   bagassets sample drive.bag --parts 3                  # drive_0.bag, drive_1.bag, drive_2.bag: one recording
-  bagassets sample drive.mcap --recipe-out recipe.yaml && bagassets build"""
+  bagassets sample drive.mcap --recipe-out recipe.yaml && bagassets build
+  bagassets sample pick.mcap --robot arm --odd camera-stops"""
 )
 @click.argument("path", type=click.Path(path_type=Path))
 @click.option(
     "--format",
     "file_format",
-    type=click.Choice(["ros1", "ros2", "mcap"]),
-    help="Default: by the suffix: .bag is ros1, .mcap is mcap, none is ros2 (a folder with a database), .db3 its database alone.",
+    type=click.Choice(["ros1", "ros2", "mcap", "foxglove"]),
+    help="Default: by the suffix: .bag is ros1, .mcap is mcap, none is ros2 (a folder with a database), .db3 its database alone. "
+    "foxglove is an MCAP without ROS, of the arm only.",
+)
+@click.option(
+    "--robot",
+    type=click.Choice(["car", "arm"]),
+    default="car",
+    show_default=True,
+    help="arm: seven joints and a gripper, their commands, two cameras, tasks and episodes; no calibration.",
 )
 @click.option(
     "--compression",
@@ -73,6 +82,7 @@ Examples:
 def sample(
     path: Path,
     file_format: str | None,
+    robot: str,
     compression: str,
     profile: str,
     seed: int,
@@ -85,9 +95,10 @@ def sample(
 
     A circular road with buildings, vehicles and pedestrians, recorded by three cameras with lens distortion (one Bayer,
     one colour, one JPEG), a spinning lidar and a radar, with odometry, TF, GNSS, IMU, and the true boxes on /annotations.
-    The same seed gives the same drive in every format.
+    With --robot arm, an arm that does its tasks instead. The same seed gives the same recording in every format.
     """
-    from bagassets.sample.drive import PROFILES, Target, write_recordings
+    from bagassets.sample.arm_oddities import ARM_ODDITIES
+    from bagassets.sample.drive import PROFILES, Target, write_arm_recordings, write_recordings
     from bagassets.sample.oddities import ODDITIES
 
     kind = file_format or _FORMATS.get(path.suffix)
@@ -101,13 +112,22 @@ def sample(
         )
     if recipe_out is not None and recipe_out.exists():
         raise click.UsageError(f"{recipe_out}: this file exists and is not overwritten; choose another name.")
-    if unknown := [name for name in odd if name not in ODDITIES]:
-        raise click.UsageError(f"no oddity is named {unknown[0]}; known: {', '.join(sorted(ODDITIES))}.")
+    is_arm = robot == "arm"
+    known = ARM_ODDITIES if is_arm else ODDITIES
+    if unknown := [name for name in odd if name not in known]:
+        raise click.UsageError(
+            f"no oddity of the {robot} is named {unknown[0]}; known: {', '.join(sorted(known))}."
+        )
+    if is_arm and PROFILES[profile].throughput:
+        raise click.UsageError(f"there is no arm of the profile {profile}; leave --profile out.")
+    if kind == "foxglove" and not is_arm:
+        raise click.UsageError("only recordings of the arm are written without ROS; add --robot arm.")
     if odd and PROFILES[profile].throughput:
         raise click.UsageError(f"drives of the profile {profile} have no oddities; leave --odd out.")
     length_s = PROFILES[profile].duration_s if duration is None else duration
     with click.progressbar(length=1000, label=f"Writing {path}") as bar:
-        write_recordings(
+        write = write_arm_recordings if is_arm else write_recordings
+        write(
             [Target(path, kind, compression, parts)],  # type: ignore[arg-type]  # click checked the choices
             seed,
             profile,
@@ -118,13 +138,15 @@ def sample(
     written = path if parts == 1 else path.with_stem(f"{path.stem}_0")
     several = "" if parts == 1 else f" in {parts} parts"
     echo(
-        f"Wrote {path}{several}: {length_s:g} s of drive, seed {seed}. Inspect it: bagassets inspect {written}"
+        f"Wrote {path}{several}: {length_s:g} s of {'the arm' if is_arm else 'drive'}, seed {seed}. Inspect it: bagassets inspect {written}"
     )
     if recipe_out is not None:
-        from bagassets.sample.recipe import sample_recipe
+        from bagassets.sample.recipe import arm_recipe, sample_recipe
 
-        recipe_out.write_text(
-            sample_recipe(root=str(path.resolve().parent), throughput=PROFILES[profile].throughput),
-            encoding="utf-8",
-        )
+        root = str(path.resolve().parent)
+        if is_arm:
+            text = arm_recipe(root=root, foxglove=kind == "foxglove")
+        else:
+            text = sample_recipe(root=root, throughput=PROFILES[profile].throughput)
+        recipe_out.write_text(text, encoding="utf-8")
         echo(f"Wrote {recipe_out}. Build the dataset: bagassets build --recipe {recipe_out}")

@@ -2,13 +2,13 @@
 
 import sys
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from bagassets.base.alike import names_text, told_once
+from bagassets.base.alike import names_text, recordings_text, told_once
 from bagassets.base.escaping import visible
 from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.base.quantities import count_text
@@ -24,10 +24,11 @@ if TYPE_CHECKING:
 
 __all__ = ["status"]
 
-# Beyond this number, fresh recordings are not listed.
+# Beyond this number, fresh recordings are not listed, and others in the same states share a row.
 MOST_ROWS = 40
 # Narrower terminals get shorter column headings.
 _WIDE = 110
+_Row = tuple[str, Mapping[str, str]]
 _ORDER = ("fresh", "record-only", "stale", "unknown", "missing", "failed", "skipped")
 _COLOURS = {"fresh": "green", "record-only": "cyan", "stale": "yellow", "unknown": "yellow", "missing": "yellow",
             "failed": "bold red", "skipped": "dim"}  # fmt: skip
@@ -71,6 +72,7 @@ def status(recipe: Path, bags: tuple[str, ...], show_all: bool, as_json: bool) -
     from bagassets.engine.build_report import BuildOptions
     from bagassets.engine.choose import SelectionError
     from bagassets.formats.catalogue import problems_of
+    from bagassets.formats.emptiness import left_behind
 
     try:
         with planning_shown() as on_planned, open_project(recipe) as (instance, known_as):
@@ -81,7 +83,7 @@ def status(recipe: Path, bags: tuple[str, ...], show_all: bool, as_json: bool) -
             own = project.survey(instance, pending, options)
     except SelectionError as err:
         raise click.UsageError(str(err)) from err
-    problems = list(problems_of(workspace.recipe))
+    problems = [*problems_of(workspace.recipe), *left_behind(workspace.recipe)]
     if as_json:
         echo_json(status_json(pending, own, problems))
     else:
@@ -95,12 +97,12 @@ def status(recipe: Path, bags: tuple[str, ...], show_all: bool, as_json: bool) -
 
 
 def status_json(pending: "PendingWork", own: "OwnProject", problems: Sequence[str] = ()) -> JsonObject:
-    """Return all states as JSON, and the problems of installed packages."""
-    bags = {key: bag for key, bag in pending.plan.bags.items() if key in pending.chosen}
+    """Return all states as JSON, and the problems of installed packages, and of datasets that nothing asks for any more."""
+    bags = {key: bag for key, bag in pending.plan.bags.items() if key in pending.asked.chosen}
     return {
         "settled": pending.is_settled and own.is_settled,
         "recordings": {
-            key: {"format": bag.format, "registered": key in pending.live, "assets": bag.as_json()}
+            key: {"format": bag.format, "registered": key in pending.plan.live, "assets": bag.as_json()}
             for key, bag in bags.items()
         },
         **own.as_json(),
@@ -115,13 +117,15 @@ def _print(pending: "PendingWork", own: "OwnProject", *, show_all: bool) -> None
     from rich.console import Console
 
     console = Console(highlight=False, width=None if sys.stdout.isatty() else 140)
-    bags = {key: bag for key, bag in pending.plan.bags.items() if key in pending.chosen}
+    bags = {key: bag for key, bag in pending.plan.bags.items() if key in pending.asked.chosen}
     listed = bags
     if len(bags) > MOST_ROWS and not show_all:
         listed = {key: bag for key, bag in bags.items() if not bag.settled}
     if listed:
-        states = {key: {n: s.state for n, s in bag.assets.items()} for key, bag in listed.items()}
-        console.print(_table(states, short=console.width < _WIDE))
+        rows: list[_Row] = [(key, {n: s.state for n, s in bag.assets.items()}) for key, bag in listed.items()]
+        if len(rows) > MOST_ROWS and not show_all:
+            rows = _alike(rows)
+        console.print(_table(rows, short=console.width < _WIDE))
     if len(listed) < len(bags):
         number = len(bags) - len(listed)
         console.print(f"{number} more {'is' if number == 1 else 'are'} fresh or skipped; --all lists all.")
@@ -154,7 +158,15 @@ def _target_lines(own: "OwnProject") -> Iterator[str]:
         yield f"error: {visible(own.problem)}"
 
 
-def _table(states: Mapping[str, Mapping[str, str]], *, short: bool) -> "Table":
+def _alike(rows: Iterable[_Row]) -> list[_Row]:
+    """Return one row for all recordings whose assets are in the same states."""
+    found: dict[tuple[str, ...], tuple[list[str], Mapping[str, str]]] = {}
+    for key, states in rows:
+        found.setdefault(tuple(states.values()), ([], states))[0].append(key)
+    return [(recordings_text(keys), states) for keys, states in found.values()]
+
+
+def _table(rows: Sequence[_Row], *, short: bool) -> "Table":
     from rich import box
     from rich.table import Table
     from rich.text import Text
@@ -162,13 +174,13 @@ def _table(states: Mapping[str, Mapping[str, str]], *, short: bool) -> "Table":
     from bagassets.formats.catalogue import known_assets
 
     headings = {asset.name: asset.face.heading for asset in known_assets()}
-    assets = list(next(iter(states.values())))
+    assets = list(rows[0][1])
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=0)
     table.add_column("recording", overflow="fold", min_width=9)
     for name in assets:
         heading = (headings.get(name) or name.rpartition("_")[2]) if short else name.replace("_", " ")
         table.add_column(heading, overflow="fold")
-    for key, row in states.items():
+    for key, row in rows:
         table.add_row(key, *(Text(row[name], style=_COLOURS[row[name]]) for name in assets))
     return table
 

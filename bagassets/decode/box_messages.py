@@ -1,11 +1,13 @@
-"""Messages of boxes: those of `vision_msgs`, `visualization_msgs`, `jsk_recognition_msgs`, `derived_object_msgs` and Autoware."""
+"""Messages of boxes: those of `vision_msgs`, `visualization_msgs`, `jsk_recognition_msgs`, `derived_object_msgs`, Foxglove and Autoware."""
 
 from collections.abc import Sequence
 from operator import attrgetter
+from types import SimpleNamespace
+from typing import cast
 
 from bagassets.base.errors import DecodeError
 from bagassets.decode.boxes import NO_EXTENT, BoxDecoder, box_around
-from bagassets.decode.fields import rigid_transform, stamp_and_frame
+from bagassets.decode.fields import head, rigid_transform, stamp_and_frame
 from bagassets.decode.model import BoxReading
 from bagassets.geometry.se3 import SE3
 from bagassets.recordings.model import Message
@@ -99,6 +101,49 @@ def _bounding_box(message: Message, box: Message) -> BoxReading:
 
 
 BOUNDING_BOXES = BoxDecoder(attrgetter("boxes"), _bounding_box)
+
+
+_CLASS_KEYS = ("category", "class", "label", "type")
+
+
+def _scene_items(message: Message) -> list[Message]:
+    """Return the cubes of a `foxglove.SceneUpdate`, each with its entity: a cube does not know it."""
+    pairs = ((entity, cube) for entity in message.entities for cube in entity.cubes)
+    return [cast("Message", SimpleNamespace(entity=entity, cube=cube)) for entity, cube in pairs]
+
+
+def _scene_cube(message: Message, item: Message) -> BoxReading:  # noqa: ARG001  (as BoxDecoder.decode)
+    """Return the box of a cube of a `foxglove.SceneEntity`, whose id is its track and whose metadata names its class.
+
+    `attributes` in the metadata are separated by commas, as `bagassets view` writes them, `score` is a number. Other shapes
+    mark points and surfaces.
+
+    Raises:
+        DecodeError: the pose is not usable, or no class is named.
+    """
+    entity, cube = item.entity, item.cube
+    stamp_ns, frame_id = head(entity)
+    known = {str(pair.key): str(pair.value) for pair in entity.metadata}
+    category = next((known[key] for key in _CLASS_KEYS if known.get(key)), None)
+    if category is None:
+        raise DecodeError(f"the metadata of its entity name no class ({', '.join(_CLASS_KEYS)})")
+    try:
+        score = float(known.get("score", 1.0))
+    except ValueError:
+        raise DecodeError("its score is no number") from None
+    return BoxReading(
+        stamp_ns=stamp_ns,
+        frame_id=frame_id,
+        frame_SE3_box=rigid_transform(cube.pose.position, cube.pose.orientation),
+        size_m=_size_m(cube.size),
+        track_id=str(entity.id),
+        category=category,
+        attributes=tuple(filter(None, (name.strip() for name in known.get("attributes", "").split(",")))),
+        score=score,
+    )
+
+
+SCENE_UPDATE = BoxDecoder(_scene_items, _scene_cube)
 
 
 # derived_object_msgs/Object CLASSIFICATION_*

@@ -5,10 +5,11 @@ from dataclasses import dataclass
 from math import isfinite
 
 from bagassets.base.errors import DecodeError
-from bagassets.decode.fields import stamp_and_frame
+from bagassets.decode.fields import head
 from bagassets.geometry.calibration import COEFFICIENTS, IDENTITY, CameraCalibration, RegionOfInterest
 from bagassets.recordings.model import Message
 
+_SIZES = {"k": 9, "r": 9, "p": 12}
 # Names in the wild -> names of the models this package knows.
 MODELS = {
     "plumb_bob": "plumb_bob",
@@ -39,13 +40,15 @@ class CameraInfoReading:
 
 
 def decode_camera_info(message: Message) -> CameraInfoReading:
-    """Return the calibration in a CameraInfo of ROS 1 (K, D, R, P) or ROS 2 (k, d, r, p).
+    """Return the calibration in a CameraInfo of ROS 1 (K, D, R, P) or ROS 2 (k, d, r, p), or a `foxglove.CameraCalibration`.
+
+    The latter has no binning and no region of interest; matrices that it leaves out are zero.
 
     Raises:
         DecodeError: the camera was never calibrated, the numbers are implausible, or the
             distortion model is not known.
     """
-    stamp_ns, frame_id = stamp_and_frame(message.header)
+    stamp_ns, frame_id = head(message)
     k, r, p = (_numbers(message, name) for name in ("k", "r", "p"))
     width, height = int(message.width), int(message.height)
     if not all(isfinite(value) for value in (*r, *p)):
@@ -61,8 +64,11 @@ def decode_camera_info(message: Message) -> CameraInfoReading:
         height=height,
         k=k,
         d=d,
-        binning=(max(1, int(message.binning_x)), max(1, int(message.binning_y))),
-        roi=_region(message.roi, width, height),
+        binning=(
+            max(1, int(getattr(message, "binning_x", 1))),
+            max(1, int(getattr(message, "binning_y", 1))),
+        ),
+        roi=_region(getattr(message, "roi", None), width, height),
         r=r if any(r) else IDENTITY,
         p=p,
     )
@@ -104,7 +110,7 @@ def _numbers(message: Message, name: str) -> tuple[float, ...]:
     values = getattr(message, name, None)
     if values is None:  # ROS 1 spells them in capitals
         values = getattr(message, name.upper())
-    return tuple(float(v) for v in values)
+    return tuple(float(v) for v in values) or (0.0,) * _SIZES.get(name, 0)
 
 
 def named_distortion(name: str, d: tuple[float, ...]) -> tuple[str, tuple[float, ...]]:
@@ -144,7 +150,9 @@ def _polynomial(model: str, d: tuple[float, ...]) -> tuple[str, tuple[float, ...
     return ("plumb_bob" if len(d) in COEFFICIENTS["plumb_bob"] else "rational_polynomial"), d
 
 
-def _region(roi: Message, width: int, height: int) -> RegionOfInterest:
+def _region(roi: Message | None, width: int, height: int) -> RegionOfInterest:
+    if roi is None:
+        return RegionOfInterest(0, 0, width, height, False)
     region = RegionOfInterest(
         int(roi.x_offset),
         int(roi.y_offset),

@@ -15,9 +15,11 @@ import re
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from bagassets.base.errors import DecodeError
-from bagassets.decode.fields import stamp_and_frame
+from bagassets.decode.depth import compressed_depth, metres
+from bagassets.decode.fields import byte_array, head
 from bagassets.decode.image import Pixels, demosaic
 from bagassets.decode.image_structure import JPEG, PNG, check_jpeg, check_png
 from bagassets.decode.model import ImageReading
@@ -34,13 +36,14 @@ def decode_compressed_image(message: Message) -> ImageReading:
     pattern. The first bytes decide between JPEG and PNG, because `format` is often empty and sometimes wrong. The bytes are a view of the message's; `checked_size` finds out whether they are whole.
 
     Raises:
-        DecodeError: it is neither a JPEG nor a PNG.
+        DecodeError: it is neither a JPEG nor a PNG, or `compressedDepth` of another kind than 16 bit or metres as PNG.
     """
-    stamp_ns, frame_id = stamp_and_frame(message.header)
+    stamp_ns, frame_id = head(message)
     text = str(message.format)
+    data = byte_array(message.data).data
     if "compressedDepth" in text:
-        raise DecodeError("compressedDepth images are not supported; record the raw depth topic")
-    data = np.ascontiguousarray(message.data, np.uint8).data
+        image, encoding = compressed_depth(text.partition(";")[0], data)
+        return ImageReading(stamp_ns, frame_id, None, image, encoding)
     start = bytes(data[: len(PNG)])
     kind = "jpeg" if start.startswith(JPEG) else "png" if start == PNG else ""
     if not kind:
@@ -73,8 +76,8 @@ def checked_size(encoded: memoryview | bytes, encoding: str) -> tuple[int, int]:
     return check(memoryview(encoded))
 
 
-def decode_pixels(encoded: bytes | memoryview, encoding: str) -> Pixels:
-    """Return the pixels of a file that passed `checked_size`, (H, W) grey or (H, W, 3) BGR, uint8 or uint16.
+def decode_pixels(encoded: bytes | memoryview, encoding: str) -> Pixels | NDArray[np.float32]:
+    """Return the pixels of a file that passed `checked_size`, (H, W) grey or (H, W, 3) BGR, uint8 or uint16; or depth in metres.
 
     Check the file first: OpenCV fills missing parts with grey, and allocates any size that the header announces.
 
@@ -87,6 +90,8 @@ def decode_pixels(encoded: bytes | memoryview, encoding: str) -> Pixels:
     if pixels.ndim == 3 and pixels.shape[2] == 4:
         pixels = pixels[:, :, :3]
     inside = encoding.partition(":")[2]
+    if inside.startswith("depth"):
+        return metres(inside, pixels)
     if inside == "rgb" and pixels.ndim == 3:
         pixels = pixels[:, :, ::-1]
     if inside in {"", "rgb"}:

@@ -1,4 +1,4 @@
-"""Fields that many ROS messages share: stamps, frame ids, poses, points.
+"""Fields that many messages share: stamps, frame ids, poses, points.
 
 Texts of errors contain no numbers, because steps count lost messages by them.
 """
@@ -7,11 +7,13 @@ from dataclasses import fields, is_dataclass
 from math import isfinite, sqrt
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from bagassets.base.errors import DecodeError, UnsetError
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.tf_tree import normalise_frame
+from bagassets.recordings.heads import head_of
 from bagassets.recordings.model import Message
 
 Column = NDArray[Any]
@@ -39,6 +41,37 @@ def stamp_and_frame(header: Message, otherwise: Message | None = None) -> tuple[
         return time_ns, frame_id
     other_ns, other_frame_id = stamp_and_frame(otherwise)
     return time_ns or other_ns, frame_id or other_frame_id
+
+
+def head(message: Message) -> tuple[int, str]:
+    """Return stamp in nanoseconds and frame id, without leading slash, of a message with a header or, as Foxglove's, a timestamp.
+
+    Raises:
+        DecodeError: it has neither.
+    """
+    found = head_of(message)
+    if found is None:
+        raise DecodeError("it has no header")
+    return found[0], normalise_frame(found[1])
+
+
+def byte_array(data: object) -> NDArray[np.uint8]:
+    """Return bytes as (N,) uint8, whether a message has them as an array or, as of protobuf and JSON, as bytes."""
+    if isinstance(data, bytes):
+        return np.frombuffer(data, np.uint8)
+    return np.ascontiguousarray(data).view(np.uint8)
+
+
+def pose_of(pose: Message) -> SE3:
+    """Return a `foxglove.Pose`; one that was not set is the identity.
+
+    Raises:
+        DecodeError: see `rigid_transform`.
+    """
+    try:
+        return rigid_transform(pose.position, pose.orientation)
+    except UnsetError:
+        return SE3()
 
 
 def unit_quaternion(orientation: Message) -> tuple[float, float, float, float]:
@@ -78,7 +111,9 @@ def rigid_transform(position: Message, orientation: Message) -> SE3:
 
 def members(message: Message) -> tuple[str, ...]:
     """Return the names of a message's fields."""
-    return tuple(field.name for field in fields(message)) if is_dataclass(message) else ()
+    if not is_dataclass(message):
+        return ()
+    return tuple(field.name for field in fields(message) if field.name != "__msgtype__")  # of rosbags
 
 
 def check_points(message: Message, most_points: int) -> None:
@@ -92,6 +127,8 @@ def check_points(message: Message, most_points: int) -> None:
     for cloud in (message, *(getattr(message, name) for name in members(message))):
         if hasattr(cloud, "point_step"):
             points = int(cloud.width) * int(cloud.height)
+        elif hasattr(cloud, "point_stride"):
+            points = len(cloud.data) // max(1, int(cloud.point_stride))
         else:
             points = len(getattr(cloud, "ranges", ()))
         if points > most_points:

@@ -1,13 +1,14 @@
-"""`sensor_msgs/Image`: raw pixels in the encodings of sensor_msgs/image_encodings.hpp."""
+"""`sensor_msgs/Image` and `foxglove.RawImage`: raw pixels in the encodings of sensor_msgs/image_encodings.hpp."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from bagassets.base.errors import DecodeError
-from bagassets.decode.fields import stamp_and_frame
+from bagassets.decode.fields import byte_array, head
 from bagassets.decode.model import ImageReading
 from bagassets.geometry.undistortion import Pixels
 from bagassets.recordings.model import Message
@@ -47,6 +48,7 @@ ENCODINGS: Mapping[str, _Encoding] = {
     "8uc1": _Encoding(1, 1, None),
     "mono16": _Encoding(1, 2, None),
     "16uc1": _Encoding(1, 2, None),
+    "32fc1": _Encoding(1, 4, None),
     "yuv422": _Encoding(2, 1, cv2.COLOR_YUV2BGR_UYVY),
     "uyvy": _Encoding(2, 1, cv2.COLOR_YUV2BGR_UYVY),
     "yuv422_yuy2": _Encoding(2, 1, cv2.COLOR_YUV2BGR_YUY2),
@@ -62,24 +64,27 @@ def decode_image(message: Message) -> ImageReading:
     Raises:
         DecodeError: the encoding is unknown, or the size does not fit the data.
     """
-    stamp_ns, frame_id = stamp_and_frame(message.header)
+    stamp_ns, frame_id = head(message)
     encoding = str(message.encoding).lower()
     layout = ENCODINGS.get(encoding)
     if layout is None:
         raise DecodeError(f"image encoding '{message.encoding}' is not supported")
     width, height, step = int(message.width), int(message.height), int(message.step)
-    data = np.asarray(message.data).view(np.uint8)
+    data = byte_array(message.data)
     row_bytes = width * layout.channels * layout.bytes_per_channel
     if not width or not height or step < row_bytes or len(data) < (height - 1) * step + row_bytes:
         raise DecodeError(
             f"an image of {width}x{height} in {encoding} with step {step} does not fit {len(data)} bytes"
         )
     # The last row may end with its last pixel, without padding.
-    rows = np.ndarray((height, row_bytes), np.uint8, np.ascontiguousarray(data), strides=(step, 1))
-    pixels: Pixels = rows
+    rows = np.ndarray((height, row_bytes), np.uint8, data, strides=(step, 1))
+    pixels: Pixels | NDArray[np.float32] = rows
     if layout.bytes_per_channel == 2:
-        order = ">u2" if message.is_bigendian else "<u2"
+        order = ">u2" if getattr(message, "is_bigendian", False) else "<u2"
         pixels = np.ascontiguousarray(rows).view(order).astype(np.uint16, copy=False)
+    elif layout.bytes_per_channel == 4:
+        order = ">f4" if getattr(message, "is_bigendian", False) else "<f4"
+        pixels = np.ascontiguousarray(rows).view(order).astype(np.float32, copy=False)
     if layout.channels > 1:
         pixels = pixels.reshape(height, width, layout.channels)
     return ImageReading(stamp_ns, frame_id, pixels, None, encoding)

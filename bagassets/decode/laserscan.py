@@ -1,4 +1,4 @@
-"""`sensor_msgs/LaserScan`: a flat cloud in the plane of the sensor."""
+"""`sensor_msgs/LaserScan` and `foxglove.LaserScan`: a flat cloud in the plane of the sensor."""
 
 from functools import lru_cache
 
@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bagassets.base.errors import DecodeError
-from bagassets.decode.fields import stamp_and_frame
+from bagassets.decode.fields import head, pose_of
 from bagassets.decode.model import CloudReading
 from bagassets.decode.point_times import LONGEST_REVOLUTION_NS, Moment, time_of
-from bagassets.decode.pointcloud2 import NO_INTENSITY
+from bagassets.decode.pointcloud2 import NO_INTENSITY, place
 from bagassets.geometry.portable import sin_cos
 from bagassets.geometry.se3 import Floats
 from bagassets.recordings.model import Message
@@ -32,33 +32,41 @@ def decode_laserscan(
     Raises:
         DecodeError: angles or intensities do not fit the ranges.
     """
-    stamp, frame_id = stamp_and_frame(message.header)
+    stamp, frame_id = head(message)
     ranges = np.asarray(message.ranges, dtype=np.float64)
     intensities = np.asarray(message.intensities, dtype=np.float32)
     if len(intensities) not in (0, len(ranges)):
         raise DecodeError("it has another number of intensities than of ranges")
-    if not np.isfinite([message.angle_min, message.angle_increment]).all():
+    if hasattr(message, "start_angle"):  # Foxglove's has neither limits nor times
+        angle_min = float(message.start_angle)
+        angle_increment = (float(message.end_angle) - angle_min) / max(1, len(ranges) - 1)
+        range_min, range_max, times = np.nextafter(0.0, 1.0), np.inf, (0.0, 0.0)
+    else:
+        angle_min, angle_increment = float(message.angle_min), float(message.angle_increment)
+        range_min, range_max = message.range_min, message.range_max
+        times = float(message.time_increment), float(message.scan_time)
+    if not np.isfinite([angle_min, angle_increment]).all():
         raise DecodeError("its angles are not finite")
     with np.errstate(invalid="ignore"):
-        hit = np.isfinite(ranges) & (ranges >= message.range_min) & (ranges <= message.range_max)
-    sines, cosines = _directions(float(message.angle_min), float(message.angle_increment), len(ranges))
+        hit = np.isfinite(ranges) & (ranges >= range_min) & (ranges <= range_max)
+    sines, cosines = _directions(angle_min, angle_increment, len(ranges))
     points = np.zeros((int(hit.sum()), 5), dtype=np.float32)
     points[:, 0] = (ranges * cosines)[hit]
     points[:, 1] = (ranges * sines)[hit]
     points[:, 3] = NO_INTENSITY
     if len(intensities):
         points[:, 3] = np.where(np.isfinite(intensities), intensities, np.float32(NO_INTENSITY))[hit]
-    offsets = _ray_offsets_ns(
-        float(message.time_increment), float(message.scan_time), len(ranges), header_stamp_is
-    )
-    times = None if offsets is None else stamp + offsets
+    if hasattr(message, "pose"):
+        place(points, pose_of(message.pose))
+    offsets = _ray_offsets_ns(*times, len(ranges), header_stamp_is)
+    times_ns = None if offsets is None else stamp + offsets
     return CloudReading(
         stamp_ns=stamp,
         frame_id=frame_id,
         points=points,
-        times_ns=None if times is None else times[hit],
+        times_ns=None if times_ns is None else times_ns[hit],
         dropped=len(ranges) - len(points),
-        span_ns=None if times is None else (int(times.min()), int(times.max())),
+        span_ns=None if times_ns is None else (int(times_ns.min()), int(times_ns.max())),
     )
 
 

@@ -1,4 +1,4 @@
-"""`sensor_msgs/PointCloud2`: clouds of any field layout.
+"""`sensor_msgs/PointCloud2` and `foxglove.PointCloud`: clouds of any field layout.
 
 Fields are found by name, without regard to case, whatever their type, order, offset, padding
 and byte order. The result has x, y, z in metres, intensity and ring:
@@ -19,15 +19,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bagassets.base.errors import DecodeError
-from bagassets.decode.fields import Column, stamp_and_frame
+from bagassets.decode.fields import Column, byte_array, head, pose_of
 from bagassets.decode.model import CloudReading
 from bagassets.decode.point_times import Moment, PointClock, point_times_ns, recorded_times, survey
+from bagassets.geometry.se3 import SE3, rotate
 from bagassets.recordings.model import Message
 
 __all__ = [
     "NO_INTENSITY",
     "NO_RING",
-    "POINTCLOUD2",
+    "POINT_CLOUDS",
     "decode_pointcloud2",
     "point_fields",
     "read_pointcloud2",
@@ -35,7 +36,7 @@ __all__ = [
     "without_zero_points",
 ]
 
-POINTCLOUD2 = "sensor_msgs/msg/PointCloud2"
+POINT_CLOUDS = ("sensor_msgs/msg/PointCloud2", "foxglove_msgs/msg/PointCloud")
 NO_INTENSITY = 0.0
 NO_RING = -1.0
 
@@ -46,6 +47,8 @@ RING_NAMES = ("ring", "channel", "laser_id", "laserid", "line", "beam", "beam_id
 
 # sensor_msgs/PointField 1 to 8; 9 to 11 are PCL's extensions for 64-bit integers and booleans.
 _TYPES = dict(enumerate(("i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8", "i8", "u8", "u1"), start=1))
+# foxglove.NumericType
+_FOXGLOVE_TYPES = dict(enumerate(("u1", "i1", "u2", "i2", "u4", "i4", "f4", "f8"), start=1))
 
 
 def point_fields(cloud: Message) -> dict[str, Column]:
@@ -58,21 +61,33 @@ def point_fields(cloud: Message) -> dict[str, Column]:
     Raises:
         DecodeError: sizes contradict each other, or a field lies outside its point.
     """
-    height, width = int(cloud.height), int(cloud.width)
-    step, row_step = int(cloud.point_step), int(cloud.row_step)
-    data = np.ascontiguousarray(cloud.data).view(np.uint8)
+    data = byte_array(cloud.data)
+    if hasattr(cloud, "point_stride"):
+        step = int(cloud.point_stride)
+        height, width = 1, len(data) // max(1, step)
+        row_step = len(data)
+        named = [
+            (field.name, field.offset, _FOXGLOVE_TYPES.get(int(field.type)), 1) for field in cloud.fields
+        ]
+    else:
+        height, width = int(cloud.height), int(cloud.width)
+        step, row_step = int(cloud.point_step), int(cloud.row_step)
+        named = [
+            (field.name, field.offset, _TYPES.get(int(field.datatype)), int(field.count))
+            for field in cloud.fields
+        ]
     if len(data) == height * width * step:
         row_step = width * step
     if row_step < width * step or len(data) != row_step * height:
         raise DecodeError("its data has another size than height, width, point_step and row_step say")
-    order = ">" if cloud.is_bigendian else "<"
+    order = ">" if getattr(cloud, "is_bigendian", False) else "<"
     views: dict[str, Column] = {}
-    for field in cloud.fields:
-        name, offset = str(field.name).lower(), int(field.offset)
-        if int(field.datatype) not in _TYPES:
+    for written, at, kind, count in named:
+        name, offset = str(written).lower(), int(at)
+        if kind is None:
             raise DecodeError(f"its field {name} has an unknown datatype")
-        dtype = np.dtype(order + _TYPES[int(field.datatype)])
-        if offset + dtype.itemsize * max(1, int(field.count)) > step:
+        dtype = np.dtype(order + kind)
+        if offset + dtype.itemsize * max(1, count) > step:
             raise DecodeError(f"its field {name} does not lie within point_step")
         if name in views:
             continue
@@ -91,7 +106,7 @@ def decode_pointcloud2(
     """Return the points of a lidar cloud of which nothing is known but itself, with their times as that alone tells them.
 
     Args:
-        message: a `sensor_msgs/PointCloud2`.
+        message: a `sensor_msgs/PointCloud2` or `foxglove.PointCloud`.
         header_stamp_is: the moment of the revolution that the header stamp means, according to the recipe;
             point times are read accordingly.
         stamp_is: the moment of the revolution for its stamp.
@@ -111,7 +126,7 @@ def read_pointcloud2(message: Message) -> CloudReading:
     Raises:
         DecodeError: x, y or z is missing, or the layout contradicts itself.
     """
-    stamp, frame_id = stamp_and_frame(message.header)
+    stamp, frame_id = head(message)
     fields = point_fields(message)
     missing = [axis for axis in "xyz" if axis not in fields]
     if missing:
@@ -124,6 +139,8 @@ def read_pointcloud2(message: Message) -> CloudReading:
         _fill(grid[:, :, 3], fields, INTENSITY_NAMES, NO_INTENSITY)
         _fill(grid[:, :, 4], fields, RING_NAMES, NO_RING)
     points: NDArray[np.float32] = grid.reshape(-1, 5)
+    if hasattr(message, "pose"):
+        place(points, pose_of(message.pose))
     finite = finite_rows(points)
     if finite is not None:
         points = points[finite]
@@ -135,6 +152,15 @@ def read_pointcloud2(message: Message) -> CloudReading:
         dropped=height * width - len(points),
         recorded=recorded_times(fields, finite, stamp),
     )
+
+
+def place(points: NDArray[np.float32], frame_SE3_points: SE3) -> None:
+    """Move (N, 5) points in place to the frame of their sensor, from where Foxglove's messages have their origin."""
+    if frame_SE3_points != SE3():
+        rotations = np.tile(np.array(frame_SE3_points.rotation), (len(points), 1))
+        points[:, :3] = rotate(rotations, points[:, :3].astype(np.float64)) + np.array(
+            frame_SE3_points.translation
+        )
 
 
 def with_times(

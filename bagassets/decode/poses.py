@@ -5,7 +5,7 @@ from math import isfinite, nan
 from operator import attrgetter
 
 from bagassets.base.errors import DecodeError
-from bagassets.decode.fields import rigid_transform, stamp_and_frame, unit_quaternion
+from bagassets.decode.fields import head, rigid_transform, stamp_and_frame, unit_quaternion
 from bagassets.decode.model import PoseReading
 from bagassets.geometry.tf_tree import normalise_frame
 from bagassets.recordings.model import Message
@@ -14,38 +14,44 @@ _NO_FIX = -1  # sensor_msgs/NavSatStatus STATUS_NO_FIX
 
 
 def decode_pose(message: Message) -> PoseReading:
-    """Return the pose in a `nav_msgs/Odometry`, or a `geometry_msgs/PoseStamped` or `PoseWithCovarianceStamped`.
+    """Return the pose in odometry, or in a stamped pose, of ROS or Foxglove.
 
-    Only the first names a child frame; where `child` is empty, the recipe says whose pose it is.
+    These are `nav_msgs/Odometry`, `geometry_msgs/PoseStamped`, `PoseWithCovarianceStamped`, and Foxglove's `Odometry` and
+    `PoseInFrame`. Only odometry names a child frame; where `child` is empty, the recipe says whose pose it is.
 
     Raises:
         DecodeError: the pose is not finite, or its quaternion is not of unit length.
     """
-    stamp_ns, parent = stamp_and_frame(message.header)
-    child = normalise_frame(getattr(message, "child_frame_id", ""))
+    stamp_ns, parent = head(message)
+    child = normalise_frame(getattr(message, "child_frame_id", "") or getattr(message, "body_frame_id", ""))
     pose = message.pose.pose if hasattr(message.pose, "covariance") else message.pose
     return PoseReading(stamp_ns, parent, child, rigid_transform(pose.position, pose.orientation))
 
 
 transforms = attrgetter("transforms")
-"""Returns the `TransformStamped` messages in `tf2_msgs/TFMessage` or the older `tf/tfMessage`, each to be decoded by itself:
+"""Returns the `TransformStamped` messages in `tf2_msgs/TFMessage` or the older `tf/tfMessage`, or those in `foxglove.FrameTransforms`, each to be decoded by itself:
 one edge that is nonsense must not cost the others of its message."""
 
 
+def one_transform(message: Message) -> tuple[Message]:
+    """Return what is in a `foxglove.FrameTransform`: itself."""
+    return (message,)
+
+
 def decode_transform(stamped: Message) -> PoseReading:
-    """Return one edge of a TF tree.
+    """Return one edge of a TF tree, a `geometry_msgs/TransformStamped` or a `foxglove.FrameTransform`.
 
     Raises:
         DecodeError: the transform is not finite, its quaternion is not of unit length, or a
             frame is missing or its own parent.
     """
-    stamp_ns, parent = stamp_and_frame(stamped.header)
+    stamp_ns, parent = head(stamped)
     child = normalise_frame(stamped.child_frame_id)
     if not parent or not child:
         raise DecodeError("it lacks a frame id")
     if parent == child:
         raise DecodeError("its frame is its own parent")
-    transform = stamped.transform
+    transform = getattr(stamped, "transform", stamped)
     return PoseReading(stamp_ns, parent, child, rigid_transform(transform.translation, transform.rotation))
 
 
@@ -69,14 +75,14 @@ class FixReading:
 
 
 def decode_navsat(message: Message) -> FixReading:
-    """Return the fix in a `sensor_msgs/NavSatFix`.
+    """Return the fix in a `sensor_msgs/NavSatFix`, or a `foxglove.LocationFix`, which is there only if the receiver has one.
 
     Raises:
         DecodeError: the receiver has no fix, or the coordinates are not on Earth.
     """
-    stamp_ns, frame_id = stamp_and_frame(message.header)
+    stamp_ns, frame_id = head(message)
     lat, lon, alt = float(message.latitude), float(message.longitude), float(message.altitude)
-    if int(message.status.status) <= _NO_FIX:
+    if hasattr(message, "status") and int(message.status.status) <= _NO_FIX:
         raise DecodeError("the receiver has no fix (status -1)")
     if not (isfinite(lat) and isfinite(lon)):
         raise DecodeError("its latitude or longitude is not finite")

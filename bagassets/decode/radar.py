@@ -23,10 +23,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bagassets.base.errors import DecodeError
-from bagassets.decode.fields import members, stamp_and_frame
+from bagassets.decode.fields import head, members, pose_of
 from bagassets.decode.model import RadarReading
 from bagassets.decode.pointcloud2 import point_fields
 from bagassets.decode.radar_fields import TRACK_NUMBERS, Side, radar_reading
+from bagassets.geometry.se3 import SE3
 from bagassets.recordings.model import Message
 
 _PACKAGES_ANGLES_RIGHT = ("delphi_esr_msgs/", "delphi_srr_msgs/", "delphi_mrr_msgs/")
@@ -52,11 +53,11 @@ def decode_radar(message: Message, msgtype: str, azimuth_positive: Side | None =
     Raises:
         DecodeError: nothing in it is known to be a position.
     """
-    if not hasattr(message, "header"):
-        raise DecodeError("it has no header")
-    stamp, frame_id = stamp_and_frame(message.header)
+    stamp, frame_id = head(message)
     cloud = _cloud_of(message)
     if cloud is not None:
+        if hasattr(cloud, "pose") and pose_of(cloud.pose) != SE3():
+            raise DecodeError("its points have an origin of their own, which is not read for radars")
         values = {name: column.reshape(-1) for name, column in point_fields(cloud).items()}
         return radar_reading(stamp, frame_id, values, azimuth_positive or "left")
     side = azimuth_positive or ("right" if msgtype.startswith(_PACKAGES_ANGLES_RIGHT) else "left")
@@ -81,7 +82,7 @@ def track_number(message: Message) -> float | None:
 
 
 def _is_cloud(value: Message) -> bool:
-    return hasattr(value, "point_step") and hasattr(value, "fields")
+    return hasattr(value, "fields") and (hasattr(value, "point_step") or hasattr(value, "point_stride"))
 
 
 def _cloud_of(message: Message) -> Message | None:

@@ -58,7 +58,8 @@ def _image_problem(reading: ImageReading) -> str | None:
     layout = ENCODINGS.get(reading.encoding)
     if layout is None:
         return "encoding is none of sensor_msgs/Image in lower case"
-    kind = np.uint8 if layout.bytes_per_channel == 1 else np.uint16
+    kinds: dict[int, type[np.generic]] = {1: np.uint8, 2: np.uint16, 4: np.float32}
+    kind = kinds[layout.bytes_per_channel]
     shape = (None, None) if layout.channels == 1 else (None, None, layout.channels)
     return None if _is_array(reading.pixels, kind, shape) else "pixels do not fit its encoding"
 

@@ -16,7 +16,7 @@ from typing import Literal
 from bagassets.base.errors import PluginError
 from bagassets.base.plugins import DecoderPlugin, Family, installed_decoders
 
-AnyFamily = Family | Literal["packets", "fix", "imu", "camera_info", "transforms"]
+AnyFamily = Family | Literal["video", "packets", "fix", "imu", "camera_info", "transforms"]
 """The kinds of results of decoders; packages may add decoders to the families in `bagassets.base.plugins.Family`."""
 
 Bulk = Literal["no", "large", "yes"]
@@ -66,8 +66,14 @@ def _line(
 BUILT_IN = (
     _line("image", "sensor_msgs/Image", "image:decode_image", bulk="yes"),
     _line("image", "sensor_msgs/CompressedImage", "compressed_image:decode_compressed_image", bulk="yes"),
+    _line("image", "foxglove_msgs/RawImage", "image:decode_image", bulk="yes"),
+    _line("image", "foxglove_msgs/CompressedImage", "compressed_image:decode_compressed_image", bulk="yes"),
+    _line("video", "foxglove_msgs/CompressedVideo", "video:decode_video_packet", bulk="yes"),
+    _line("video", "ffmpeg_image_transport_msgs/FFMPEGPacket", "video:decode_video_packet"),
     _line("cloud", "sensor_msgs/PointCloud2", "pointcloud2:decode_pointcloud2", bulk="yes"),
     _line("cloud", "sensor_msgs/LaserScan", "laserscan:decode_laserscan", bulk="yes"),
+    _line("cloud", "foxglove_msgs/PointCloud", "pointcloud2:decode_pointcloud2", bulk="yes"),
+    _line("cloud", "foxglove_msgs/LaserScan", "laserscan:decode_laserscan", bulk="yes"),
     _line("packets", "velodyne_msgs/VelodyneScan", "packets:packets_in", by_fields=True, bulk="yes"),
     _line("packets", "ethernet_msgs/Packet", "packets:packets_in", by_fields=True, bulk="large"),
     _line("packets", "udp_msgs/UdpPacket", "packets:packets_in", by_fields=True, bulk="large"),
@@ -75,16 +81,23 @@ BUILT_IN = (
     _line("packets", "std_msgs/UInt8MultiArray", "packets:packets_in", by_fields=True),
     _line("packets", ANY, "packets:packets_in"),
     _line("radar", "sensor_msgs/PointCloud2", "radar:decode_radar", bulk="yes"),
+    _line("radar", "foxglove_msgs/PointCloud", "radar:decode_radar", bulk="yes"),
     _line("radar", "sensor_msgs/PointCloud", "radar:decode_radar", by_fields=True, bulk="yes"),
     _line("radar", ANY, "radar:decode_radar"),
     _line("pose", "nav_msgs/Odometry", "poses:decode_pose"),
     _line("pose", "geometry_msgs/PoseStamped", "poses:decode_pose"),
     _line("pose", "geometry_msgs/PoseWithCovarianceStamped", "poses:decode_pose"),
+    _line("pose", "foxglove_msgs/PoseInFrame", "poses:decode_pose"),
+    _line("pose", "foxglove_msgs/Odometry", "poses:decode_pose"),
     _line("fix", "sensor_msgs/NavSatFix", "poses:decode_navsat"),
+    _line("fix", "foxglove_msgs/LocationFix", "poses:decode_navsat"),
     _line("imu", "sensor_msgs/Imu", "poses:decode_imu"),
     _line("camera_info", "sensor_msgs/CameraInfo", "camera_info:decode_camera_info"),
+    _line("camera_info", "foxglove_msgs/CameraCalibration", "camera_info:decode_camera_info"),
     _line("transforms", "tf2_msgs/TFMessage", "poses:transforms"),
     _line("transforms", "tf/tfMessage", "poses:transforms"),
+    _line("transforms", "foxglove_msgs/FrameTransforms", "poses:transforms"),
+    _line("transforms", "foxglove_msgs/FrameTransform", "poses:one_transform"),
     _line("boxes", "vision_msgs/Detection3DArray", "box_messages:DETECTIONS"),
     _line("boxes", "visualization_msgs/Marker", "box_messages:MARKER"),
     _line("boxes", "visualization_msgs/MarkerArray", "box_messages:MARKERS"),
@@ -94,6 +107,7 @@ BUILT_IN = (
     _line("boxes", "autoware_perception_msgs/TrackedObjects", "box_messages:AUTOWARE_OBJECTS"),
     _line("boxes", "autoware_auto_perception_msgs/DetectedObjects", "box_messages:AUTOWARE_OBJECTS"),
     _line("boxes", "autoware_auto_perception_msgs/TrackedObjects", "box_messages:AUTOWARE_OBJECTS"),
+    _line("boxes", "foxglove_msgs/SceneUpdate", "box_messages:SCENE_UPDATE"),
 )
 _TABLE: Mapping[tuple[str, str], Decoder] = {(line.family, line.msgtype): line for line in BUILT_IN}
 
@@ -103,6 +117,7 @@ _COMMON_PACKAGES = frozenset(
         "actionlib_msgs",
         "builtin_interfaces",
         "diagnostic_msgs",
+        "foxglove_msgs",
         "nav_msgs",
         "rcl_interfaces",
         "rosgraph_msgs",
@@ -112,8 +127,9 @@ _COMMON_PACKAGES = frozenset(
         "tf2_msgs",
     ]
 )
-# Messages that are recognized by their fields, as errors call them.
+# Messages of another family for the same channels, or recognized by their fields, as errors call them.
 _FOUND_BY_FIELDS: Mapping[AnyFamily, str] = {
+    "image": "video (foxglove_msgs/CompressedVideo, ffmpeg_image_transport_msgs/FFMPEGPacket)",
     "cloud": "Velodyne packets (velodyne_msgs/VelodyneScan, ethernet_msgs/Packet and the like)",
     "radar": "the targets of a radar (radar_msgs/RadarScan, RadarTracks and the like)",
 }

@@ -67,6 +67,9 @@ if TYPE_CHECKING:
     from dagster._core.execution.backfill import BulkActionStatus  # 1.7
     from dagster._core.execution.backfill import BulkActionsFilter  # 1.9
 
+    # Partitions deleted many at a time: `partitions`.
+    from dagster._core.storage.event_log.schema import DynamicPartitionsTable  # 1.7
+
     # SQLite databases made whole or not at all, and kept open: `databases`, `sqlite_storage`.
     from dagster._core.storage.sqlite_storage import DagsterSqliteStorage  # 1.7
     from dagster._core.storage.runs.schema import RunStorageSqlMetadata  # 1.7

@@ -19,7 +19,8 @@ Dagster's bookkeeping for steps, and a second run for the datasets, take a secon
 processors, and little beside a larger recording.
 """
 _AT_ALL_BYTES = 2**20  # a recording costs as much as these, whatever its size
-_MOST_RECORDINGS = 50  # or about that, in one run: its log can still be read
+MOST_RECORDINGS = 50
+"""Or about that, in one run: its log can still be read."""
 _FEWEST_PER_JOB = 4  # where there are fewer, a run each shows more and costs little
 
 Batch = Mapping[str, Sequence[str]]
@@ -40,7 +41,7 @@ def batches(todo: Batch, sizes: Mapping[str, int], jobs: int, most_per_run: int 
         The runs, the longest first: begun last, it would keep one worker busy after all others are done.
     """
     small = sorted((key for key in todo if sizes[key] <= SMALL_BYTES), key=lambda key: (-sizes[key], key))
-    most, jobs = (_MOST_RECORDINGS, jobs) if most_per_run is None else (most_per_run, 1)
+    most, jobs = (MOST_RECORDINGS, jobs) if most_per_run is None else (most_per_run, 1)
     if most == 1 or not _are_many(small, jobs, most_per_run):
         small = []
     total = sum(sizes[key] for key in small)
@@ -49,8 +50,10 @@ def batches(todo: Batch, sizes: Mapping[str, int], jobs: int, most_per_run: int 
     heapify(dealt)
     for key in small:  # the largest first, each to the batch that is smallest so far
         size, number, keys = dealt[0]
-        heapreplace(dealt, (size + sizes[key] + _AT_ALL_BYTES, number, [*keys, key]))
-    groups = [keys for _, _, keys in dealt] + [[key] for key in todo if key not in set(small)]
+        keys.append(key)
+        heapreplace(dealt, (size + sizes[key] + _AT_ALL_BYTES, number, keys))
+    shared = frozenset(small)
+    groups = [keys for _, _, keys in dealt] + [[key] for key in todo if key not in shared]
     groups.sort(key=lambda keys: (-sum(sizes[key] for key in keys), keys))
     return [{key: todo[key] for key in keys} for keys in groups]
 

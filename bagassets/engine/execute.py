@@ -231,8 +231,8 @@ def _fill_channels(
     """Make channels in one pass over the recording; return node name -> result."""
     topics = {topic for node in nodes if node.use is not None for topic in node.use.topics}
     try:
-        with graph.inputs.whole() as recording:
-            return run_pass(graph, recording.restrict(topics), nodes, store, threads)
+        with graph.inputs.messages(tuple(sorted(topics))) as recording:
+            return run_pass(graph, recording, nodes, store, threads)
     except Exception as err:  # noqa: BLE001  (the recording itself is at fault: nothing was recorded)
         error = explained_error(err, graph.recording.path, "the pass over the recording")
         return {node.name: error for node in nodes}

@@ -1,14 +1,11 @@
 """Why an asset of a recording is in its state: its current action beside the last recorded one."""
 
 import json
-from collections.abc import Mapping
 
 from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.engine.differences import compare_actions
-from bagassets.engine.graph import Node
+from bagassets.engine.graph import Graph, Node
 from bagassets.engine.plan import AssetState, Recorded
-from bagassets.engine.planner import Planner
-from bagassets.recordings.model import RecordingFiles
 from bagassets.store.canonical import digest_json
 from bagassets.store.store import Store
 
@@ -30,9 +27,7 @@ def explanation(
     return {"asset": asset, **state.as_json(), "code_version": code_version, "recorded": last}
 
 
-def explain_asset(
-    planner: Planner, recording: RecordingFiles, recorded: Mapping[str, Recorded], asset: str
-) -> JsonObject:
+def explain_asset(graph: Graph, asset: str) -> JsonObject:
     """Return why an asset of a recording is in its state, as JSON; see `explanation`.
 
     `actions` has a pair for each channel that it extracts, or a single one, whose `channel` is None; there are none of
@@ -40,23 +35,20 @@ def explain_asset(
     Dagster recorded last, or None; `changes` are their differences, if both are known.
 
     Args:
-        planner: decides.
-        recording: its files.
-        recorded: asset -> what Dagster recorded last.
+        graph: of the recording, beside what is on record (`recorded_graph`).
         asset: one of the recording's assets.
     """
-    graph = planner.graph(recording, recorded)
-    state, last = graph.states()[asset], recorded.get(asset)
+    state, last = graph.states()[asset], graph.recorded.get(asset)
     pairs: list[JsonObject] = []
     if asset != "bag":
         now = _actions_now(graph.node(asset))
-        before = _actions_of(planner.store, None if last is None else last.action)
+        before = _actions_of(graph.store, None if last is None else last.action)
         names = sorted(now.keys() | before.keys())
         if names != [""]:
             names = [name for name in names if name]  # the index of channels has nothing to add
         pairs = [_pair(name, now.get(name), before.get(name)) for name in names]
-    value = explanation(asset, state, last, planner.assets.versions.get(asset))
-    return {"recording": recording.key, **value, "actions": pairs}
+    value = explanation(asset, state, last, graph.assets.versions.get(asset))
+    return {"recording": graph.recording.key, **value, "actions": pairs}
 
 
 def _pair(channel: str, now: JsonMapping | None, last: JsonMapping | None) -> JsonObject:

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from bagassets.base.alike import told_once
 from bagassets.base.quantities import readable_time
 from bagassets.engine.plan import Plan, Recorded
-from bagassets.engine.planner import Planner
+from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.store.store import Store
 
 # What the others took is estimated from these, by their size.
@@ -14,9 +14,9 @@ _RUN_S = 1.0  # what a run takes beside its work
 
 
 def made_again(
-    planner: Planner,
+    assets: RecordingAssets,
+    store: Store,
     plan: Plan,
-    recorded: Mapping[str, Mapping[str, Recorded]],
     todo: Mapping[str, tuple[int, Sequence[str]]],
     jobs: int,
     runs: int,
@@ -24,14 +24,14 @@ def made_again(
     """Return a line about the assets whose version was raised since they were recorded, then one about each; "" without any.
 
     Args:
-        planner: has the assets with their versions, and the store with the time that actions took.
+        assets: the assets of a recording, with their versions.
+        store: has the time that actions took.
         plan: states of all recordings.
-        recorded: partition key -> asset -> what Dagster recorded last.
         todo: recording that needs a run -> its size in bytes, and the assets that the run is about.
         jobs: recordings built at the same time.
         runs: runs that all of `todo` takes.
     """
-    assets, store = planner.assets, planner.store
+    recorded = plan.recorded
     found: dict[str, list[str]] = {}
     since: dict[str, int] = {}
     told: list[tuple[tuple[str, ...], str, str]] = []

@@ -1,13 +1,16 @@
 """The plan: the state of every asset of every recording."""
 
+import json
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from functools import lru_cache
 from hashlib import sha256
-from typing import TYPE_CHECKING, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
-from bagassets.base.json_types import Json, JsonObject
+from bagassets.base.json_types import JsonObject
 from bagassets.engine.splits import Ties
 from bagassets.recordings.digest import RecordingStat
+from bagassets.recordings.discover import Discovery
 from bagassets.recordings.model import Format
 
 if TYPE_CHECKING:
@@ -110,6 +113,11 @@ class BagPlan:
     findings: tuple[tuple[str, str, str], ...] | None = field(default=None, compare=False)
 
     @property
+    def names(self) -> Collection[str]:
+        """The names of its assets."""
+        return self.assets
+
+    @property
     def skipped(self) -> str | None:
         """Why the recording is skipped, or None."""
         return next((state.reason for state in self.assets.values() if state.state == "skipped"), None)
@@ -156,6 +164,8 @@ class BagPlan:
             retry_failed: retry what failed before on the same input.
             select: assets that matter, with those that they read (see `RecordingAssets.with_upstream`). None = all.
         """
+        if self.settled:
+            return ()
         idle = {"fresh", "skipped"} | (set() if retry_failed else {"failed"})
         if self.failed is not None and not retry_failed:
             # What depends on a failed asset stays unknown: a run would gain nothing.
@@ -178,23 +188,84 @@ class BagPlan:
         """Return the states as JSON."""
         return {name: state.as_json() for name, state in self.assets.items()}
 
-    def as_row(self) -> list[Json]:
-        """Return a settled plan without its key as compact JSON: there may be 10,000 of them."""
-        facts = [self.assets, self.format, self.recorded, self.channels, sorted(self.optional), self.rig]
-        return [*facts, self.findings]
+    def as_row(self) -> bytes:
+        """Return a settled plan without its key as lines of JSON: what is asked of 100,000 at a time, and the rest."""
+        rest = [self.assets, self.format, self.channels, sorted(self.optional), self.rig]
+        lines = [self.skipped, [*self.assets], self.recorded, self.findings, rest]
+        return b"\n".join(json.dumps(one, separators=(",", ":")).encode() for one in lines)
 
     @classmethod
-    def from_row(cls, key: str, row: list[Json]) -> Self:
-        """Inverse of `as_row`, from decoded JSON."""
-        states, file_format, recorded, channels, optional, rig, findings = row
+    def from_row(cls, key: str, row: bytes) -> "BagPlan":
+        """Inverse of `as_row`."""
+        _, _, recorded, found, (states, file_format, channels, optional, rig) = map(
+            json.loads, row.split(b"\n")
+        )
         assets = {name: AssetState(*state) for name, state in states.items()}
-        plan = cls(key, assets, file_format, recorded, tuple(channels), frozenset(optional), rig)
-        return plan if findings is None else replace(plan, findings=tuple(map(tuple, findings)))
+        findings = None if found is None else tuple(map(tuple, found))
+        return BagPlan(
+            key, assets, file_format, recorded, tuple(channels), frozenset(optional), rig, findings=findings
+        )
+
+
+def _line(number: int) -> Any:  # noqa: ANN401  (of whatever type)
+    return property(lambda kept: json.loads(kept.row.split(b"\n", number + 1)[number].decode()))
+
+
+def _of_rest(name: str) -> Any:  # noqa: ANN401  (likewise)
+    return property(lambda kept: getattr(_decoded(kept.key, kept.row), name))
+
+
+@lru_cache(maxsize=8)  # whoever asks for more asks again
+def _decoded(key: str, row: bytes) -> BagPlan:
+    return BagPlan.from_row(key, row)
+
+
+class KeptPlan(BagPlan):
+    """A settled plan as it was kept, decoded each time that it is asked for more than that: nobody asks most of them.
+
+    Args:
+        key: partition key.
+        row: see `BagPlan.as_row`.
+        made: digests of its artifacts, 32 bytes each.
+        mark: changes with whatever the plan rests on; see `CachedPlan`.
+    """
+
+    row: bytes
+    made: bytes
+    mark: bytes
+    skipped, names, recorded = map(_line, range(3))
+    assets, format, channels, optional, rig = map(
+        _of_rest, ("assets", "format", "channels", "optional", "rig")
+    )
+    failed = unusable = None
+    settled, can_be_retried = True, False
+
+    def __init__(self, key: str, row: bytes, made: bytes, mark: bytes) -> None:
+        vars(self).update(key=key, row=row, made=made, mark=mark)
+
+    __hash__ = None  # type: ignore[assignment]  # as that of a plan, which has mappings
+
+    def __eq__(self, other: object) -> bool:
+        """Compare as the plans that they are."""
+        plan = BagPlan.from_row(self.key, self.row)
+        return plan == (BagPlan.from_row(other.key, other.row) if isinstance(other, KeptPlan) else other)
+
+    @property
+    def findings(self) -> tuple[tuple[str, str, str], ...] | None:
+        """See `BagPlan`."""
+        found = json.loads(self.row.split(b"\n", 4)[3])
+        return None if found is None else tuple(map(tuple, found))
+
+    @property
+    def artifacts(self) -> tuple[str, ...]:
+        """See `BagPlan`."""
+        text = self.made.hex()
+        return tuple(text[start : start + 64] for start in range(0, len(text), 64))
 
 
 @dataclass(frozen=True)
 class Plan:
-    """The state of everything.
+    """The state of everything, and what it was seen from.
 
     Attributes:
         bags: partition key -> states of the recording.
@@ -202,6 +273,10 @@ class Plan:
         removed: registered partition keys whose recordings are gone, except those in folders that cannot be read.
         ties: which recordings lie in one split, and what the parts of series were called.
         asked: path of a whole drive -> what the user is to say about its parts.
+        recorded: partition key -> asset -> latest record in Dagster, for the recordings that had to be planned in full.
+        discovery: the recordings on disk.
+        live: the registered partition keys.
+        storage_ids: asset -> partition key -> storage id of the latest record.
     """
 
     bags: Mapping[str, BagPlan]
@@ -209,6 +284,14 @@ class Plan:
     removed: tuple[str, ...]
     ties: Ties = field(default_factory=Ties)
     asked: Mapping[str, str] = field(default_factory=dict)
+    recorded: Mapping[str, Mapping[str, Recorded]] = field(default_factory=dict, compare=False)
+    discovery: Discovery = field(default_factory=lambda: Discovery({}, []), compare=False)
+    live: frozenset[str] = field(default=frozenset(), compare=False)
+    storage_ids: Mapping[str, Mapping[str, int]] = field(default_factory=dict, compare=False)
+
+    def latest(self, key: str) -> list[int | None]:
+        """Return values that change with every new record of a recording, and when its partition comes or goes."""
+        return [ids.get(key) if key in self.live else None for ids in self.storage_ids.values()]
 
     @property
     def joined(self) -> dict[str, list[str]]:

@@ -9,10 +9,11 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 from bagassets.base.alike import names_text
+from bagassets.base.garbage import uncollected
 from bagassets.engine.freshness.plan_cache import PlanCache, RecordingFingerprint, recording_fingerprint
 from bagassets.engine.graph import Graph
 from bagassets.engine.inputs import files_beside
-from bagassets.engine.plan import AssetState, BagPlan, Plan, Recorded, version_as_input
+from bagassets.engine.plan import AssetState, BagPlan, KeptPlan, Plan, Recorded, version_as_input
 from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.engine.splits import Ties
 from bagassets.engine.unsettled import Unsettled
@@ -21,62 +22,54 @@ from bagassets.recordings.discover import Discovery
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.store import Store
 
-Fetch = Callable[[Iterable[str], Iterable[str]], Mapping[str, Mapping[str, Recorded]]]
+Fetch = Callable[[Mapping[str, Mapping[str, int]], Iterable[str]], Mapping[str, Mapping[str, Recorded]]]
 
 # Records of so many recordings are fetched at a time: as Dagster makes them, those of a thousand need 40 MB.
 AT_A_TIME = 200
 
 
-@dataclass
-class Planner:
-    """Plans single recordings.
+def recorded_graph(
+    assets: RecordingAssets,
+    store: Store,
+    recording: RecordingFiles,
+    recorded: Mapping[str, Recorded],
+    index: DigestIndex | None = None,
+) -> Graph:
+    """Return the graph of a recording beside what is on record; nothing is read of the recording.
 
-    Attributes:
+    Args:
         assets: the assets of a recording under the recipe.
         store: the artifact store.
+        recording: its files.
+        recorded: asset -> what Dagster recorded last; empty if the partition does not exist.
         index: index of file digests.
     """
+    digest, stat, bag = _bag_state(recording, recorded.get("bag"), index)
+    return Graph(assets, store, recording, digest, stat, bag=bag, recorded=recorded)
 
-    assets: RecordingAssets
-    store: Store
-    index: DigestIndex | None = None
 
-    def plan(self, recording: RecordingFiles, recorded: Mapping[str, Recorded]) -> BagPlan:
-        """Return the states of one recording.
-
-        Args:
-            recording: its files.
-            recorded: asset -> what Dagster recorded last; empty if the partition does not exist.
-        """
-        graph = self.graph(recording, recorded)
-        states = graph.states()
-        channels = tuple(
-            part.artifact.digest
-            for name in self.assets.names
-            if (node := graph.node(name)).artifact is not None
-            for part in node.parts
-            if part.artifact is not None
-        )
-        made = {asset: record for asset, record in recorded.items() if not record.is_skip}
-        on_record = {asset: record.data_version for asset, record in made.items()}
-        rig = "" if graph.rig is None else graph.rig.name
-        touched = _is_touched(states["bag"], recorded.get("bag"), graph.stat)
-        return BagPlan(
-            recording.key,
-            states,
-            recording.format,
-            on_record,
-            channels,
-            self.assets.optional,
-            rig,
-            touched,
-            _outdated(states, made),
-        )
-
-    def graph(self, recording: RecordingFiles, recorded: Mapping[str, Recorded]) -> Graph:
-        """Return the graph of one recording; see `plan`."""
-        digest, stat, bag = _bag_state(recording, recorded.get("bag"), self.index)
-        return Graph(self.assets, self.store, recording, digest, stat, bag=bag, recorded=recorded)
+def plan_recording(graph: Graph) -> BagPlan:
+    """Return the states of one recording, from its `recorded_graph`."""
+    recorded, states = graph.recorded, graph.states()
+    channels = tuple(
+        part.artifact.digest
+        for name in graph.assets.names
+        if (node := graph.node(name)).artifact is not None
+        for part in node.parts
+        if part.artifact is not None
+    )
+    made = {asset: record for asset, record in recorded.items() if not record.is_skip}
+    return BagPlan(
+        graph.recording.key,
+        states,
+        graph.recording.format,
+        {asset: record.data_version for asset, record in made.items()},
+        channels,
+        graph.assets.optional,
+        "" if graph.rig is None else graph.rig.name,
+        _is_touched(states["bag"], recorded.get("bag"), graph.stat),
+        _outdated(states, made),
+    )
 
 
 def _bag_state(
@@ -149,7 +142,7 @@ def _is_of_bag(name: str, recorded: Mapping[str, Recorded]) -> bool:
 
 
 @dataclass
-class Planning:
+class Planner:
     """Plans all recordings; examines only those that changed since they were last planned.
 
     Attributes:
@@ -160,9 +153,10 @@ class Planning:
         index: index of file digests.
         project: fingerprint of the code, the recipe and the files that it names; None has all recordings examined.
         storage_ids: asset -> partition key -> id of Dagster's latest record.
-        fetch: takes assets and partition keys, and returns partition key -> asset -> what Dagster recorded last.
+        fetch: takes some of `storage_ids` and partition keys; returns partition key -> asset -> what Dagster recorded last.
         kept: states of recordings that are not planned again.
         check: returns what quick checks find in a recording with nothing to do (`BagPlan.findings`); kept with its plan.
+        thorough: look at all artifacts, however many there are; see `PlanCache`.
     """
 
     assets: RecordingAssets
@@ -175,9 +169,11 @@ class Planning:
     fetch: Fetch
     kept: Mapping[str, BagPlan] = field(default_factory=dict)
     check: Callable[[BagPlan], tuple[tuple[str, str, str], ...] | None] = lambda _: None
+    thorough: bool = True
 
     def __post_init__(self) -> None:
-        self._cache = PlanCache(self.assets.recipe.state, self.store.root / "artifacts")
+        artifacts = self.store.root / "artifacts"
+        self._cache = PlanCache(self.assets.recipe.state, artifacts, thorough=self.thorough)
         self._before = self._cache.load()
         self._unsettled = Unsettled(self.assets.recipe.state).noted()
         self._fingerprints = {} if self.project is None else self._current_fingerprints(self.project)
@@ -188,16 +184,12 @@ class Planning:
             if key in self._before and key not in self._unsettled
         }
 
-    def plan(
-        self, on_planned: Callable[[int, int], None] | None = None
-    ) -> tuple[Plan, dict[str, Mapping[str, Recorded]]]:
-        """Plan all recordings.
+    @uncollected()
+    def plan(self, on_planned: Callable[[int, int], None] | None = None) -> Plan:
+        """Plan all recordings; nothing is changed but what the next plan remembers.
 
         Args:
             on_planned: called, where it takes long, with how many recordings have been examined, and how many will be.
-
-        Returns:
-            The plan, and Dagster's records of the recordings that were examined.
         """
         recordings = self.discovery.recordings
         bags = {**self.kept, **self._unchanged()}
@@ -205,12 +197,14 @@ class Planning:
         bags |= self._recorded_anew(key for key in recordings if key not in unchanged)
         changed = [key for key in recordings if key not in bags]
         recorded: dict[str, Mapping[str, Recorded]] = {}
-        planner = Planner(self.assets, self.store, self.index)
         examined = 0
         for some in _batches(changed):
             recorded |= self.fetch(self.storage_ids, [key for key in some if key in self.registered])
             for key in some:
-                bag = planner.plan(recordings[key], recorded.get(key, {}))
+                graph = recorded_graph(
+                    self.assets, self.store, recordings[key], recorded.get(key, {}), self.index
+                )
+                bag = plan_recording(graph)
                 bags[key] = _once_more(bag) if key in self._unsettled else bag
             examined += len(some)
             if on_planned is not None and len(changed) > AT_A_TIME:
@@ -225,13 +219,24 @@ class Planning:
         self._cache.save(
             {key: (self._fingerprints[key], bag.as_row(), bag.artifacts) for key, bag in settled.items()},
             self._before.keys() - unchanged - settled.keys(),
+            all_checked=not self.kept,
         )
         ordered = {key: bags[key] for key in recordings}
         found = self.discovery
         ties = Ties(found.near, found.former_keys)
         removed = found.removed(self.registered)
         asked = {**found.asked, **ties.disputed(self.assets.recipe.splits)}
-        return Plan(ordered, dict(found.excluded), removed, ties, asked), recorded
+        return Plan(
+            ordered,
+            dict(found.excluded),
+            removed,
+            ties,
+            asked,
+            recorded,
+            found,
+            self.registered,
+            self.storage_ids,
+        )
 
     def touched(self) -> dict[str, Recorded]:
         """Return the recordings of which only the time changed, as far as can be told without reading -> record of `bag`.
@@ -245,7 +250,7 @@ class Planning:
             if key in self.registered and key not in self.kept and not self._has_same_files(key)
         ]
         for some in _batches(changed):
-            for key, records in self.fetch(("bag",), some).items():
+            for key, records in self.fetch({"bag": self.storage_ids["bag"]}, some).items():
                 recorded = records.get("bag")
                 _, stat, state = _bag_state(self.discovery.recordings[key], recorded, self.index)
                 if recorded is not None and _is_touched(state, recorded, stat):
@@ -272,17 +277,17 @@ class Planning:
         if key not in self._last:
             return False
         entry, now = self._last[key]
-        last = entry.recording_fingerprint
+        last = entry.fingerprint
         return (last.files, last.bag) == (now.files, now.bag)
 
     def _unchanged(self) -> dict[str, BagPlan]:
         """Return the last plans of the recordings that have not changed since."""
-        found = {}
+        found: dict[str, BagPlan] = {}
         for key, (entry, now) in self._last.items():
-            if entry.recording_fingerprint != now:
+            if entry.fingerprint != now:
                 continue
-            bag = BagPlan.from_row(key, entry.plan)
-            if self._cache.holds(entry, bag.artifacts):
+            bag = KeptPlan(key, entry.row, entry.made, entry.mark)
+            if self._cache.holds(entry):
                 found[key] = bag
             else:
                 _remove_incomplete(self.store, bag)
@@ -298,15 +303,15 @@ class Planning:
         for key in keys:
             if key in self._last:
                 entry, now = self._last[key]
-                if now.bag is not None and entry.recording_fingerprint.rest == now.rest:
+                if now.bag is not None and entry.fingerprint.rest == now.rest:
                     alike.append(key)
         for some in _batches(alike):
-            for key, records in self.fetch(("bag",), some).items():
+            for key, records in self.fetch({"bag": self.storage_ids["bag"]}, some).items():
                 entry = self._before[key]
-                last = BagPlan.from_row(key, entry.plan)
+                last = BagPlan.from_row(key, entry.row)
                 digest, _, state = _bag_state(self.discovery.recordings[key], records.get("bag"), self.index)
                 is_same = state.state == "fresh" and digest == last.assets["bag"].data_version
-                if is_same and self._cache.holds(entry, last.artifacts):
+                if is_same and self._cache.holds(entry):
                     found[key] = last
         return found
 

@@ -22,12 +22,10 @@ class Read:
     Attributes:
         name: its asset key, as users write it.
         how: that of the `same` recording, those of `all` recordings, or the `whole` of an asset without partitions.
-        changed: why the target is stale if the version differs; "" for "<name> changed".
     """
 
     name: str
     how: Literal["same", "all", "whole"]
-    changed: str = ""
 
 
 @dataclass(frozen=True)
@@ -60,6 +58,7 @@ class Evidence:
         told: returns the `inputs_digest` that its run was given: "" if it was given none, None if the run is gone.
         is_whole: returns whether its files are as they were when it was made.
         failure: returns why making it from the same inputs failed, or "".
+        changed: returns why it is stale if it reads something else than before; "" for "<name> changed".
         waits_for: results that it takes as soon as they are there, and is made without until then.
         is_due: False while there is nothing to make it from.
     """
@@ -70,6 +69,7 @@ class Evidence:
     told: Callable[[], str | None] = lambda: None
     is_whole: Callable[[], bool] = lambda: True
     failure: Callable[[], str] = lambda: ""
+    changed: Callable[[], str] = lambda: ""
     waits_for: str = ""
     is_due: bool = True
 
@@ -141,7 +141,7 @@ def _change(target: Target, found: Evidence) -> str | None:
         if read.how != "all" and found.before.get(read.name, "") not in _spellings(found.now[read.name]):
             # A run of a build says it, too, so that nothing is made again and again if Dagster spells it differently.
             is_same = found.told() == inputs_digest(target, found.now)
-            return None if is_same else read.changed or f"{read.name} changed"
+            return None if is_same else found.changed() or f"{read.name} changed"
     if any(read.how == "all" for read in target.reads):
         told = found.told()
         if told == "":

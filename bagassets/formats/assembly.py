@@ -9,23 +9,25 @@ import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import TypeVar
 from uuid import uuid4
 
 from bagassets.base.atomic import swap_in, write_atomically
-from bagassets.base.errors import DatasetError
-from bagassets.base.json_types import JsonMapping, JsonObject
-from bagassets.engine.splits import SplitShare, deal, moves, shares_of
-from bagassets.formats.dataset_lock import FORMAT, LOCK, DatasetLock, read_lock
-from bagassets.formats.format import FACTS, Entry, Format, Joined, Link, LooseFiles, Member, Part, UnitFolders
+from bagassets.base.errors import DatasetError, StoreError
+from bagassets.base.json_types import JsonMapping
+from bagassets.engine.splits import SplitShare, deal, moves
+from bagassets.formats.dataset_lock import LOCK, LockedBag, read_lock
+from bagassets.formats.format import FACTS, Entry, Format, Kept, Link, LooseFiles, Member, Part, UnitFolders
+from bagassets.formats.groups import GroupsRecord, TornError
 from bagassets.formats.guard import GUARD, guarded, refuse_unexpected
-from bagassets.formats.json_files import json_bytes
+from bagassets.formats.joining import Joint, join_into
 from bagassets.formats.linking import Linker
 from bagassets.recipe.model_base import DatasetSettings
 from bagassets.recipe.model_splits import Splits
+from bagassets.store.artifact import Artifact
 from bagassets.store.canonical import digest_bytes, digest_file, digest_json
 from bagassets.store.store import Store
 
@@ -46,7 +48,9 @@ class DatasetSummary:
         changed: the folder was swapped; False if it was up to date.
         moved: recordings whose split changed -> old and new split.
         published: joined file -> digest.
-        links: part of a recording -> function that yields the names of its links below the output.
+        links: part of a recording that may be new -> function that yields the names of its links below the output.
+        gone: parts that the dataset had, and has no more; None if all others than those in `links` are gone.
+        record: what is to be put on record of groups of recordings, if the format has them.
     """
 
     digest: str
@@ -59,6 +63,8 @@ class DatasetSummary:
     moved: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     published: Mapping[str, str] = field(default_factory=dict)
     links: Mapping[str, Callable[[], Iterator[str]]] = field(default_factory=dict)
+    gone: AbstractSet[str] | None = None
+    record: GroupsRecord | None = None
 
 
 def assemble(
@@ -75,6 +81,7 @@ def assemble(
     damaged: Mapping[str, str] | None = None,
     expected: Mapping[str, str] | None = None,
     suspects: AbstractSet[str] | None = None,
+    record: GroupsRecord | None = None,
     permit: Callable[[], None] = lambda: None,
 ) -> DatasetSummary:
     """Bring the dataset in `output` up to date.
@@ -96,6 +103,7 @@ def assemble(
         expected: name -> digest of the joined files; if they differ, nothing is swapped.
         suspects: files that changed since they were published and are compared with their sources; all others are
             trusted. None if that is unknown.
+        record: what is on record of groups of recordings; of use only without suspects.
         permit: called before anything is published; nothing is if it raises.
 
     Raises:
@@ -104,73 +112,78 @@ def assemble(
         StoreError: an artifact is not in the store.
     """
     splits = splits or Splits()
-    members, duplicates = _members(kind, parts, splits, store, dealt)
-    shares = shares_of(
-        [(member.part.key, kind.duration_s(member.facts)) for member in members],
-        splits,
-        {member.part.key: member.split for member in members},
-    )
+    chosen, duplicates = without_copies(parts)
+    dealt = deal([part.key for part in chosen], splits) if dealt is None else dealt
+    misfits = _misfits(kind, chosen, store)
+    chosen = [part for part in chosen if part.key not in misfits]
+    left_out = {
+        "duplicates": duplicates,
+        "skipped": {**(skipped or {}), **misfits},
+        "failed": failed or {},
+    }
+    left_out |= {"damaged": damaged} if damaged else {}
+    joint = Joint(kind, chosen, settings, splits, dealt, left_out, store)
     folder = kind.folder(settings)
     current = output / folder
     if suspects is None:  # otherwise it is on record that the folder is ours, even if its lock is lost
         _refuse_foreign(kind, output, current)
     with guarded(output):
-        before = _lock_of(current)
         leftovers = sorted(output.glob(f"{folder}.tmp-*"))
+        # What else changed, or what a killed build left behind, only a look at everything can tell.
+        if suspects or suspects is None or leftovers or (record and record.made_by != joint.made_by):
+            record = None
+        if kind.rejoin is not None and suspects is not None:
+            joint = replace(joint, kept=_kept(current, suspects))
         new = output / f"{folder}.tmp-{uuid4().hex}"
         new.mkdir()
-        joined = kind.join(members, settings, shares, new)
+        try:
+            made = join_into(new, joint, current, record)
+        except TornError:  # the record is older than the folder, or somebody changed a file unnoticed
+            record = suspects = None
+            shutil.rmtree(new)
+            new.mkdir()
+            made = join_into(new, joint, current)
+        joined, members = made.joined, made.members
+        before = made.before if record is not None else _bags_in(current)
         refuse_unexpected(new, joined.files, expected)
-        known = before if suspects is not None and f"{folder}/{LOCK}" not in suspects else None
-        needs = _needs(kind, members, before)
-        left_out = {"duplicates": duplicates, "skipped": skipped or {}, "failed": failed or {}}
-        left_out |= {"damaged": damaged} if damaged else {}
-        lock = json_bytes(_lock(kind, settings, splits, shares, members, needs, joined, left_out))
-        (new / LOCK).write_bytes(lock)
         has_links = kind.places is not None or (
             suspects is not None and not any(name.startswith(f"{folder}/") for name in suspects)
         )
         changed = not (has_links and _is_same(new, current, joined.files))
         permit()
         linker = Linker(output)
-        _put_files(kind, linker, members, known, suspects, store, output, new if changed else None)
+        is_known = suspects is not None and f"{folder}/{LOCK}" not in suspects
+        there = {key: bag.artifact for key, bag in before.items()} if is_known else {}
+        _put_files(kind, linker, members, there, suspects, store, output, new if changed else None)
         for name, content in joined.beside.items():
             path = output / name
             if not path.is_file() or path.read_bytes() != content:
                 write_atomically(path, content)
         old = swap_in(new, current) if changed else new
-        removed = _retire(kind, output, current, [*leftovers, *([old] if old is not None else [])], members)
+        retired = {one: _bags_in(one) for one in leftovers} | ({} if old is None else {old: before})
+        removed = _retire(joint, output, current, retired, members, is_whole=record is None)
     files = dict(linker.counts) | ({"removed": removed} if isinstance(kind.places, LooseFiles) else {})
     return DatasetSummary(
         digest=digest_json(joined.files),
         folder=output if isinstance(kind.places, UnitFolders) else current,
         facts=joined.facts,
-        shares=shares,
+        shares=made.shares,
         files=dict(sorted(files.items())),
         duplicates=duplicates,
         changed=changed,
-        moved=moves({} if before is None else before.splits, {m.part.key: m.split for m in members}),
+        moved=moves(
+            {key: bag.split for key, bag in before.items()},
+            {member.part.key: member.split for member in members},
+        ),
         published={
             **{f"{folder}/{name}": digest for name, digest in joined.files.items()},
-            f"{folder}/{LOCK}": digest_bytes(lock),
+            f"{folder}/{LOCK}": made.lock,
             **{name: digest_bytes(content) for name, content in joined.beside.items()},
         },
         links={member.part.artifact: partial(_names, kind, member, folder) for member in members},
+        gone=None if record is None else {bag.artifact for bag in before.values()},
+        record=made.record,
     )
-
-
-def _members(
-    kind: Format[S], parts: Sequence[Part], splits: Splits, store: Store, dealt: Mapping[str, str] | None
-) -> tuple[list[Member], dict[str, str]]:
-    """Return the recordings in the dataset in the order of their keys, and duplicate -> recording in its place."""
-    chosen, duplicates = without_copies(parts)
-    dealt = deal([part.key for part in chosen], splits) if dealt is None else dealt
-    members = []
-    for number, part in enumerate(chosen):
-        artifact = store.artifact(part.artifact)
-        facts = artifact.read_json(FACTS)
-        members.append(Member(part, artifact, dealt[part.key], number, kind.row(facts), facts))
-    return members, duplicates
 
 
 def without_copies(parts: Iterable[Part]) -> tuple[list[Part], dict[str, str]]:
@@ -182,58 +195,32 @@ def without_copies(parts: Iterable[Part]) -> tuple[list[Part], dict[str, str]]:
     return list(first.values()), copies
 
 
-def _needs(
-    kind: Format[S], members: Sequence[Member], before: DatasetLock | None
-) -> dict[str, Sequence[str]]:
-    """Return part -> artifacts that the dataset needs: the part, and the artifacts that its files are linked from."""
-    known: dict[str, Sequence[str]] = {}
-    if before is not None and before.kind == kind.name:
-        known = {bag.artifact: bag.needs for bag in before.bags.values() if bag.needs is not None}
-    parts = {member.part.artifact: member for member in members}
-    return {
-        part: known.get(part) or [part, *sorted({link.artifact for link in kind.links(member)} - {part})]
-        for part, member in parts.items()
-    }
+def _misfits(kind: Format[S], parts: Sequence[Part], store: Store) -> Mapping[str, str]:
+    """Return the recordings that the format cannot join with the others -> why."""
+    if kind.misfits is None:
+        return {}
+    return kind.misfits({part.key: store.artifact(part.artifact).read_json(FACTS) for part in parts})
 
 
-def _lock(
-    kind: Format[S],
-    settings: S,
-    splits: Splits,
-    shares: Sequence[SplitShare],
-    members: Sequence[Member],
-    needs: Mapping[str, Sequence[str]],
-    joined: Joined,
-    left_out: Mapping[str, Mapping[str, str]],
-) -> JsonObject:
-    """Return the lock: everything needed to restore the dataset, and what was left out and why."""
-    return {
-        "format": FORMAT,
-        "dataset": kind.name,
-        kind.name: settings.model_dump(mode="json", exclude={"output"}),
-        "splits": splits.model_dump(mode="json"),
-        "shares": {share.name: share.as_json() for share in shares},
-        "bags": [
-            {
-                **member.row,
-                "key": member.part.key,
-                "content": member.part.content,
-                "split": member.split,
-                "counts": dict(kind.counts(member.facts)),
-                "artifacts": list(needs[member.part.artifact]),
-            }
-            for member in members
-        ],
-        **{why: dict(sorted(keys.items())) for why, keys in left_out.items()},
-        "files": dict(joined.files),
-    }
+def _kept(current: Path, suspects: AbstractSet[str]) -> Kept:
+    """Return the joined files of the dataset on disk that nobody has touched; none without its lock."""
+    if f"{current.name}/{LOCK}" in suspects:
+        return Kept()
+    try:
+        before = read_lock(current)
+    except DatasetError:
+        before = None
+    files = {} if before is None else before.files
+    return Kept(
+        current, {name: one for name, one in files.items() if f"{current.name}/{name}" not in suspects}
+    )
 
 
 def _put_files(
     kind: Format[S],
     linker: Linker,
     members: Sequence[Member],
-    known: DatasetLock | None,
+    there: Mapping[str, str],
     suspects: AbstractSet[str] | None,
     store: Store,
     output: Path,
@@ -245,7 +232,7 @@ def _put_files(
         kind: the format.
         linker: makes files appear below the output.
         members: the recordings.
-        known: the lock of the dataset on disk, if it can be trusted.
+        there: recording -> part of which the dataset on disk has the files.
         suspects: see `assemble`.
         store: has the artifacts.
         output: folder of the dataset.
@@ -259,7 +246,6 @@ def _put_files(
             for member in members:
                 _put_unit(output, units.unit(member), kind.links(member), linker, suspects, source)
         case LooseFiles() as loose:
-            there = {} if known is None else {key: bag.artifact for key, bag in known.bags.items()}
             suspicious = {loose.recording_of(name) for name in suspects or ()}
             for member in members:
                 is_there = there.get(member.part.key) == member.part.artifact
@@ -313,8 +299,8 @@ def _is_same(new: Path, current: Path, digests: Mapping[str, str]) -> bool:
     """Tell whether `current` has the lock and the joined files of `new`, byte for byte."""
     try:
         return (current / LOCK).read_bytes() == (new / LOCK).read_bytes() and all(
-            (current / name).stat().st_size == (new / name).stat().st_size
-            and digest_file(current / name) == digest
+            (here := (current / name).stat()).st_size == (there := (new / name).stat()).st_size
+            and (here.st_ino == there.st_ino or digest_file(current / name) == digest)
             for name, digest in digests.items()
         )
     except OSError:
@@ -322,35 +308,68 @@ def _is_same(new: Path, current: Path, digests: Mapping[str, str]) -> bool:
 
 
 def _retire(
-    kind: Format[S], output: Path, current: Path, retired: Sequence[Path], members: Sequence[Member]
+    joint: Joint[S],
+    output: Path,
+    current: Path,
+    retired: Mapping[Path, Mapping[str, LockedBag]],
+    members: Sequence[Member],
+    *,
+    is_whole: bool,
 ) -> int:
-    """Remove old folders, and files of recordings that nothing names any more; return the number of such files."""
-    removed = 0
-    if isinstance(kind.places, LooseFiles):
-        removed = _remove_loose(kind.places, output, current, retired)
-    elif isinstance(kind.places, UnitFolders):
-        named = {kind.places.name(member) for member in members}
-        for unit in sorted((output / kind.places.folder).glob("*")):
-            if unit.name not in named:
-                shutil.rmtree(unit, ignore_errors=True)
+    """Remove old folders, and files of recordings that nothing names any more; return the number of such files.
+
+    Args:
+        joint: what was joined.
+        output: folder of the dataset.
+        current: the folder that was swapped in.
+        retired: old folder -> recordings in it whose files may be of no more use.
+        members: the recordings that were joined.
+        is_whole: these are all.
+    """
+    places, removed = joint.kind.places, 0
+    now = {part.artifact for part in joint.parts}
+    gone = {
+        folder: [(number, bag) for number, bag in enumerate(bags.values()) if bag.artifact not in now]
+        for folder, bags in retired.items()
+    }
+    if isinstance(places, LooseFiles):
+        stale = {name for folder, bags in gone.items() for name in _names_gone(joint, places, folder, bags)}
+        keys = {bag.key for bags in gone.values() for _, bag in bags}
+        for member in members if stale else ():
+            if member.part.key in keys:
+                stale.difference_update(link.name for link in joint.kind.links(member))
+        others = (path for path in sorted(output.iterdir()) if path.is_dir() and path not in retired)
+        for other in others if stale else ():
+            if other != current:
+                stale.difference_update(places.named_in(other))
+        removed = remove_files(output, stale)
+    elif isinstance(places, UnitFolders):
+        named = {places.name(member) for member in members}
+        if is_whole:
+            there = {unit.name for unit in (output / places.folder).glob("*")}
+        else:
+            there = {places.name(_entry(joint.store, *one)) for bags in gone.values() for one in bags}
+        for name in sorted(there - named):
+            shutil.rmtree(output / places.folder / name, ignore_errors=True)
     for folder in retired:
         shutil.rmtree(folder, ignore_errors=True)
     return removed
 
 
-def _remove_loose(loose: LooseFiles, output: Path, current: Path, retired: Sequence[Path]) -> int:
-    others = [path for path in sorted(output.iterdir()) if path.is_dir() and path not in retired]
-    now = _parts(current)
-    stale: set[str] = set()
-    for folder in retired:
-        # Recordings whose part did not change have the same files.
-        gone = {key for key, part in _parts(folder).items() if now.get(key) != part}
-        stale |= (
-            {name for name in loose.named_in(folder) if loose.recording_of(name) in gone} if gone else set()
-        )
-    for other in others if stale else ():
-        stale.difference_update(loose.named_in(other))
-    return remove_files(output, stale)
+def _names_gone(
+    joint: Joint[S], loose: LooseFiles, folder: Path, bags: Sequence[tuple[int, LockedBag]]
+) -> Iterable[str]:
+    """Return the names of the files that a folder names of some recordings."""
+    try:
+        return [link.name for one in bags for link in joint.kind.links(_entry(joint.store, *one))]
+    except StoreError:  # a part was removed from the store
+        keys = {bag.key for _, bag in bags}
+        return [name for name in loose.named_in(folder) if loose.recording_of(name) in keys]
+
+
+def _entry(store: Store, number: int, bag: LockedBag) -> Entry:
+    artifact = Artifact(bag.artifact, store.artifact_folder(bag.artifact))
+    return Entry(Part(bag.key, bag.content, bag.artifact), artifact, bag.split, number, bag.row)
 
 
 def remove_files(output: Path, names: AbstractSet[str]) -> int:
@@ -366,17 +385,13 @@ def remove_files(output: Path, names: AbstractSet[str]) -> int:
     return removed
 
 
-def _parts(folder: Path) -> dict[str, str]:
-    """Return recording -> part, as in the lock of a folder; empty if it has none."""
-    lock = _lock_of(folder)
-    return {} if lock is None else {key: bag.artifact for key, bag in lock.bags.items()}
-
-
-def _lock_of(folder: Path) -> DatasetLock | None:
+def _bags_in(folder: Path) -> Mapping[str, LockedBag]:
+    """Return the recordings in the lock of a folder; empty if it has none."""
     try:
-        return read_lock(folder)
+        lock = read_lock(folder)
     except DatasetError:  # torn by a power loss, in a folder that is swapped anyway
-        return None
+        return {}
+    return {} if lock is None else lock.bags
 
 
 def _refuse_foreign(kind: Format[S], output: Path, current: Path) -> None:

@@ -16,6 +16,8 @@ from bagassets.assets.ego_poses import EGO_POSES
 from bagassets.assets.frames import FRAMES
 from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.preview import PREVIEW
+from bagassets.assets.signal_plots import SIGNAL_PLOTS
+from bagassets.assets.signals import SIGNALS
 from bagassets.assets.sweeps import SWEEPS
 from bagassets.base.errors import DatasetError, PluginError
 from bagassets.base.plugins import ASSETS, FORMATS, Extension, installed_extensions
@@ -38,8 +40,10 @@ OUR_ASSETS: tuple[AnyAsset, ...] = (
     ANNOTATIONS,
     FRAMES,
     SWEEPS,
+    SIGNALS,
     *(asset for kind in OURS for asset in kind.assets),
     PREVIEW,
+    SIGNAL_PLOTS,
 )
 _OUR_NAMES = frozenset(asset.name for asset in OUR_ASSETS)
 # Names of assets in Dagster that are not assets of recordings.

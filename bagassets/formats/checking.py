@@ -1,26 +1,36 @@
 """Running checks on the artifacts on record, without a Dagster run."""
 
+import json
+import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 from bagassets.assets.quality.check import severity_of
 from bagassets.assets.quality.evidence import Evidence
 from bagassets.assets.quality.finding import Finding
 from bagassets.assets.selection import choose_rig
+from bagassets.base.cache import Cache, Changes
 from bagassets.base.errors import PluginError, StoreError
+from bagassets.base.fingerprints import PlanNeeded
 from bagassets.base.json_types import JsonObject
 from bagassets.engine.build_report import Remark
-from bagassets.engine.plan import BagPlan
+from bagassets.engine.freshness.published import Publication
+from bagassets.engine.plan import BagPlan, KeptPlan
 from bagassets.formats.catalogue import known_assets, recording_assets
 from bagassets.formats.dataset_build import Dataset, datasets_of
-from bagassets.formats.format import AnyFormat
+from bagassets.formats.dataset_lock import LOCK
+from bagassets.formats.format import AnyFormat, ByGroups
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_checks import Checks, Severity
 from bagassets.recordings.discover import Discovery
 from bagassets.store.artifact import Artifact
 from bagassets.store.store import Store
+
+_VERDICTS = "verdicts"
+_BATCH_BYTES = 1 << 20  # verdicts are kept whenever there are so many
 
 
 @dataclass(frozen=True)
@@ -104,6 +114,46 @@ def check_bag(
             yield Verdict(bag.key, asset.name, check.name, severity, finding)
 
 
+def check_bags(
+    recipe: Recipe, store: Store, discovery: Discovery, bags: Iterable[BagPlan]
+) -> Iterator[tuple[str, list[Verdict]]]:
+    """Yield key and verdicts of recordings; of those that have not changed since they were checked, as they were then."""
+    cache, changes = Cache(recipe.state), Changes()
+    with cache.kept_open():
+        for bag in bags:
+            found = _kept(cache, bag)
+            if found is None:
+                found = [*check_bag(recipe, store, discovery, bag)]
+                if isinstance(bag, KeptPlan):
+                    rows = [
+                        [one.asset, one.check, one.severity, one.finding and vars(one.finding)]
+                        for one in found
+                    ]
+                    changes.put(_VERDICTS, bag.key, bag.mark + zlib.compress(json.dumps(rows).encode(), 1))
+            yield bag.key, found
+            if changes.size > _BATCH_BYTES:
+                cache.write(changes)
+                changes = Changes()
+    cache.write(changes)
+
+
+def _kept(cache: Cache, bag: BagPlan) -> list[Verdict] | None:
+    """Return the verdicts of a recording if it, its artifacts, the recipe and the code are as they were then."""
+    if not isinstance(bag, KeptPlan):
+        return None
+    try:
+        (content,) = cache.get(_VERDICTS, bag.key)
+    except PlanNeeded:
+        return None
+    if not content.startswith(bag.mark):
+        return None
+    rows = json.loads(zlib.decompress(content[len(bag.mark) :]))
+    return [
+        Verdict(bag.key, asset, check, severity, None if found is None else Finding(**found))
+        for asset, check, severity, found in rows
+    ]
+
+
 def remarks_on_record(
     recipe: Recipe, store: Store, discovery: Discovery, bags: Iterable[BagPlan]
 ) -> Iterator[Remark]:
@@ -147,7 +197,8 @@ def check_datasets(recipe: Recipe) -> Iterator[Verdict]:
     for dataset in datasets_of(recipe).values():
         if dataset.selection is None:
             names = dataset_checks(recipe, dataset.kind)
-            findings = check_dataset(dataset, frozenset(names)) if dataset.lock is not None and names else {}
+            is_there = names and (dataset.folder / LOCK).exists()
+            findings = check_dataset(dataset, frozenset(names), recipe.state) if is_there else {}
             for name, severity in names.items():
                 yield Verdict(None, dataset.asset, name, severity, findings.get(name))
 
@@ -158,14 +209,25 @@ def dataset_checks(recipe: Recipe, kind: AnyFormat) -> dict[str, Severity]:
     return {name: severity for name, severity in weights.items() if severity != "skip"}
 
 
-def check_dataset(dataset: Dataset, names: AbstractSet[str]) -> Mapping[str, Finding]:
+def check_dataset(
+    dataset: Dataset, names: AbstractSet[str], state: Path | None = None
+) -> Mapping[str, Finding]:
     """Run the named checks on a dataset on disk; return check -> finding.
+
+    Args:
+        dataset: the dataset.
+        names: names of the checks.
+        state: the state folder, which has on record what earlier checks have found; None has everything read.
 
     Raises:
         DatasetError: a file of the dataset cannot be read.
     """
     kind = dataset.kind
-    return {} if kind.check is None else kind.check(dataset.settings, names)
+    if kind.check is None:
+        return {}
+    if state is None or not isinstance(kind.join, ByGroups):
+        return kind.check(dataset.settings, names)
+    return kind.check(dataset.settings, names, Publication(state, dataset.asset))
 
 
 def _artifact_on_record(store: Store, bag: BagPlan, asset: str) -> Artifact:

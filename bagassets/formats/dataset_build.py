@@ -1,24 +1,29 @@
 """The datasets of a recipe: which recordings enter them, and building them."""
 
+import json
 from collections.abc import Callable, Iterable, Mapping
 from collections.abc import Set as AbstractSet
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 from bagassets.assets.ego_poses import EGO_POSES
 from bagassets.assets.inventory import INVENTORY
+from bagassets.base.alike import told_once
 from bagassets.base.errors import BagAssetsError, DatasetError
 from bagassets.base.json_types import JsonObject
 from bagassets.base.trace import span
 from bagassets.engine.freshness.published import Publication
 from bagassets.engine.plan import BagPlan, Plan
+from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.engine.splits import Ties, deal
 from bagassets.formats import trajectory_map
 from bagassets.formats.assembly import DatasetSummary, assemble, without_copies
 from bagassets.formats.catalogue import formats, formats_of
 from bagassets.formats.dataset_lock import DatasetLock, read_lock
 from bagassets.formats.format import FACTS, AnyFormat, Part, Selection
+from bagassets.formats.groups import FoundInGroups, GroupsRecord, cut
 from bagassets.recipe.format_settings import DEFAULT_FORMAT
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_base import DatasetSettings
@@ -38,12 +43,24 @@ class Dataset:
         kind: its format.
         settings: its section of the recipe.
         selection: the conditions of a named dataset; None for the whole one.
+        whole: the dataset that a named one has scenes of.
     """
 
     asset: str
     kind: AnyFormat
     settings: DatasetSettings
     selection: NamedDataset | None = None
+    whole: "Dataset | None" = None
+
+    @property
+    def part(self) -> str:
+        """The asset of recordings that it is made from."""
+        return self.kind.part
+
+    @property
+    def published_in(self) -> Path:
+        """The folder that has all its files."""
+        return self.settings.output
 
     @property
     def description(self) -> str:
@@ -68,6 +85,9 @@ class Dataset:
 
     def code_version(self, splits: Splits) -> str:
         """Return `<version>-<digest of the recipe fields>`."""
+        if self.selection is not None and self.whole is not None:
+            chosen = self.selection.model_dump(mode="json", exclude={"output"})
+            return f"{self.kind.version}-{digest_json([self.whole.code_version(splits), chosen])[:12]}"
         fields: list[object] = [
             self.settings.model_dump(mode="json", exclude={"output"}),
             splits.model_dump(mode="json"),
@@ -77,22 +97,48 @@ class Dataset:
         return f"{self.kind.version}-{digest_json(fields)[:12]}"
 
 
+@dataclass(frozen=True)
+class RouteMap:
+    """The map of all recordings, which is made once, as datasets are.
+
+    Attributes:
+        published_in: the folder that has its files.
+        asset: its name in Dagster.
+        part: the asset of recordings that it is made from.
+        description: description for the web UI.
+    """
+
+    published_in: Path
+    asset: str = trajectory_map.STEP.name
+    part: str = EGO_POSES.name
+    description: str = """Where all recordings were driven: an interactive map with a layer per split and a heat layer.
+
+Without a network, it shows the same routes on a plain grid."""
+
+    def code_version(self, splits: Splits) -> str:
+        """Return `<version>-<digest of the recipe fields>`."""
+        return f"{trajectory_map.STEP.version}-{digest_json([splits.model_dump(mode='json')])[:12]}"
+
+
 def datasets_of(recipe: Recipe) -> dict[str, Dataset]:
     """Return asset -> dataset: first one per format, then the named ones."""
+    return {asset: one for asset, one in made_once(recipe).items() if isinstance(one, Dataset)}
+
+
+def made_once(recipe: Recipe) -> dict[str, Dataset | RouteMap]:
+    """Return asset -> what is made once of all recordings: a dataset per format, the map, then the named datasets."""
     sections = recipe.dataset_settings
-    found = {kind.asset: Dataset(kind.asset, kind, sections[kind.name]) for kind in formats_of(recipe)}
+    wholes = {kind.name: Dataset(kind.asset, kind, sections[kind.name]) for kind in formats_of(recipe)}
+    found: dict[str, Dataset | RouteMap] = {one.asset: one for one in wholes.values()}
+    if recipe.preview.has_map:
+        route_map = RouteMap(recipe.state)
+        found[route_map.asset] = route_map
     for named in recipe.datasets:
-        kind = next(kind for kind in formats_of(recipe) if kind.name == DEFAULT_FORMAT)
+        whole = wholes[DEFAULT_FORMAT]
         update = {"output": named.output} | ({"version": named.version} if named.version else {})
-        found[named.asset] = Dataset(named.asset, kind, sections[kind.name].model_copy(update=update), named)
+        settings = whole.settings.model_copy(update=update)
+        found[named.asset] = Dataset(named.asset, whole.kind, settings, named, whole)
     return found
-
-
-def made_from(recipe: Recipe) -> dict[str, str]:
-    """Return each dataset, and the map -> the asset of recordings that it is made from."""
-    return {asset: one.kind.part for asset, one in datasets_of(recipe).items()} | {
-        trajectory_map.STEP.name: EGO_POSES.name
-    }
 
 
 @dataclass(frozen=True)
@@ -111,7 +157,7 @@ class DatasetInputs:
     failed: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     ties: Ties = field(default_factory=Ties)
 
-    @property
+    @cached_property
     def digest(self) -> str:
         """Digest of everything that shapes the datasets except the recipe."""
         value: JsonObject = {"parts": [], "skipped": dict(self.skipped), "failed": {}}
@@ -125,14 +171,12 @@ class DatasetInputs:
         keys = {part.key for parts in self.parts.values() for part in parts}
         return digest_json(value | self.ties.of(keys))
 
-    def dealt(
-        self, splits: Splits, store: Store, entering: Mapping[str, str] | None = None
-    ) -> dict[str, str]:
+    def dealt(self, recipe: Recipe, entering: Mapping[str, str] | None = None) -> dict[str, str]:
         """Return recording -> split, the same for all datasets, as it is once these others (key -> content) have come."""
         contents = {part.key: part.content for parts in self.parts.values() for part in parts}
         contents |= entering or {}
         made = {name: {part.key: part.artifact for part in parts} for name, parts in self.parts.items()}
-        return deal_contents(contents, splits, recordings_without_scenes(store, made), self.ties)
+        return deal_contents(contents, recipe.splits, recordings_without_scenes(recipe, made), self.ties)
 
     def as_json(self) -> JsonObject:
         """Return counts for display."""
@@ -148,22 +192,41 @@ class DatasetInputs:
         return next(iter(self.parts), "")
 
 
-def recordings_without_scenes(store: Store, parts: Mapping[str, Mapping[str, str]]) -> frozenset[str]:
+def recordings_without_scenes(recipe: Recipe, parts: Mapping[str, Mapping[str, str]]) -> frozenset[str]:
     """Return the recordings that add no scene to a dataset, such as too short ones.
 
     Args:
-        store: the artifact store.
+        recipe: the recipe, whose store has the artifacts.
         parts: format -> recording -> part.
     """
-    found = set()
+    without: set[str] = set()
     for kind in formats():
-        if kind.fills_split is None:
-            continue
-        for key, digest in parts.get(kind.name, {}).items():
-            with suppress(BagAssetsError):
-                if not kind.fills_split(store.artifact(digest).read_json(FACTS)):
-                    found.add(key)
-    return frozenset(found)
+        if kind.fills_split is not None and (of := parts.get(kind.name)):
+            memory = FoundInGroups(recipe.state, f"{kind.name}-{kind.version}-without-scenes")
+            before, found = memory.load(), {}
+            some = [Part(key, "", digest) for key, digest in sorted(of.items())]
+            for group in cut(some, dict.fromkeys(of, "")):
+                if group.digest in before:
+                    found[group.digest] = before[group.digest]
+                    without.update(json.loads(before[group.digest]))
+                    continue
+                fills = _fills_split(kind, group.parts, Store(recipe.store_path))
+                keys = [key for key, adds in fills.items() if not adds]
+                without.update(keys)
+                if len(fills) == len(group.parts):
+                    found[group.digest] = json.dumps(keys).encode()
+            memory.save(found)
+    return frozenset(without)
+
+
+def _fills_split(kind: AnyFormat, parts: Iterable[Part], store: Store) -> dict[str, bool]:
+    """Return the recordings whose part is in the store -> whether they add anything to the dataset."""
+    found = {}
+    for part in parts:
+        with suppress(BagAssetsError):
+            facts = store.artifact(part.artifact).read_json(FACTS)
+            found[part.key] = kind.fills_split is None or kind.fills_split(facts)
+    return found
 
 
 def deal_contents(
@@ -186,6 +249,8 @@ def deal_contents(
     for key, content in sorted(contents.items()):
         first.setdefault(content, key)
     with_scenes = deal((key for key in first.values() if key not in sceneless), splits, ties)
+    if len(with_scenes) == len(first):
+        return {key: with_scenes[first[content]] for key, content in contents.items()}
     pinned = splits.model_copy(update={"pinned": {**splits.pinned, **with_scenes}})
     dealt = deal(first.values(), pinned, ties)
     return {key: dealt[first[content]] for key, content in contents.items()}
@@ -209,13 +274,13 @@ def split_on_disk(recipe: Recipe) -> Mapping[str, str]:
     return {} if lock is None else lock.splits
 
 
-def select_inputs(plan: Plan, live: frozenset[str]) -> DatasetInputs:
+def select_inputs(plan: Plan) -> DatasetInputs:
     """Select the current parts of all live recordings that take part.
 
     A recording whose newest content failed is left out rather than included with old content. So is one of which newer
     content is on record than its part was made from: some assets were made alone, or a run was interrupted.
     """
-    made = {name for bag in plan.bags.values() for name in bag.assets}
+    made = {name for bag in plan.bags.values() for name in bag.names}
     kinds = [kind for kind in formats() if kind.part in made]
     parts: dict[str, list[Part]] = {kind.name: [] for kind in kinds}
     failed: dict[str, dict[str, str]] = {kind.name: {} for kind in kinds}
@@ -224,14 +289,15 @@ def select_inputs(plan: Plan, live: frozenset[str]) -> DatasetInputs:
         if bag.skipped is not None:
             skipped[key] = bag.skipped
             continue
+        names, recorded = bag.names, bag.recorded
         for kind in kinds:
-            if kind.part not in bag.assets:
+            if kind.part not in names:
                 continue
-            reason = _failure(bag, kind.part)
+            reason = None if bag.settled else _failure(bag, kind.part)
             if reason is not None:
                 failed[kind.name][key] = reason
-            elif key in live and kind.part in bag.recorded and "bag" in bag.recorded:
-                parts[kind.name].append(Part(key, bag.recorded["bag"], bag.recorded[kind.part]))
+            elif key in plan.live and kind.part in recorded and "bag" in recorded:
+                parts[kind.name].append(Part(key, recorded["bag"], recorded[kind.part]))
     return DatasetInputs({name: tuple(each) for name, each in parts.items()}, skipped, failed, plan.ties)
 
 
@@ -240,6 +306,33 @@ def _damaged(plan: Plan, store: Store, parts: Iterable[Part]) -> dict[str, str]:
     found = ((part.key, plan.bags[part.key].current_artifact(store, INVENTORY.name)) for part in parts)
     shares = ((key, one.summary().get("damage")) for key, one in found if one is not None)
     return {key: share for key, share in shares if share is not None}
+
+
+def results_to_come(assets: RecordingAssets, plan: Plan, todo: Iterable[str], *, retry_failed: bool) -> str:
+    """Return the results that datasets are made from and that are yet to come.
+
+    All datasets rest on one digest, so the results for all formats count.
+
+    Args:
+        assets: the assets of recordings.
+        plan: states of all recordings.
+        todo: recordings that need a run.
+        retry_failed: what failed before is made again.
+    """
+    parts = [kind.part for kind in formats() if kind.part in assets.names]
+    read = assets.with_upstream(parts)
+    found = []
+    for key in todo:
+        bag = plan.bags[key]
+        to_come = [
+            name
+            for name in ("bag", *parts)
+            if bag.assets[name].state != "skipped"
+            and (bag.assets[name].data_version or "") != bag.recorded.get(name)
+        ]
+        if to_come and bag.to_run(retry_failed=retry_failed, select=read):
+            found.append(((), key, ", ".join(to_come[-len(parts) :])))
+    return "; ".join(f"{told.text} of {told.title}" for told in told_once(found, fewest=2))
 
 
 @dataclass(frozen=True)
@@ -269,27 +362,41 @@ def dataset_contents(recipe: Recipe, inputs: DatasetInputs, asset: str) -> Datas
     Raises:
         DatasetError: its lock cannot be read.
     """
-    part, dataset = made_from(recipe)[asset], datasets_of(recipe).get(asset)
-    name = inputs.first if dataset is None else dataset.kind.name
+    made = made_once(recipe)[asset]
+    name = made.kind.name if isinstance(made, Dataset) else inputs.first
     parts, copies = without_copies(inputs.parts.get(name, ()))
     left_out = {**inputs.skipped, **inputs.failed.get(name, {})}
     left_out |= {
         key: f"the same content as {first}, which is in it for both" for key, first in copies.items()
     }
-    if dataset is None:  # the map, which has no lock
-        return DatasetContents(part, None, {one.key: one.content for one in parts}, left_out)
-    lock, is_whole = dataset.lock, dataset.selection is None
+    if isinstance(made, RouteMap):
+        on_map = trajectory_map.recordings_on_map(made.published_in)
+        return DatasetContents(made.part, on_map, {one.key: one.content for one in parts}, left_out)
+    lock, is_whole = made.lock, made.selection is None
     now = {one.key: one.artifact if is_whole else one.content for one in parts}
     if lock is None:
-        return DatasetContents(part, {}, now, left_out)
-    if not is_whole:  # which scenes are selected is known once they are made
+        return DatasetContents(made.part, {}, now, left_out)
+    if (
+        not is_whole or made.kind.misfits is not None
+    ):  # which are selected, or fit, is known once they are made
         selected_out = {key: why for key, why in lock.value["skipped"].items() if key in now}
         left_out |= selected_out
         now = {key: digest for key, digest in now.items() if key not in selected_out}
     last = {key: bag.artifact if is_whole else bag.content for key, bag in lock.bags.items()}
     before = {key for why in ("skipped", "failed", "duplicates") for key in lock.value[why]}
     returned = tuple(sorted(before - left_out.keys() - now.keys()))
-    return DatasetContents(part, last, now, left_out, returned)
+    return DatasetContents(made.part, last, now, left_out, returned)
+
+
+def what_changed(recipe: Recipe, inputs: DatasetInputs, asset: str) -> str:
+    """Return why a dataset is to be made again that was made from other inputs: these are the inputs of all datasets."""
+    made = made_once(recipe)[asset]
+    with suppress(DatasetError):  # its lock cannot be read
+        if isinstance(made, Dataset) and made.selection is None:
+            contents = dataset_contents(recipe, inputs, asset)
+            if contents.last == contents.now and not contents.returned:
+                return "only what is left out, or in other datasets, changed since it was made"
+    return "its recordings changed since it was made"
 
 
 def _failure(bag: BagPlan, part: str) -> str | None:
@@ -338,36 +445,24 @@ def build_dataset(
             store,
             output,
             splits=recipe.splits,
-            dealt=inputs.dealt(recipe.splits, store),
+            dealt=inputs.dealt(recipe),
             skipped={**inputs.skipped, **chosen.skipped},
             failed=inputs.failed.get(kind.name, {}),
             damaged=_damaged(plan, store, chosen.parts),
             suspects=suspects,
+            record=GroupsRecord.from_json(publication.groups()),
             permit=permit,
         )
-        publication.write(output, summary.published, summary.links, suspects)
+        groups = None if summary.record is None else summary.record.as_json()
+        publication.write(output, summary.published, summary.links, suspects, summary.gone, groups)
     if dataset.selection is None:
         return summary
     return replace(summary, facts={**summary.facts, "scenes_left_out": chosen.left_out})
 
 
 def dataset_code_versions(recipe: Recipe) -> dict[str, str]:
-    """Return dataset asset -> code version, for all datasets of a recipe, in order."""
-    datasets = datasets_of(recipe)
-    versions = {
-        asset: dataset.code_version(recipe.splits)
-        for asset, dataset in datasets.items()
-        if dataset.selection is None
-    }
-    if recipe.preview.has_map:
-        fields = [recipe.splits.model_dump(mode="json")]
-        versions[trajectory_map.STEP.name] = f"{trajectory_map.STEP.version}-{digest_json(fields)[:12]}"
-    for asset, dataset in datasets.items():
-        if dataset.selection is not None:
-            chosen = dataset.selection.model_dump(mode="json", exclude={"output"})
-            digest = digest_json([versions[dataset.kind.asset], chosen])
-            versions[asset] = f"{dataset.kind.version}-{digest[:12]}"
-    return versions
+    """Return asset -> code version, for all datasets of a recipe and the map, in order."""
+    return {asset: one.code_version(recipe.splits) for asset, one in made_once(recipe).items()}
 
 
 def dataset_folders(recipe: Recipe) -> dict[str, Path]:
@@ -377,5 +472,5 @@ def dataset_folders(recipe: Recipe) -> dict[str, Path]:
 
 def is_on_disk(recipe: Recipe, asset: str) -> bool:
     """Tell whether a dataset on disk is as it was published."""
-    root = recipe.state if asset == trajectory_map.STEP.name else dataset_folders(recipe)[asset]
+    root = made_once(recipe)[asset].published_in
     return Publication(recipe.state, asset).is_as_published(root, lambda path: digest_file(Path(path)))

@@ -109,7 +109,7 @@ def load_lock(path: Path) -> DatasetLock:
             value["dataset"] if value["format"] == FORMAT else "vision" if "vision" in value else "nuscenes"
         )
         names = _OLD[kind] if value["format"] == 1 else None
-        bags = {row["key"]: _bag(row, names) for row in value["bags"]}
+        bags = {row["key"]: locked_bag(row, names) for row in value["bags"]}
         files = dict(value["files" if names is None else names.files])
         lock = DatasetLock(found, kind, text, value, dict(sorted(bags.items())), files)
         lock.settings.items()
@@ -171,7 +171,8 @@ def _find(path: Path) -> Path:
     )
 
 
-def _bag(row: JsonMapping, names: _Names | None) -> LockedBag:
+def locked_bag(row: JsonMapping, names: _Names | None = None) -> LockedBag:
+    """Return a recording from its entry in a lock; `names` are those of format 1."""
     if names is None:
         needs = _digests(row["artifacts"])
         return LockedBag(row["key"], row["content"], needs[0], row["split"], row["counts"], needs, row)

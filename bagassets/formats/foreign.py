@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 _CALLABLE = ("join", "links", "counts", "duration_s", "folder", "row", "why_empty")
-_CALLABLE_OR_NONE = ("fills_split", "samples", "select", "check")
+_CALLABLE_OR_NONE = ("fills_split", "samples", "select", "check", "rejoin", "misfits")
 _A = ParamSpec("_A")
 _D = TypeVar("_D", bound="DataclassInstance")
 _R = TypeVar("_R")

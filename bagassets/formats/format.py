@@ -20,9 +20,10 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 from bagassets.assets.asset import AnyAsset
 from bagassets.assets.quality.finding import Finding
-from bagassets.base.json_types import JsonMapping
+from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.engine.plan import Plan
 from bagassets.engine.splits import SplitShare
+from bagassets.formats.json_files import TABLE, Frame
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_base import DatasetSettings
 from bagassets.recipe.model_datasets import NamedDataset
@@ -113,6 +114,59 @@ class Joined:
 
 
 @dataclass(frozen=True)
+class ByGroups(Generic[S]):
+    """A way to join that joins again only groups of recordings with changes, and copies the rows of the others.
+
+    What a recording adds to files depends on nothing but the recording, its split and the settings.
+
+    Attributes:
+        files: settings and names of the splits -> the files that have rows of recordings.
+        rows: settings, one of these files, a recording -> its rows there, as of `json_files.rows_text`.
+        facts: the recordings of a group, settings -> what `frame` and `finish` have to know of them, as JSON.
+        frame: one of the files, facts of all groups in order, shares -> what stands around its rows.
+        finish: facts of all groups in order, settings, shares, file -> number of rows -> the other files.
+    """
+
+    files: Callable[[S, Sequence[str]], Sequence[str]]
+    rows: Callable[[S, str, "Member"], bytes]
+    facts: Callable[[Sequence["Member"], S], JsonObject]
+    finish: Callable[[Sequence[Facts], S, Sequence[SplitShare], Mapping[str, int]], "Finished"]
+    frame: Callable[[str, Sequence[Facts], Sequence[SplitShare]], Frame] = lambda *_: TABLE
+
+
+@dataclass(frozen=True)
+class Finished:
+    """The result of `ByGroups.finish`.
+
+    Attributes:
+        files: file in the folder -> content.
+        facts: see `Joined`.
+        beside: see `Joined`.
+    """
+
+    files: Mapping[str, bytes]
+    facts: Facts = field(default_factory=dict)
+    beside: Mapping[str, bytes] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Kept:
+    """Joined files of the dataset on disk that are as they were published, for formats that join large ones.
+
+    Attributes:
+        folder: the folder that is swapped.
+        digests: file in it -> digest.
+    """
+
+    folder: Path = Path()
+    digests: Mapping[str, str] = field(default_factory=dict)
+
+    def path(self, name: str) -> Path:
+        """Return the path of a file."""
+        return self.folder / name
+
+
+@dataclass(frozen=True)
 class UnitFolders:
     """Links of a format with one folder per recording.
 
@@ -184,7 +238,8 @@ class Format(Generic[S]):
         settings: model of its section in the recipe.
         part: the asset of each recording from which the dataset is made; its artifact has a `facts.json`.
         join: writes the joined files of all recordings into an empty folder. Members come in the order of their keys,
-            shares in the order of the splits' names.
+            shares in the order of the splits' names. Or `ByGroups`, where a change is not to cost more the more recordings
+            there are; such a format has `places`.
         links: the files of one recording.
         counts: facts of a recording -> what the dataset gets from it (`scenes`, in the plural) -> number.
         row: facts of a recording -> further values for its entry in the lock: small ones that `links` needs.
@@ -201,8 +256,13 @@ class Format(Generic[S]):
         select: selects the parts of a named dataset; None if the format has no named datasets.
         assets: assets of recordings that the format adds, its part among them unless bagassets has it.
         checks: checks of the finished dataset.
-        check: settings and names of `checks` -> name -> finding.
+        check: settings and names of `checks` -> name -> finding. A format that joins `ByGroups` also gets what is on record
+            of the dataset, if it is.
         distribution: name and version of the package that adds it; "" for formats of bagassets.
+        rejoin: `join` that may link files from the dataset on disk, which other recordings did not change, instead of
+            writing them again; what comes out must be the same. None: there is nothing to gain.
+        misfits: recording -> facts, of all that are to be joined -> why some cannot be, as clauses; they are left out. None: all
+            recordings fit.
     """
 
     name: str
@@ -211,7 +271,7 @@ class Format(Generic[S]):
     kinds: AbstractSet[str]
     settings: type[S]
     part: str
-    join: Callable[[Sequence[Member], S, Sequence[SplitShare], Path], Joined]
+    join: Callable[[Sequence[Member], S, Sequence[SplitShare], Path], Joined] | ByGroups[S]
     links: Callable[[Entry], Iterator[Link]]
     counts: Callable[[Facts], Mapping[str, int]]
     duration_s: Callable[[Facts], float]
@@ -226,8 +286,10 @@ class Format(Generic[S]):
     select: Callable[[Recipe, Store, Plan, Sequence[Part], NamedDataset], Selection] | None = None
     assets: Sequence[AnyAsset] = ()
     checks: Sequence[DatasetCheck] = ()
-    check: Callable[[S, AbstractSet[str]], Mapping[str, Finding]] | None = None
+    check: Callable[..., Mapping[str, Finding]] | None = None
     distribution: str = ""
+    rejoin: Callable[[Sequence[Member], S, Sequence[SplitShare], Path, Kept], Joined] | None = None
+    misfits: Callable[[Mapping[str, Facts]], Mapping[str, str]] | None = None
 
     @property
     def asset(self) -> str:

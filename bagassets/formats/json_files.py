@@ -4,13 +4,33 @@ import json
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
-from blake3 import blake3
-
+from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.store.canonical import digest_bytes
 
 METRE_DIGITS = 6
+SEPARATOR = b",\n"
+"""What stands between two rows of a joined file."""
 _BLOCK_BYTES = 1 << 20
+_ROWS = "\0rows"
+
+
+class Frame(NamedTuple):
+    """What stands around the rows of a joined file.
+
+    Attributes:
+        head: before the first row.
+        tail: after the last one.
+        empty: the whole file if there are none.
+    """
+
+    head: bytes
+    tail: bytes
+    empty: bytes
+
+
+TABLE = Frame(b"[\n", b"\n]\n", b"[]\n")
 
 
 def write_hashed(path: Path, data: bytes) -> str:
@@ -22,6 +42,22 @@ def write_hashed(path: Path, data: bytes) -> str:
 def json_bytes(value: object) -> bytes:
     """Return a JSON file for people to read."""
     return (json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
+
+
+def framed(value: JsonObject, name: str) -> Frame:
+    """Return the frame of rows that are a list in a JSON file for people to read.
+
+    Args:
+        value: the file.
+        name: the field with the list; its rows are made by `framed_row`.
+    """
+    head, tail = json_bytes({**value, name: [_ROWS]}).split(b"  " + json.dumps(_ROWS).encode())
+    return Frame(head, tail, json_bytes({**value, name: []}))
+
+
+def framed_row(value: JsonMapping) -> bytes:
+    """Return a row of a list in a JSON file for people to read."""
+    return b"  " + json_bytes(value).rstrip().replace(b"\n", b"\n  ")
 
 
 def rounded(values: Iterable[float], digits: int = METRE_DIGITS) -> list[float]:
@@ -54,20 +90,3 @@ def column_texts(rows: Iterable[bytes], column: str) -> list[str]:
     A dataset may have millions of rows. The texts must need no escapes, as tokens and file names do not.
     """
     return re.findall(f'"{column}":"([^"]*)"', b"\n".join(rows).decode())
-
-
-def write_joined(path: Path, lists: Iterable[bytes]) -> tuple[int, str]:
-    """Join several lists, given as `rows_text`, into one file; return the number of rows, and its digest."""
-    number, hasher = 0, blake3()
-    with path.open("wb", buffering=1 << 20) as file:
-
-        def write(data: bytes) -> None:
-            file.write(data)
-            hasher.update(data)
-
-        for text in filter(None, lists):
-            write(b",\n" if number else b"[\n")
-            write(text)
-            number += text.count(b"\n") + 1
-        write(b"\n]\n" if number else b"[]\n")
-    return number, hasher.hexdigest()

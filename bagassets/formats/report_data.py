@@ -17,8 +17,14 @@ from bagassets.engine.splits import shares_of
 from bagassets.engine.track import track_on_record
 from bagassets.formats import trajectory_map
 from bagassets.formats.catalogue import formats, recording_assets
-from bagassets.formats.checking import Verdict, check_bag, check_datasets
-from bagassets.formats.dataset_build import datasets_of, deal_contents, recordings_without_scenes
+from bagassets.formats.checking import Verdict, check_bags, check_datasets
+from bagassets.formats.dataset_build import (
+    DatasetInputs,
+    dataset_contents,
+    datasets_of,
+    deal_contents,
+    recordings_without_scenes,
+)
 from bagassets.formats.format import FACTS as PART_FACTS
 from bagassets.formats.format import AnyFormat
 from bagassets.recipe.model import Recipe
@@ -53,15 +59,17 @@ def report_data(
     Raises:
         DatasetError: a file of a dataset cannot be read.
     """
-    dealt, copies = _dealt(recipe, store, plan), _copies(plan)
+    dealt, copies = _dealt(recipe, plan), _copies(plan)
     assets = recording_assets(recipe)
     recordings = []
-    for key, bag in sorted(plan.bags.items()):
+    bags = dict(sorted(plan.bags.items()))
+    checked = None if discovery is None else check_bags(recipe, store, discovery, bags.values())
+    for key, bag in bags.items():
         facts = _facts(recipe, assets, store, bag, dealt.get(key, ""))
         if key in copies:
             facts = replace(facts, state="copy", reason=f"the same content as {copies[key]}")
-        if discovery is not None:
-            found, number = _outcome(check_bag(recipe, store, discovery, bag))
+        if checked is not None:
+            found, number = _outcome(next(checked)[1])
             facts = replace(facts, problems=found, checks_passed=number)
         recordings.append(facts)
         on_recording(1)
@@ -94,8 +102,8 @@ def report_path(recipe: Recipe) -> Path:
     return recipe.state / "report.html"
 
 
-def build_map(recipe: Recipe, store: Store, plan: Plan) -> Outcome:
-    """Make the map of all recordings, and write it to `map_path`.
+def build_map(recipe: Recipe, store: Store, plan: Plan, inputs: DatasetInputs) -> Outcome:
+    """Make the map of all recordings, write it to `map_path`, and note what it was made from.
 
     Raises:
         DatasetError: it cannot be written.
@@ -103,12 +111,15 @@ def build_map(recipe: Recipe, store: Store, plan: Plan) -> Outcome:
     outcome = trajectory_map.map_of(store, _map_routes(recipe, store, plan))
     page = outcome.artifact.path(trajectory_map.MAP).read_text(encoding="utf-8")
     write_page(map_path(recipe), page)
+    trajectory_map.note_recordings(
+        recipe.state, dataset_contents(recipe, inputs, trajectory_map.STEP.name).now
+    )
     digests = {map_path(recipe).name: digest_bytes(page.encode())}
     Publication(recipe.state, trajectory_map.STEP.name).write(recipe.state, digests, {}, None)
     return outcome
 
 
-def _dealt(recipe: Recipe, store: Store, plan: Plan) -> dict[str, str]:
+def _dealt(recipe: Recipe, plan: Plan) -> dict[str, str]:
     """Return recording -> split, for all that take part."""
     parts = {
         kind.name: {
@@ -116,7 +127,7 @@ def _dealt(recipe: Recipe, store: Store, plan: Plan) -> dict[str, str]:
         }
         for kind in formats()
     }
-    return deal_contents(_contents(plan), recipe.splits, recordings_without_scenes(store, parts), plan.ties)
+    return deal_contents(_contents(plan), recipe.splits, recordings_without_scenes(recipe, parts), plan.ties)
 
 
 def _contents(plan: Plan) -> dict[str, str]:
@@ -137,7 +148,7 @@ def _copies(plan: Plan) -> dict[str, str]:
 
 def _map_routes(recipe: Recipe, store: Store, plan: Plan) -> list[MapRoute]:
     """Return the recordings with poses in the order of their keys, without copies, coloured by split."""
-    splits, dealt, copies = sorted(recipe.splits.shares), _dealt(recipe, store, plan), _copies(plan)
+    splits, dealt, copies = sorted(recipe.splits.shares), _dealt(recipe, plan), _copies(plan)
     routes = []
     for key, bag in sorted(plan.bags.items()):
         track = track_on_record(recipe, store, bag) if bag.skipped is None and key not in copies else None

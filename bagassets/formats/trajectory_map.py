@@ -3,8 +3,11 @@
 The step `map_shell` makes the page without routes, which is the same for all datasets.
 """
 
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 
+from bagassets.base.atomic import write_atomically
 from bagassets.base.json_types import JsonObject
 from bagassets.engine.run_action import run_action
 from bagassets.report.map_shell import map_shell
@@ -17,6 +20,7 @@ from bagassets.store.store import Outcome, Store
 STEP = Step("trajectory_map", 5)
 SHELL_STEP = Step("map_shell", 3, ("folium", "branca"))
 MAP, SHELL = "trajectory_map.html", "shell.html"
+_RECORDINGS = "trajectory_map.json"
 
 
 def map_shell_of(store: Store) -> Artifact:
@@ -44,3 +48,17 @@ def map_of(store: Store, routes: Sequence[MapRoute]) -> Outcome:
 
     digest = digest_json([[*vars(route).values()] for route in routes])
     return run_action(store, STEP.action({}, {"ways": digest, "shell": shell.digest}), make)
+
+
+def note_recordings(folder: Path, contents: Mapping[str, str]) -> None:
+    """Note beside the map which recordings (key -> digest of the content) it was made from."""
+    write_atomically(folder / _RECORDINGS, json.dumps(dict(contents)).encode())
+
+
+def recordings_on_map(folder: Path) -> dict[str, str] | None:
+    """Return what `note_recordings` noted; None if it is not there, as of a map of an earlier version."""
+    try:
+        noted: dict[str, str] = json.loads((folder / _RECORDINGS).read_bytes())
+    except (OSError, ValueError):
+        return None
+    return noted

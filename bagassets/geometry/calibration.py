@@ -140,6 +140,10 @@ class CalibratedSensor(Mount):
     camera: CalibratedCamera | None
 
 
+UNPLACED = "unknown"
+"""Source of a sensor of which no dataset needs to know where it is."""
+
+
 @dataclass(frozen=True)
 class Calibration:
     """Content of `calibration.json`.

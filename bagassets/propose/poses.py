@@ -8,7 +8,10 @@ from bagassets.propose.frames import connected, global_frame_of, is_optical
 from bagassets.propose.naming import tokens, word_set
 from bagassets.propose.summary import RecordingSummary, TopicSummary
 
-_ODOMETRY = "nav_msgs/msg/Odometry"  # names the frame whose pose it gives, and so is a source of its own
+_ODOMETRY = {
+    "nav_msgs/msg/Odometry",
+    "foxglove_msgs/msg/Odometry",
+}  # names the frame whose pose it gives, and so is a source of its own
 _COMMANDS = word_set("clicked cmd command desired goal initialpose plan set setpoint target waypoint")
 _FUSED = word_set(
     "ekf filtered fused global ground groundtruth gt kinematic kinematics localization slam truth ukf"
@@ -62,11 +65,11 @@ def propose_pose(
 
 def pose_candidates(summary: RecordingSummary, ego_frame: str) -> list[PoseProposal]:
     """Return all pose sources, the best first: odometry, pose topics, NCOM packets, TF, GNSS."""
-    odometry = _usable(summary, {_ODOMETRY})
+    odometry = _usable(summary, _ODOMETRY)
     found = [_from_odometry(topic, odometry, summary, ego_frame) for topic in odometry]
     poses = [
         topic
-        for topic in _usable(summary, set(types_of("pose")) - {_ODOMETRY})
+        for topic in _usable(summary, set(types_of("pose")) - _ODOMETRY)
         if _COMMANDS.isdisjoint(tokens(topic.name))
     ]
     found += [_from_pose(topic, poses, ego_frame) for topic in poses]
@@ -86,7 +89,7 @@ def pose_candidates(summary: RecordingSummary, ego_frame: str) -> list[PosePropo
 
 def odometry_of(summary: RecordingSummary) -> TopicSummary | None:
     """Return the odometry topic to prefer; None if there is none."""
-    return next(iter(_usable(summary, {_ODOMETRY})), None)
+    return next(iter(_usable(summary, _ODOMETRY)), None)
 
 
 def lonely_poses(summary: RecordingSummary) -> list[str]:

@@ -6,7 +6,7 @@ Messages are decoded as a build decodes them, by plug-ins, too: what a build wou
 """
 
 import re
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from math import isfinite
 from statistics import median
@@ -15,23 +15,26 @@ from typing import Any
 import numpy as np
 
 from bagassets.base.errors import DecodeError, PluginError
-from bagassets.decode.fields import check_points, stamp_and_frame
+from bagassets.decode.fields import check_points
 from bagassets.decode.loading import load_decoder
 from bagassets.decode.model import CloudReading, ImageReading, PoseReading, RadarReading
 from bagassets.decode.ncom import holds_ncom
 from bagassets.decode.packets import is_velodyne_packet, sender
 from bagassets.decode.point_times import RecordedTimes, suffice, survey
-from bagassets.decode.pointcloud2 import POINTCLOUD2, read_pointcloud2, without_zero_points
+from bagassets.decode.pointcloud2 import POINT_CLOUDS, read_pointcloud2, without_zero_points
 from bagassets.decode.poses import decode_transform
 from bagassets.decode.registry import AnyFamily, bulk_types, families_of, find_decoder
 from bagassets.decode.robots import robot_of, robots_of
+from bagassets.decode.video import VideoPacket, decoder_version
 from bagassets.geometry.se3 import SE3
 from bagassets.propose.naming import is_radar_list
 from bagassets.propose.poses import propose_pose
 from bagassets.propose.radar_velocities import velocities_of
 from bagassets.propose.sensors import find_sensors, modality_of
+from bagassets.propose.signals import elements_of, text_in
 from bagassets.propose.summary import Edge, RecordingSummary, TopicSummary, merge_topics, transform_topics
 from bagassets.recipe.model import Limits, Scenes
+from bagassets.recordings.heads import head_of
 from bagassets.recordings.model import Message, RawMessage
 from bagassets.recordings.recording import Recording
 from bagassets.recordings.topic import ForeignBytes, Topic
@@ -109,7 +112,7 @@ def point_time_notes(summary: RecordingSummary) -> list[str]:
     return [
         f"{topic.name}: {topic.clock or 'its points have no times'}."
         for topic in summary.topics.values()
-        if topic.msgtype == POINTCLOUD2 and topic.timed is not None and modality_of(topic) == "lidar"
+        if topic.msgtype in POINT_CLOUDS and topic.timed is not None and modality_of(topic) == "lidar"
     ]
 
 
@@ -129,6 +132,7 @@ def _read(
         if isinstance(message.data, ForeignBytes):
             scan.misfit = scan.misfit or message.data.reason
             continue
+        scan.own_times_ns.append(message.log_time_ns)
         if until_ns is None and seconds is not None:
             until_ns = message.log_time_ns + seconds * 1e9
         if until_ns is not None and message.log_time_ns > until_ns:
@@ -151,6 +155,7 @@ class _TopicScan:
         count: messages decoded or tried, but for those of another type than the topic.
         transforms: edge -> the values that it had.
         length_s: time between the first and the last message that were read.
+        own_times_ns: log times of its own messages.
     """
 
     def __init__(self, topic: Topic) -> None:
@@ -158,6 +163,7 @@ class _TopicScan:
         self.misfit: str | None = None
         self.count = self._decoded = self._seen = self._first_ns = 0
         self.length_s = 0.0
+        self.own_times_ns: list[int] = []
         self._summary = _summary_of(topic)
         self.transforms: dict[Edge, list[SE3]] = {}
         self._takers = {**_FACTS, "cloud": self._take_cloud, "transforms": self._take_transforms}
@@ -202,8 +208,11 @@ class _TopicScan:
         self._decoded += 1
         if message.msgtype == _STRING and _URDF_BEGINS.match(value.data):
             self._add({"urdf": value.data})
-        if hasattr(value, "header"):
-            self._take_header(message, value.header)
+        elements, text = elements_of(value, message.msgtype), text_in(value, message.msgtype)
+        if elements or text:
+            self._add({"elements": (elements,) if elements else (), "texts": (text,) if text else ()})
+        if (found := head_of(value)) is not None:
+            self._take_head(message, *found)
         reasons = []
         for family, decode in self._decoders.items():
             facts: Facts = {}
@@ -227,6 +236,7 @@ class _TopicScan:
             problem=self.problem or (None if self._decoded else self.misfit),
             offset_s=median(self._offsets_s) if self._offsets_s else None,
             unstamped=self._has_unset_stamps and not self._offsets_s,
+            rate_hz=_rate_hz(self.own_times_ns),
             refusal=None if self._usable else self._refusal,
         )
 
@@ -247,8 +257,7 @@ class _TopicScan:
         frames = tuple(frame for frame in facts.pop("frames", ()) if frame)
         self._summary = merge_topics(self._summary, replace(base, frames=frames, **facts))
 
-    def _take_header(self, message: RawMessage, header: Message) -> None:
-        stamp_ns, frame = stamp_and_frame(header)
+    def _take_head(self, message: RawMessage, stamp_ns: int, frame: str) -> None:
         self._add({"frames": (frame,)})
         if stamp_ns == 0:
             self._has_unset_stamps = True
@@ -258,7 +267,7 @@ class _TopicScan:
     def _take_cloud(self, facts: Facts, decode: Decode, value: Message, msgtype: str) -> None:
         check_points(value, _LIMITS.cloud_points)
         reading: CloudReading
-        if msgtype == POINTCLOUD2:
+        if msgtype in POINT_CLOUDS:
             reading = without_zero_points(read_pointcloud2(value))
             intensities = reading.points[:, 3]
             if ((intensities > 0.0) & (intensities != 1.0)).any():  # ones and zeros may be anything
@@ -283,6 +292,11 @@ class _TopicScan:
             self.transforms.setdefault(edge, []).append(reading.parent_SE3_child)
 
 
+def _rate_hz(times_ns: Sequence[int]) -> float | None:
+    steps_ns = np.diff(sorted(times_ns))
+    return 1e9 / float(np.median(steps_ns)) if len(steps_ns) and np.median(steps_ns) > 0 else None
+
+
 def _summary_of(topic: Topic) -> TopicSummary:
     return TopicSummary(topic.name, topic.msgtype, topic.count, topic.problem)
 
@@ -293,10 +307,18 @@ def _summary_of(topic: Topic) -> TopicSummary:
 def _image(facts: Facts, decode: Decode, value: Message, _msgtype: str) -> None:
     reading: ImageReading = decode(value)
     if reading.pixels is not None:
-        is_16_bit = bool(reading.pixels.dtype == np.uint16)
+        is_16_bit = bool(reading.pixels.dtype != np.uint8)
     else:
-        is_16_bit = reading.encoding == "png" and bytes((reading.encoded or b"")[24:25]) == _PNG_16_BIT
+        is_16_bit = (
+            reading.encoding.startswith("png") and bytes((reading.encoded or b"")[24:25]) == _PNG_16_BIT
+        )
     facts |= {"frames": (reading.frame_id,), "encoding": reading.encoding, "is_16_bit": is_16_bit}
+
+
+def _video(facts: Facts, decode: Decode, value: Message, _msgtype: str) -> None:
+    packet: VideoPacket = decode(value)
+    facts |= {"frames": (packet.frame_id,), "encoding": packet.codec, "is_16_bit": False}
+    decoder_version("its pictures")
 
 
 def _radar(facts: Facts, decode: Decode, value: Message, msgtype: str) -> None:
@@ -343,6 +365,7 @@ def _packets(facts: Facts, decode: Decode, value: Message, _msgtype: str) -> Non
 
 _FACTS: Mapping[AnyFamily, Callable[[Facts, Decode, Message, str], None]] = {
     "image": _image,
+    "video": _video,
     "radar": _radar,
     "pose": _pose,
     "fix": _fix,

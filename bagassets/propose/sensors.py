@@ -14,7 +14,12 @@ from bagassets.propose.naming import (
 )
 from bagassets.propose.summary import RecordingSummary, TopicSummary, TopicUse
 
-_BY_FAMILY: dict[AnyFamily, Modality] = {"image": "camera", "cloud": "lidar", "radar": "radar"}
+_BY_FAMILY: dict[AnyFamily, Modality] = {
+    "image": "camera",
+    "video": "camera",
+    "cloud": "lidar",
+    "radar": "radar",
+}
 # Carries packets of Velodyne lidars only; other types may carry any packets.
 _VELODYNE_SCAN = "velodyne_msgs/msg/VelodyneScan"
 _DEPTH_WORDS = frozenset({"depth", "disparity", "registered"})
@@ -139,7 +144,8 @@ def _processing(topic: TopicSummary) -> int:
     words = set(tokens(topic.name))
     steps = (
         (1, not topic.velodyne and modality_of(topic) == "lidar"),
-        (1, topic.msgtype == "sensor_msgs/msg/CompressedImage"),
+        (1, topic.msgtype.endswith("/CompressedImage")),
+        (2, "video" in families_of(topic.msgtype)),
         (4, words & {"rect", "rectified", "undistorted"}),
         (2, words & {"mono", "grey", "gray"}),  # the colour of the same camera says more
         (2, words & {"track", "tracks", "object", "objects"}),
@@ -148,7 +154,7 @@ def _processing(topic: TopicSummary) -> int:
 
 
 def _is_flat(topic: TopicSummary) -> bool:
-    return topic.msgtype == "sensor_msgs/msg/LaserScan"
+    return topic.msgtype.endswith("/LaserScan")
 
 
 def _lidar_rank(sensor: Sensor) -> int:

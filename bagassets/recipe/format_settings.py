@@ -15,7 +15,7 @@ from bagassets.base.json_types import JsonMapping
 from bagassets.base.plugins import FORMATS, Extension, installed_extensions
 from bagassets.recipe.model_base import DatasetSettings, Model
 
-OUR_FORMATS = {"nuscenes": "NuScenes", "vision": "Vision"}
+OUR_FORMATS = {"nuscenes": "NuScenes", "vision": "Vision", "lerobot": "LeRobot"}
 """Folder in `formats/` -> model of the section, which is in its `settings.py`; in the order in which formats are listed."""
 
 DEFAULT_FORMAT = next(iter(OUR_FORMATS))

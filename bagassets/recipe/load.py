@@ -194,10 +194,7 @@ def _absolute(recipe: Recipe, folder: Path) -> Recipe:
     bags = recipe.bags.model_copy(
         update={"root": absolute(recipe.bags.root), "message_definitions": definitions}
     )
-    sections = {
-        name: one.model_copy(update={"output": absolute(one.output)})
-        for name, one in recipe.dataset_settings.items()
-    }
+    sections = {name: one.with_absolute_paths(folder) for name, one in recipe.dataset_settings.items()}
     ours = {name: sections.pop(name) for name in OUR_FORMATS if name in sections}
     update = {
         "bags": bags.with_state(state),

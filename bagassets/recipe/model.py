@@ -35,6 +35,7 @@ from bagassets.recipe.model_calibration import (
 from bagassets.recipe.model_checks import Checks
 from bagassets.recipe.model_datasets import NamedDataset
 from bagassets.recipe.model_poses import PoseSource
+from bagassets.recipe.model_signals import Signal, SignalName
 from bagassets.recipe.model_splits import Splits
 
 S = TypeVar("S", bound=DatasetSettings)
@@ -84,6 +85,9 @@ class _PlacedChannel(_Channel):
     )
 
 
+DEPTH_UNIT_M = 0.001
+
+
 class CameraChannel(_Channel):
     """A camera: Image or CompressedImage messages become image files."""
 
@@ -112,6 +116,13 @@ class CameraChannel(_Channel):
         None, description="Another K for undistorted images; default: the camera's K."
     )
     to_8bit: GreyRange | None = Field(None, description="How 16-bit grey becomes 8-bit; required for jpeg.")
+    depth_unit_m: float = Field(
+        DEPTH_UNIT_M,
+        gt=0,
+        le=1,
+        description="Metres that a grey level of 16-bit PNGs stands for, where depth was recorded in metres (32FC1, also as "
+        "compressedDepth); 0 is no depth. Depth of 16 bit keeps its unit, mostly millimetres.",
+    )
 
 
 class PointTimes(Model):
@@ -211,7 +222,12 @@ class Rig(Model):
         description="Time of this rig's messages: their header stamps, or when they were logged; default: the recipe's "
         "`clock`. A channel may have a `clock` of its own.",
     )
-    channels: dict[ChannelName, Channel] = Field(min_length=1, description="Canonical channel -> sensor.")
+    channels: dict[ChannelName, Channel] = Field(
+        default_factory=dict, description="Canonical channel -> sensor; required without `signals`."
+    )
+    signals: dict[SignalName, Signal] = Field(
+        default_factory=dict, description="Name -> series of numbers, such as joint positions and commands."
+    )
     required: tuple[ChannelName, ...] = Field(
         (), description="A recording that lacks one of these channels is skipped."
     )
@@ -247,6 +263,8 @@ class Rig(Model):
 
     @model_validator(mode="after")
     def _known_channels(self) -> Self:
+        if not self.channels and not self.signals:
+            raise FieldValueError(("channels",), "needs at least one channel, unless the rig has signals")
         for number, channel in enumerate(self.required):
             if channel not in self.channels:
                 known = ", ".join(self.channels)

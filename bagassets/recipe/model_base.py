@@ -71,9 +71,11 @@ class DatasetSettings(Model):
 
     Attributes:
         without_poses: what to set in the section so that rigs need no ego poses; "" if nothing helps.
+        needs_mounts: whether it matters where sensors are; if to no dataset, rigs need no extrinsics.
     """
 
     without_poses: ClassVar[str] = ""
+    needs_mounts: ClassVar[bool] = True
 
     output: Path = Field(description="Folder of the dataset.")
 
@@ -82,6 +84,15 @@ class DatasetSettings(Model):
         """Return whether a section, as plain data that need not be valid, asks for the ego poses of all rigs; default: yes."""
         del section
         return True
+
+    def with_absolute_paths(self, folder: Path) -> Self:
+        """Return the settings with paths relative to `folder` made absolute."""
+        return self.model_copy(update={"output": (folder / self.output).resolve()})
+
+    @property
+    def files_read(self) -> tuple[Path, ...]:
+        """Files that the section names and that the parts of recordings are made from."""
+        return ()
 
     @property
     def own_folder(self) -> str | None:

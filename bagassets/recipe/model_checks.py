@@ -7,9 +7,10 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from bagassets.recipe.model_base import ChannelName, FieldValueError, Model, TopicName
+from bagassets.recipe.model_base import FieldValueError, Model, TopicName
+from bagassets.recipe.model_signals import SignalName
 
-__all__ = ["Checks", "Severity", "TopicLimits"]
+__all__ = ["Checks", "Severity", "SignalLimits", "TopicLimits"]
 
 Severity = Literal["error", "warn", "skip"]
 
@@ -27,9 +28,11 @@ class _Warning(Model):
 
 
 class ChannelsCheck(Check):
-    """Configured channels have messages in the recording, and files made from them."""
+    """Configured channels and signals have messages in the recording, and files made from them."""
 
-    optional: tuple[ChannelName, ...] = Field((), description="Channels that a recording may lack.")
+    optional: tuple[SignalName, ...] = Field(
+        (), description="Channels and signals that a recording may lack."
+    )
     max_lost: float | None = Field(
         None,
         ge=0,
@@ -70,6 +73,35 @@ class StampsCheck(_Warning):
     )
     max_offset_s: float = Field(
         60.0, gt=0, description="Largest difference between header stamps and log times (median of a topic)."
+    )
+
+
+class SignalLimits(Model):
+    """Expected gaps and values of one signal."""
+
+    min: float | None = Field(None, description="Smallest value of its elements.")
+    max: float | None = Field(None, description="Largest value of its elements.")
+    max_gap_s: float | None = Field(
+        None, gt=0, description="Longest time without a value; default: `max_gap_s` of all signals."
+    )
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if self.min is not None and self.max is not None and self.min > self.max:
+            raise FieldValueError(("min",), "must not be greater than max")
+        return self
+
+
+class SignalsCheck(_Warning):
+    """Elements of signals have values all the time."""
+
+    max_gap_s: float = Field(1.0, gt=0, description="Longest time without a value of an element.")
+    max_empty: float = Field(
+        0.01, ge=0, le=1, description="Share of the messages of a signal that may lack an element."
+    )
+    max_backward_s: float = Field(1.0, ge=0, description="How far stamps may go back in time.")
+    limits: dict[SignalName, SignalLimits] = Field(
+        default_factory=dict, description="Signal -> its own limits."
     )
 
 
@@ -135,6 +167,9 @@ class Checks(Model):
     )
     topic_rates: TopicsCheck = Field(TopicsCheck(), description="Rates and pauses of topics.")
     stamps_monotonic: StampsCheck = Field(StampsCheck(), description="Header stamps go forward.")
+    signal_values: SignalsCheck = Field(
+        SignalsCheck(), description="Signals have values all the time, and plausible ones."
+    )
     calibration_plausible: CalibrationCheck = Field(
         CalibrationCheck(), description="Extrinsics and intrinsics are plausible."
     )

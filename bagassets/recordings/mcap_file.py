@@ -13,7 +13,7 @@ from types import MappingProxyType
 
 import numpy as np
 from mcap.opcode import Opcode
-from mcap.records import Schema
+from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 
 from bagassets.recipe.model import Limits
@@ -28,11 +28,18 @@ from bagassets.recordings.mcap_chunk import (
     messages_in,
 )
 from bagassets.recordings.mcap_index import read_index, walk
-from bagassets.recordings.model import Definition, OnRead
+from bagassets.recordings.model import Definition, OnRead, Serialization
 from bagassets.recordings.recording import FileRecording, merged
+from bagassets.recordings.schemas import foxglove_type, schema_definition
 from bagassets.recordings.sizes import Sizes
 from bagassets.recordings.topic import UNKNOWN, TopicSource, is_transient_local, normalise_msgtype
 
+_ENCODINGS: Mapping[str, Serialization] = {
+    "cdr": "cdr",
+    "ros1": "ros1",
+    "protobuf": "protobuf",
+    "json": "json",
+}
 _FORMATS = {"ros1msg": "msg", "ros2msg": "msg", "ros2idl": "idl", "omgidl": "idl"}
 # Waiting messages in chunks that overlap in time; their places take a few hundred megabytes.
 _MOST_WAITING = 10_000_000
@@ -81,13 +88,13 @@ class McapFile:
         return {
             channel.id: TopicSource(
                 channel.topic,
-                normalise_msgtype(schema.name) if schema is not None else UNKNOWN,
+                _type_of(channel, schema),
                 counts.get(channel.id, 0),
                 _definition(schema),
-                "ros1" if channel.message_encoding == "ros1" else "cdr",
+                _ENCODINGS.get(channel.message_encoding, "cdr"),
                 None
-                if channel.message_encoding in {"ros1", "cdr"}
-                else f"its message encoding is '{channel.message_encoding}', not cdr or ros1",
+                if channel.message_encoding in _ENCODINGS
+                else f"its message encoding is '{channel.message_encoding}', not cdr, ros1, protobuf or json",
                 is_transient_local(channel.metadata.get("offered_qos_profiles", "")),
             )
             for channel in self._index.channels.values()
@@ -172,11 +179,18 @@ class McapFile:
 
 
 class McapRecording(FileRecording[McapFile]):
-    """A bare `.mcap` file with CDR or ROS 1 messages; other encodings cost their topic."""
+    """A bare `.mcap` file with messages in CDR, ROS 1, protobuf or JSON; other encodings cost their topic."""
 
     def check_content(self) -> None:
         """Verify the checksum of every chunk that is read from now on."""
         self._file.check = True
+
+
+def _type_of(channel: Channel, schema: Schema | None) -> str:
+    if schema is None:
+        return UNKNOWN
+    is_ros = channel.message_encoding not in {"protobuf", "json"}
+    return normalise_msgtype(schema.name) if is_ros else foxglove_type(schema.name)
 
 
 def _definition(schema: Schema | None) -> Definition:
@@ -184,6 +198,11 @@ def _definition(schema: Schema | None) -> Definition:
 
     Bytes that are not UTF-8 are replaced: most are comments in another encoding, and at worst the topic is lost.
     """
+    if (
+        schema is not None
+        and (given := schema_definition(schema.encoding, schema.name, schema.data)) is not None
+    ):
+        return given
     if schema is None or schema.encoding not in _FORMATS or not schema.data:
         return Definition("none", "")
     text = schema.data.decode("utf-8", "replace")

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple, Protocol
 
 Format = Literal["ros1", "ros2", "mcap"]
-Serialization = Literal["ros1", "cdr"]
+Serialization = Literal["ros1", "cdr", "protobuf", "json"]
 OnRead = Callable[[Path, int, bytes], None]
 """Called after bytes of a file were read, with the file, the position that reading has come to, and the bytes before it.
 
@@ -21,11 +21,12 @@ class Definition:
     """The definition of a message type.
 
     Attributes:
-        format: `msg` (ROS, with `MSG:` sections for nested types), `idl`, or `none` if there is none.
+        format: `msg` (ROS, with `MSG:` sections for nested types), `idl`, `protobuf` or `jsonschema` (see
+            `schemas.schema_definition`), or `none` if there is none.
         text: the definition.
     """
 
-    format: Literal["msg", "idl", "none"]
+    format: Literal["msg", "idl", "protobuf", "jsonschema", "none"]
     text: str
 
 
@@ -71,7 +72,7 @@ class Message(Protocol):
 
 # There are many thousands a second, and a named tuple is made in half the time of a frozen dataclass.
 class RawMessage(NamedTuple):
-    """A serialized message: ROS 1 serialization or CDR, as recorded."""
+    """A serialized message, as recorded."""
 
     topic: str
     msgtype: str

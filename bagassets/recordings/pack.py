@@ -9,9 +9,10 @@ import pyarrow.parquet as pq
 
 from bagassets.base.json_types import JsonMapping
 from bagassets.recipe.model import Limits
+from bagassets.recordings.merge_topics import merge_topics
 from bagassets.recordings.model import Definition, RawMessage, Serialization
 from bagassets.recordings.recording import Recording
-from bagassets.recordings.topic import TopicSource, merge_topics
+from bagassets.recordings.topic import TopicSource
 from bagassets.store.artifact import ArtifactWriter
 
 PACK_FILE = "messages.parquet"

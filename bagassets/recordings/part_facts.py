@@ -18,10 +18,10 @@ from bagassets.recipe.model import Bags, Limits
 from bagassets.recordings.damage import refuse_pointer, unreadable
 from bagassets.recordings.database_file import Database
 from bagassets.recordings.mcap_file import McapFile
+from bagassets.recordings.merge_topics import latched_topics
 from bagassets.recordings.model import RecordingFiles
 from bagassets.recordings.rosbag1 import IndexReader, SummaryReader
 from bagassets.recordings.series import PartFacts, periods_matter
-from bagassets.recordings.topic import latched_topics
 
 _KIND = "series 2"
 # Fewer messages may be events, of which periods say nothing.

@@ -12,9 +12,10 @@ from typing import Generic, Protocol, Self, TypeVar
 from bagassets.base.errors import BagAssetsError
 from bagassets.recipe.model import Limits
 from bagassets.recordings.damage import DamageError, unreadable
+from bagassets.recordings.merge_topics import merge_topics
 from bagassets.recordings.model import Format, Message, RawMessage
 from bagassets.recordings.salvage.damage_map import Damage
-from bagassets.recordings.topic import ForeignBytes, RefusedBytes, Topic, TopicSource, merge_topics
+from bagassets.recordings.topic import ForeignBytes, RefusedBytes, Topic, TopicSource
 
 _BYTES = (bytes, memoryview, bytearray)
 _FIRST_NS, _LAST_NS = -(2**63), 2**63 - 1

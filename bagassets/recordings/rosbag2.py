@@ -18,10 +18,11 @@ from bagassets.recordings.database_file import Database, serialization_problem
 from bagassets.recordings.decompress import TooLargeError, decompress, decompress_file
 from bagassets.recordings.journals import scratch_folder
 from bagassets.recordings.mcap_file import McapFile
+from bagassets.recordings.merge_topics import merge_topics
 from bagassets.recordings.model import METADATA, Definition, OnRead, RawMessage
 from bagassets.recordings.recording import Recording
 from bagassets.recordings.sizes import Sizes
-from bagassets.recordings.topic import UNKNOWN, RefusedBytes, TopicSource, merge_topics, normalise_msgtype
+from bagassets.recordings.topic import UNKNOWN, RefusedBytes, TopicSource, normalise_msgtype
 
 _NEWEST_VERSION = 9
 _MOST_METADATA_BYTES = 16_000_000

@@ -7,9 +7,10 @@ from pathlib import Path
 
 from bagassets.base.errors import RecordingError
 from bagassets.recipe.model import Limits
+from bagassets.recordings.merge_topics import latched_topics, merge_topics
 from bagassets.recordings.model import Format, RawMessage
 from bagassets.recordings.recording import Recording, merged
-from bagassets.recordings.topic import TopicSource, latched_topics, merge_topics
+from bagassets.recordings.topic import TopicSource
 from bagassets.store.canonical import digest_bytes
 
 # Recorders repeat latched messages before anything else that they write to a new file.

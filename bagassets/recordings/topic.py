@@ -5,16 +5,15 @@ topic has its own: a definition that does not parse, or that contradicts another
 """
 
 import struct
-from collections import Counter
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Literal, Self
 
 from rosbags.interfaces import Nodetype
 
-from bagassets.base.errors import DecodeError, SizeLimitError
+from bagassets.base.errors import DecodeError
 from bagassets.recipe.model import Limits
 from bagassets.recordings.elements import check_elements, fewest_bytes_of
 from bagassets.recordings.known_types import FieldType
@@ -30,7 +29,13 @@ _HEADS = {order: struct.Struct(f"{order}iII") for order in "<>"}
 _STAMP_AT: dict[Serialization, int] = {"ros1": 0, "cdr": 4}  # with the sequence number of ROS 1
 _STAMP_END = 12
 _NUMBERS = {order: struct.Struct(f"{order}I") for order in "<>"}
+_TIME = "builtin_interfaces/msg/Time"
 _LONGEST_KEPT = 100  # bytes of a frame id; damaged messages may have any
+
+
+def one_name(msgtype: str) -> str:
+    """Return the name of a type that has two."""
+    return TF_NAMES[0] if msgtype in TF_NAMES else msgtype
 
 
 def normalise_msgtype(name: str) -> str:
@@ -113,13 +118,16 @@ class Topic:
         self._folders = tuple(message_definitions)
         self._limits = limits or Limits()
         self._skimmers: dict[tuple[str, ...], PacketSkimmer | None] = {}
-        self._refused = self.problem = source.problem
-        if self.problem is None and isinstance(self._layouts, str):
-            self.problem = self._layouts
+        self._refused = source.problem
+        self.problem = source.problem or self._definition_problem()
+
+    def _definition_problem(self) -> str | None:
+        """Return why its messages cannot be decoded with their definition."""
+        return self._layouts if isinstance(self._layouts, str) else None
 
     def type_of(self, recorded: str) -> str:
         """Return the type of one of its connections: its own, if it is just named otherwise or not at all."""
-        is_own = recorded == UNKNOWN or _one_name(recorded) == _one_name(self.msgtype)
+        is_own = recorded == UNKNOWN or one_name(recorded) == one_name(self.msgtype)
         return self.msgtype if is_own else recorded
 
     def decode(self, data: bytes | memoryview) -> Message:
@@ -142,7 +150,7 @@ class Topic:
         """Return the stamp in nanoseconds and the frame id (no leading slash) of a message, without decoding it.
 
         None unless the first field of the type is a header, or a sequence whose elements begin with one (TFMessage,
-        MarkerArray), of which the first counts.
+        MarkerArray), of which the first counts. Foxglove's types begin with the same bytes without being a header.
         """
         if self._header_at == "none" or isinstance(data, RefusedBytes):
             return None
@@ -261,85 +269,25 @@ class Topic:
         first = None if layout is None else _first_field(layout, self.msgtype)
         if layout is None or first is None:
             return "none"
-        if first == (Nodetype.NAME, HEADER):
+        if first == (Nodetype.NAME, HEADER) or self._begins_like_one(layout, self.msgtype):
             return "begin"
-        if first[0] == Nodetype.SEQUENCE:
-            inner, _ = first[1]
-            if inner[0] == Nodetype.NAME and _first_field(layout, inner[1]) == (Nodetype.NAME, HEADER):
+        if first[0] == Nodetype.SEQUENCE and first[1][0][0] == Nodetype.NAME:
+            inner = first[1][0][1]
+            if _first_field(layout, inner) == (Nodetype.NAME, HEADER) or self._begins_like_one(layout, inner):
                 return "begin of first element"
         return "none"
 
-
-def merge_topics(
-    path: Path, sources: Iterable[TopicSource], message_definitions: Sequence[Path], limits: Limits
-) -> dict[str, Topic]:
-    """Return the topics of a recording, sorted by name.
-
-    Args:
-        path: the recording, for error messages.
-        sources: its connections; several may carry one topic. Its type is that of most messages, the others are lost.
-            A topic with two layouts of its type cannot be decoded.
-        message_definitions: as for `Topic`.
-        limits: as for `Topic`.
-
-    Raises:
-        SizeLimitError: there are more than the limits allow.
-    """
-    groups: dict[str, list[TopicSource]] = {}
-    for source in sources:
-        groups.setdefault(source.topic, []).append(source)
-    if len(groups) > limits.topics:
-        raise SizeLimitError(
-            f"{path}: it has {len(groups)} topics; if you trust the recording, raise limits.topics in the recipe."
+    def _begins_like_one(self, layout: Layout, msgtype: str) -> bool:
+        """Tell whether a type begins with `timestamp` and the text of a frame, which in CDR are the bytes of a header."""
+        fields = layout.types[msgtype][1][:2]
+        names = tuple(name for name, _ in fields)
+        kinds = [kind for _, kind in fields]
+        return (
+            self.serialization == "cdr"
+            and names in {("timestamp", "frame_id"), ("timestamp", "parent_frame_id")}
+            and kinds[0] == (Nodetype.NAME, _TIME)
+            and kinds[1] == (Nodetype.BASE, ("string", 0))
         )
-    # Topics of one type may be recorded with different definitions: each is decoded with its own.
-    return {
-        name: Topic(_merged(group, limits), message_definitions, limits)
-        for name, group in sorted(groups.items())
-    }
-
-
-def _merged(group: Sequence[TopicSource], limits: Limits) -> TopicSource:
-    counts: Counter[str] = Counter()
-    for source in group:
-        counts[_one_name(source.msgtype)] += source.count
-    # Of equals the first that is more than a bare value, which a sensor's topic has by mistake.
-    most = max(counts, key=lambda one: (one != UNKNOWN, counts[one], not one.startswith("std_msgs/")))
-    merged, *others = (source for source in group if _one_name(source.msgtype) == most)
-    for other in others:
-        merged = _joined(merged, replace(other, msgtype=merged.msgtype), limits)
-    return replace(merged, count=counts.total(), is_latched=any(source.is_latched for source in group))
-
-
-def latched_topics(sources: Iterable[TopicSource]) -> list[str]:
-    """Return, sorted, the topics whose messages hold until the next one; `tf_static` does, whatever its publisher says."""
-    return sorted(
-        {one.topic for one in sources if one.is_latched or one.topic.rpartition("/")[2] == "tf_static"}
-    )
-
-
-def _one_name(msgtype: str) -> str:
-    return TF_NAMES[0] if msgtype in TF_NAMES else msgtype
-
-
-def _joined(one: TopicSource, other: TopicSource, limits: Limits) -> TopicSource:
-    problem = one.problem or other.problem
-    if _contradict(one, other, limits):
-        problem = f"its messages were recorded with two different definitions of {other.msgtype}"
-    definition = one.definition if one.definition.text else other.definition
-    return replace(one, problem=problem, definition=definition)
-
-
-def _contradict(one: TopicSource, other: TopicSource, limits: Limits) -> bool:
-    """Tell whether the same bytes would decode differently; comments make no difference."""
-    if one.definition == other.definition or not one.definition.text or not other.definition.text:
-        return False
-    choices = [
-        choice_of(source.msgtype, source.serialization, source.definition, (), limits)
-        for source in (one, other)
-    ]
-    digests = {choice if isinstance(choice, str) else choice.best.digest for choice in choices}
-    return len(digests) > 1
 
 
 def _first_field(layout: Layout, msgtype: str) -> FieldType | None:

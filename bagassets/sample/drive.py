@@ -11,10 +11,12 @@ from itertools import pairwise
 from math import inf
 from pathlib import Path
 
+from bagassets.sample.arm import ArmTruth, arm_events
+from bagassets.sample.arm_oddities import ARM_ODDITIES
 from bagassets.sample.oddities import ODDITIES
 from bagassets.sample.recorder import Compression, RecordingFormat, open_recorder
 from bagassets.sample.rig import cameras
-from bagassets.sample.schedule import drive_events
+from bagassets.sample.schedule import Event, drive_events
 from bagassets.sample.throughput import throughput_cameras, throughput_events
 from bagassets.sample.truth import Truth
 from bagassets.sample.world import World
@@ -98,6 +100,37 @@ def write_recordings(
     events = throughput_events(truth, seed, length_s) if kind.throughput else drive_events(truth, length_s)
     for name in odd:
         events = ODDITIES[name](events, truth)
+    _write(targets, events, truth.seconds, length_s, progress)
+    return truth
+
+
+def write_arm_recordings(
+    targets: Iterable[Target],
+    seed: int = 0,
+    profile: str = "small",
+    duration_s: float | None = None,
+    progress: Callable[[float], None] = lambda _seconds: None,
+    odd: Sequence[str] = (),
+) -> ArmTruth:
+    """Write recordings of the sample arm, and return its ground truth; as `write_recordings`, with `ARM_ODDITIES`."""
+    kind = PROFILES[profile]
+    truth = ArmTruth(seed, drive_start_ns(seed), kind.width, kind.height)
+    length_s = kind.duration_s if duration_s is None else duration_s
+    events = arm_events(truth, length_s)
+    for name in odd:
+        events = ARM_ODDITIES[name](events, truth)
+    _write(targets, events, truth.seconds, length_s, progress)
+    return truth
+
+
+def _write(
+    targets: Iterable[Target],
+    events: Iterable[Event],
+    seconds: Callable[[int], float],
+    length_s: float,
+    progress: Callable[[float], None],
+) -> None:
+    """Write events to all targets; `seconds` tells the time since the start of a log time."""
     with ExitStack() as stack:
         recorders = []
         for one in targets:
@@ -106,8 +139,8 @@ def write_recordings(
                 path = one.path if one.parts == 1 else one.path.with_stem(f"{one.path.stem}_{number}")
                 recorders.append((begin_s, end_s, open_recorder(path, one.format, one.compression, stack)))
         for event in events:
+            time_s = seconds(event.log_time_ns)
             for begin_s, end_s, recorder in recorders:
-                if begin_s <= truth.seconds(event.log_time_ns) < end_s:
+                if begin_s <= time_s < end_s:
                     recorder.write_raw(event.topic, event.msgtype, event.log_time_ns, event.payload(recorder))
-            progress(truth.seconds(event.log_time_ns))
-    return truth
+            progress(time_s)

@@ -18,7 +18,7 @@ from bagassets.base.errors import RecordingError
 from bagassets.recordings.model import Message
 from bagassets.sample.messages import Messages
 
-RecordingFormat = Literal["ros1", "ros2", "mcap"]
+RecordingFormat = Literal["ros1", "ros2", "mcap", "foxglove"]
 Compression = Literal["none", "lz4", "bz2", "zstd"]
 
 # Compressions of each format; ros2 is a folder with an sqlite3 database, or with the suffix .db3 that alone.
@@ -26,6 +26,7 @@ COMPRESSIONS: dict[RecordingFormat, tuple[Compression, ...]] = {
     "ros1": ("none", "lz4", "bz2"),
     "ros2": ("none", "zstd"),
     "mcap": ("none", "lz4", "zstd"),
+    "foxglove": ("none", "lz4", "zstd"),  # an MCAP, too, but without ROS
 }
 
 
@@ -124,10 +125,17 @@ class _McapRecorder(Recorder):
         )
 
 
+def _foxglove(path: Path, compression: Compression, stack: ExitStack) -> Recorder:
+    from bagassets.sample.foxglove import FoxgloveRecorder  # noqa: PLC0415  (protobuf, which the others need not)
+
+    return FoxgloveRecorder(path, compression, stack)
+
+
 _RECORDERS: dict[RecordingFormat, Callable[[Path, Compression, ExitStack], Recorder]] = {
     "ros1": _Ros1Recorder,
     "ros2": _Ros2Recorder,
     "mcap": _McapRecorder,
+    "foxglove": _foxglove,
 }
 
 

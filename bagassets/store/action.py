@@ -3,12 +3,19 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 
 from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.store.canonical import digest_json
 
-_version = cache(version)
+
+@cache
+def _version(name: str) -> str:
+    """Return the version of a distribution; "" for one of an extra that is not installed, without which no action is planned."""
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return ""
 
 
 @dataclass(frozen=True)

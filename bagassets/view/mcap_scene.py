@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from google.protobuf.descriptor import FileDescriptor
+from google.protobuf.descriptor import Descriptor, FileDescriptor
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.message import Message
 from mcap.writer import CompressionType, Writer
@@ -51,7 +51,7 @@ def write_scene(scene: DatasetScene, output: Path, fixes: Sequence[Fix] = ()) ->
             channels: dict[str, int] = {}
             for topic, stamp_ns, message in _in_order(scene, fixes):
                 if topic not in channels:
-                    channels[topic] = _register(writer, topic, message)
+                    channels[topic] = register(writer, topic, message.DESCRIPTOR)
                 data = message.SerializeToString(deterministic=True)
                 writer.add_message(channels[topic], log_time=stamp_ns, publish_time=stamp_ns, data=data)
                 counts[topic] += 1
@@ -123,8 +123,8 @@ def _places(
         yield stamp_ns, (lat, lon, alt)
 
 
-def _register(writer: Any, topic: str, message: Message) -> int:
-    descriptor = message.DESCRIPTOR
+def register(writer: Any, topic: str, descriptor: Descriptor) -> int:
+    """Register a topic with the schema of its messages; return the channel."""
     files = FileDescriptorSet()
     _add_file(files, descriptor.file)
     schema = writer.register_schema(

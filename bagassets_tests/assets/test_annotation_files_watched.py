@@ -42,7 +42,7 @@ def execute(recipe_file, instance, assets):
 
 
 def plan(recipe_file, instance):
-    return plan_instance(instance, Workspace(recipe_file=str(recipe_file))).plan.bags["a.mcap"]
+    return plan_instance(instance, Workspace(recipe_file=str(recipe_file))).bags["a.mcap"]
 
 
 def not_fresh(bag):

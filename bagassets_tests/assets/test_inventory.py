@@ -199,15 +199,15 @@ def test_types_from_message_files_are_packed_with_their_definition(tmp_path, inv
 
 
 def test_topics_that_cannot_be_decoded_count_all_the_same(tmp_path, inventory_of):
-    foreign = [("/json", NOON_NS + i, "json", b'{"speed": 1}') for i in range(3)] + [
+    foreign = [("/cbor", NOON_NS + i, "cbor", b'{"speed": 1}') for i in range(3)] + [
         ("/empty", NOON_NS, "cdr", b"")
     ]
     value, _, _ = inventory_of(write_mcap(tmp_path / "a.mcap", [text(NOON_NS)], foreign=foreign))
-    topic = topic_of(value, "/json")
+    topic = topic_of(value, "/cbor")
     assert (topic["count"], topic["bytes"], topic["header_offset_s"]) == (3, 36, None)
-    assert "json" in topic["problem"]
+    assert "cbor" in topic["problem"]
     assert topic["digest"] != topic_of(value, "/empty")["digest"]
-    assert any(note.startswith("/json cannot be decoded") for note in value["notes"])
+    assert any(note.startswith("/cbor cannot be decoded") for note in value["notes"])
 
 
 def test_payloads_too_short_for_a_header(tmp_path, inventory_of):

@@ -8,8 +8,10 @@ import pytest
 from click.testing import CliRunner
 
 from bagassets.cli.main import root
+from bagassets.formats import checking
 from bagassets.formats.nuscenes.dataset_checks import CHECKS as DATASET_CHECKS
 from bagassets.recipe import load_recipe
+from bagassets.store.store import Store
 from bagassets_tests.checks import RECORDING_CHECKS
 from bagassets_tests.in_process import QUICK, build, make_project
 
@@ -71,6 +73,29 @@ def test_what_was_built_passes_every_check(built):
     assert {verdict["passed"] for verdict in verdicts} == {True}
     assert {verdict["recording"] for verdict in verdicts} == {GOOD, None}  # nothing about the skipped one
     assert run(recipe=built).stdout == f"{len(ALL)} checks: {len(ALL)} passed.\n"
+
+
+def test_what_has_not_changed_is_not_checked_again(with_checks, monkeypatch):
+    recipe = with_checks({"topic_rates": {"limits": {"/odom": {"min_hz": 60}}}})
+    checked, check_bag = [], checking.check_bag
+
+    def noted(*args, **options):
+        checked.append(args[3].key)
+        return check_bag(*args, **options)
+
+    monkeypatch.setattr(checking, "check_bag", noted)
+    run(recipe=recipe)  # it is planned anew, as the recipe has changed
+    first, checked[:] = run("--json", recipe=recipe).stdout, []
+    assert run("--json", recipe=recipe).stdout == first
+    assert checked == []
+    assert [one["check"] for one in json.loads(first) if one["passed"] is False] == ["topic_rates"]
+    store = Store(load_recipe(recipe).store_path)
+    poses = next(store.root.glob("artifacts/*/*/files/ego_poses.parquet"))
+    stranger = poses.with_name("stranger")
+    stranger.touch()
+    assert run("--json", recipe=recipe).stdout == first
+    assert GOOD in checked, "somebody was at its artifact"
+    stranger.unlink()
 
 
 def test_a_threshold_counts_at_once_and_an_error_ends_with_status_3(with_checks):

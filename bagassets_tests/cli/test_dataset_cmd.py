@@ -19,6 +19,7 @@ from bagassets.defs.records.instance_plan import plan_instance
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.records.workspace import Workspace
 from bagassets.formats.assembly import assemble
+from bagassets.formats.dataset_build import select_inputs
 from bagassets.formats.dataset_diff import diff_datasets
 from bagassets.formats.dataset_lock import load_lock, locked_artifacts, read_lock
 from bagassets.formats.dataset_restore import missing_recordings, restore_dataset
@@ -418,7 +419,7 @@ class TestMoreThanAHundredRecordings:
 
     def update(self, instance, workspace):
         """Do what the build does at its end."""
-        inputs = plan_instance(instance, workspace).inputs
+        inputs = select_inputs(plan_instance(instance, workspace))
         record_inputs(instance, workspace, inputs)
         job = build_definitions(Path(workspace.recipe_file)).resolve_implicit_global_asset_job_def()
         result = job.execute_in_process(instance=instance, asset_selection=[dg.AssetKey("nuscenes_dataset")])
@@ -433,7 +434,7 @@ class TestMoreThanAHundredRecordings:
         }
 
     def is_current(self, instance, workspace):
-        return dataset_is_current(instance, workspace, plan_instance(instance, workspace).inputs)
+        return dataset_is_current(instance, workspace, select_inputs(plan_instance(instance, workspace)))
 
     def test_a_change_and_a_removal_are_noticed_and_only_they_cost_anything(self, project):
         instance, workspace = project

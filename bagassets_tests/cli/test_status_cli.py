@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 import subprocess
 import sys
 
@@ -109,6 +110,23 @@ def test_the_table_names_reasons_once(built):
     assert f"{SHORT}: all but bag and inventory skipped: 1.0 s long" in done.stdout
     assert "3 recordings: " in done.stdout
     assert "1 failed" in done.stdout.splitlines()[-1]
+
+
+def test_many_recordings_in_the_same_states_share_a_row(edited, monkeypatch):
+    monkeypatch.setattr("bagassets.cli.status.MOST_ROWS", 1)
+    new = [edited.parent / "bags" / name for name in ("d.bag", "e.bag", "f.bag", "g.bag")]
+    for path in new:
+        shutil.copy(path.with_name(BROKEN), path)
+    shown = run("status", recipe=edited).stdout
+    every = run("status", "--all", recipe=edited).stdout.splitlines()
+    for path in new:
+        path.unlink()
+    (row,) = (line for line in shown.splitlines() if line.startswith(" 4 recordings (d.bag,"))
+    assert set(row.split()[-8:]) == {"missing"}
+    assert sum(line.startswith(f" {GOOD} ") for line in shown.splitlines()) == 1
+    assert [line.split()[0] for line in every if line.split() and line.split()[-1] == "missing"][:4] == [
+        "d.bag", "e.bag", "f.bag", "g.bag"
+    ]  # fmt: skip
 
 
 def test_reasons_lead_back_to_what_changed_first(edited):

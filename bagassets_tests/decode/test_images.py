@@ -124,13 +124,6 @@ def test_an_unknown_bayer_pattern_is_named():
         demosaic(np.zeros((4, 4), np.uint8), "bayer_rgbg8")
 
 
-def test_depth_in_a_compressed_image_is_refused_with_a_way_out():
-    with pytest.raises(
-        DecodeError, match="compressedDepth images are not supported; record the raw depth topic"
-    ):
-        decode_compressed_image(compressed(PNG, "16UC1; compressedDepth png"))
-
-
 def test_an_unknown_encoding_is_named():
     with pytest.raises(DecodeError, match="'rgb32f'"):
         decode_image(image("rgb32f", np.zeros((2, 2), np.uint8)))

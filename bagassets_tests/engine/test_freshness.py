@@ -1,6 +1,7 @@
 """What freshness rests on: the cache file, fingerprints, the cache of plans, and where the state folder is."""
 
 import os
+import shutil
 import sqlite3
 import subprocess
 import sys
@@ -16,7 +17,7 @@ from bagassets.engine.freshness import decide
 from bagassets.engine.freshness.artifacts import artifacts_fingerprint, packed
 from bagassets.engine.freshness.decide import BuildLog, state_folder
 from bagassets.engine.freshness.plan_cache import PlanCache, RecordingFingerprint, recording_fingerprint
-from bagassets.engine.plan import AssetState, BagPlan
+from bagassets.engine.plan import AssetState, BagPlan, KeptPlan
 from bagassets.engine.run_action import run_action
 from bagassets.store.action import Action
 from bagassets.store.store import Store
@@ -338,12 +339,12 @@ class TestPlanCache:
         cache = PlanCache(tmp_path / "state", store)
         self.save(cache, PLAN, other)
         found = PlanCache(tmp_path / "state", store).load()
-        assert {key: BagPlan.from_row(key, entry.plan) for key, entry in found.items()} == {
+        assert {key: BagPlan.from_row(key, entry.row) for key, entry in found.items()} == {
             "a.bag": PLAN,
             "ünder/b.bag": other,
         }
-        assert {entry.recording_fingerprint for entry in found.values()} == {FINGERPRINT}
-        assert cache.holds(found["a.bag"], PLAN.artifacts)
+        assert {entry.fingerprint for entry in found.values()} == {FINGERPRINT}
+        assert cache.holds(found["a.bag"])
         self.save(cache, gone=["a.bag"])
         assert cache.load().keys() == {"ünder/b.bag"}
 
@@ -353,15 +354,62 @@ class TestPlanCache:
         (entry,) = cache.load().values()
         path = store / "c1" / ("c1" * 32) / "files" / "new"
         path.write_text("")
-        assert not cache.holds(entry, PLAN.artifacts)
+        assert not cache.holds(entry)
         path.parents[1].joinpath("manifest.json").unlink()
-        assert not cache.holds(entry, PLAN.artifacts)
+        assert not cache.holds(entry)
 
     def test_what_rests_on_a_missing_artifact_is_dropped(self, tmp_path, store):
         cache = PlanCache(tmp_path / "state", store)
         self.save(cache, PLAN)
         self.save(cache, replace(PLAN, channels=("0" * 64,)))
         assert cache.load() == {}
+
+    def test_of_many_artifacts_it_looks_where_the_store_changed(self, tmp_path, store, monkeypatch):
+        monkeypatch.setattr("bagassets.engine.freshness.plan_cache.MOST_CHECKED", 0)
+        cache = PlanCache(tmp_path / "state", store)
+        cache.load()
+        cache.save({PLAN.key: (FINGERPRINT, PLAN.as_row(), PLAN.artifacts)}, [], all_checked=True)
+
+        def holds(*, thorough):
+            cache = PlanCache(tmp_path / "state", store, thorough=thorough)
+            return cache.holds(cache.load()[PLAN.key])
+
+        assert holds(thorough=False)
+        (store / "c1" / ("c2" * 32)).mkdir()  # another one in the folder of one of them
+        assert holds(thorough=False)
+        file = store / "ab" / ("ab" * 32) / "files" / "new"
+        file.write_text("")
+        assert holds(thorough=False), "within an artifact nobody looks, where there are so many"
+        assert not holds(thorough=True)
+        monkeypatch.setattr("bagassets.engine.freshness.plan_cache.MOST_CHECKED", 10**6)
+        assert not holds(thorough=False), "but where there are few"
+        monkeypatch.setattr("bagassets.engine.freshness.plan_cache.MOST_CHECKED", 0)
+        (store / "ab" / ("c2" * 32)).mkdir()
+        assert not holds(thorough=False), "and where others came beside it"
+        shutil.rmtree(store / "c2" / ("c2" * 32))
+        assert not holds(thorough=False), "or it went"
+
+    def test_where_not_all_were_looked_at_the_next_plan_looks_again(self, tmp_path, store, monkeypatch):
+        monkeypatch.setattr("bagassets.engine.freshness.plan_cache.MOST_CHECKED", 0)
+        cache = PlanCache(tmp_path / "state", store)
+        cache.load()
+        self.save(cache, PLAN)
+        (store / "ab" / ("ab" * 32) / "files" / "new").write_text("")
+        cache = PlanCache(tmp_path / "state", store, thorough=False)
+        assert not cache.holds(cache.load()[PLAN.key])
+
+    def test_a_kept_plan_is_the_plan(self):
+        whole = replace(PLAN, findings=(("warn", "check", "problem"),))
+        for plan in (PLAN, whole):
+            kept = KeptPlan(plan.key, plan.as_row(), packed(plan.artifacts), b"")
+            assert kept == plan
+            assert plan == kept
+            assert kept != replace(plan, rig="another")
+            told = ("settled", "skipped", "failed", "unusable", "can_be_retried", "artifacts", "format", "channels",
+                    "optional", "rig", "touched", "outdated", "findings", "recorded")  # fmt: skip
+            assert [getattr(kept, name) for name in told] == [getattr(plan, name) for name in told]
+            assert list(kept.names) == list(plan.names)
+            assert kept.to_run(retry_failed=True) == plan.to_run(retry_failed=True) == ()
 
     def test_nothing_is_loaded_where_there_is_no_file(self, tmp_path, store):
         assert PlanCache(tmp_path / "state", store).load() == {}

@@ -12,7 +12,7 @@ from bagassets.engine import execute as execution
 from bagassets.engine.execute import BuildFailure, Skipped, execute, run_again
 from bagassets.engine.graph import Graph
 from bagassets.engine.plan import Recorded
-from bagassets.engine.planner import Planner
+from bagassets.engine.planner import plan_recording, recorded_graph
 from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.recipe import load_recipe
 from bagassets.recordings.digest import recording_digest, recording_stat
@@ -448,7 +448,7 @@ def test_a_plan_names_the_artifacts_of_channels(project, ran):
     images = channels("images", ran, {"CAM": TOPICS["CAM"]}, INVENTORY, optional=True)
     graph = project(images)
     executed(graph)
-    plan = Planner(graph.assets, graph.store).plan(graph.recording, {})
+    plan = plan_recording(recorded_graph(graph.assets, graph.store, graph.recording, {}))
     assert plan.assets.keys() == {"bag", "inventory", "images"}
     assert plan.optional == {"images"}
     assert plan.channels == (graph.node("images").parts[0].artifact.digest,)

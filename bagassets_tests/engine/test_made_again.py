@@ -7,7 +7,6 @@ import pytest
 from bagassets.base.quantities import readable_time
 from bagassets.engine.made_again import made_again
 from bagassets.engine.plan import AssetState, BagPlan, Plan, Recorded
-from bagassets.engine.planner import Planner
 from bagassets.formats.catalogue import known_assets, recording_assets
 from bagassets.recipe.load import parse_recipe
 from bagassets_tests.small_drive import RECIPE
@@ -42,8 +41,8 @@ def said(tmp_path):
                 for name in assets.names
             } | {"bag": Recorded("d", "0")}
         todo = dict.fromkeys(plan, (sizes, ("bag", *assets.names)))
-        planner = Planner(assets, store or Actions())
-        return made_again(planner, Plan(plan, {}, ()), recorded, todo, jobs, runs or len(plan))
+        planned = Plan(plan, {}, (), recorded=recorded)
+        return made_again(assets, store or Actions(), planned, todo, jobs, runs or len(plan))
 
     return of
 

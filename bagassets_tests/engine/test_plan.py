@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from bagassets.base.cache import NAME
 from bagassets.base.errors import RecordingError
 from bagassets.defs.builds.pending_work import open_project
+from bagassets.engine import planner
 from bagassets.engine.choose import SelectionError, choose_assets, choose_recordings
 from bagassets.engine.differences import compare_actions, describe_changes, flatten
 from bagassets.engine.freshness.plan_cache import PlanCache
 from bagassets.engine.plan import AssetState, BagPlan
-from bagassets.engine.planner import Planner
 from bagassets.formats.catalogue import recording_assets
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Recipe
@@ -178,14 +178,14 @@ def built(project, monkeypatch):
 def looked_into(recipe_file, monkeypatch):
     """Return the recordings that a plan looks into."""
     keys = []
-    plan = Planner.plan
+    plan = planner.plan_recording
 
-    def note(self, recording, recorded):
-        keys.append(recording.key)
-        return plan(self, recording, recorded)
+    def note(graph):
+        keys.append(graph.recording.key)
+        return plan(graph)
 
     with monkeypatch.context() as patch:
-        patch.setattr(Planner, "plan", note)
+        patch.setattr(planner, "plan_recording", note)
         survey(recipe_file)
     return keys
 

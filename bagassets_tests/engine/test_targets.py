@@ -13,7 +13,7 @@ from bagassets.engine.targets import (
     target_state,
 )
 
-INPUTS = (Read("inputs", "whole", "its recordings changed"),)
+INPUTS = (Read("inputs", "whole"),)
 DATASET = Target("dataset", INPUTS, "2", code_changed="its settings changed")
 STEP = Target("step", (Read("frames", "same"),), None, is_partitioned=True)
 TABLE = Target("table", (Read("step", "all"), Read("weather", "whole")), "1")
@@ -41,9 +41,9 @@ def found(target, recorded, **known):
         (
             DATASET,
             MADE,
-            {"before": {"inputs": "v0"}, "told": lambda: None},
+            {"before": {"inputs": "v0"}, "told": lambda: None, "changed": lambda: "recordings came"},
             "stale",
-            "its recordings changed",
+            "recordings came",
         ),
         (DATASET, MADE, {"is_whole": lambda: False}, "stale", "its files are gone or were changed"),
         (DATASET, MADE, {"failure": lambda: "no"}, "fresh", FRESH),

@@ -16,6 +16,7 @@ from bagassets.formats.nuscenes.settings import NuScenes
 from bagassets.formats.vision.settings import Vision
 from bagassets.recipe import load_recipe, parse_recipe
 from bagassets_tests.in_process import QUICK, build, make_project, states, survey
+from bagassets_tests.small_drive import write_drive
 
 VISION = QUICK.replace("nuscenes: {{version: v1.0-test}}\n", "vision: {{frames: 4}}\n")
 POSED = "    ego_pose: {{source: odometry, topic: /odom}}\n"
@@ -199,7 +200,32 @@ def test_a_dataset_that_nothing_asks_for_any_more_is_not_forgotten(tmp_path, mon
     (remark,) = [one for one in report.remarks if one.check == "left_behind"]
     assert remark.problem.startswith(f"{dataroot}: this dataset is no longer brought up to date")
     assert "add `nuscenes: {}` to it, or remove the folder" in remark.problem
+    assert f"warning: {remark.problem}\n" in command("status", recipe=recipe_file)
     shutil.rmtree(dataroot)
     report, _ = build(recipe_file, monkeypatch)
     assert [one for one in report.remarks if one.check == "left_behind"] == []
     assert not Path(dataroot).exists()
+
+
+def test_each_dataset_and_the_map_say_what_of_theirs_changed(tmp_path, monkeypatch):
+    text = QUICK.replace("preview: {{enabled: false}}\n", "preview: {{columns: 1}}\nvision: {{frames: 4}}\n")
+    recipe_file = make_project(tmp_path, ("a.bag",), text=text)
+    build(recipe_file, monkeypatch)
+    mapped = command("explain", "trajectory_map", recipe=recipe_file)
+    assert "made from ego_poses of 1 recording, 1 as before\n" in mapped
+    recipe_file.write_text(
+        recipe_file.read_text().replace("min_length_s: 0.5", "min_length_s: 0.2, length_s: 0.5")
+    )
+    build(recipe_file, monkeypatch, select=("nuscenes_tables", "vision_sequences"))
+    told = json.loads(command("status", "--json", recipe=recipe_file, status=3))["dataset_reasons"]
+    assert told == {
+        "nuscenes_dataset": "its recordings changed since it was made",
+        "vision_dataset": "only what is left out, or in other datasets, changed since it was made",
+        "trajectory_map": "its recordings changed since it was made",
+    }
+    write_drive(tmp_path / "bags" / "b.bag", "ros1", duration_s=1.3)
+    build(recipe_file, monkeypatch, select=("nuscenes_tables", "vision_sequences"))
+    told = json.loads(command("status", "--json", recipe=recipe_file, status=3))["dataset_reasons"]
+    assert told["vision_dataset"] == told["nuscenes_dataset"] == "its recordings changed since it was made"
+    mapped = command("explain", "trajectory_map", recipe=recipe_file)
+    assert "made from ego_poses of 2 recordings, 1 as before\n  * b.bag: " in mapped

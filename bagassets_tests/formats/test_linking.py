@@ -14,8 +14,9 @@ from bagassets.base.atomic import swap_in
 from bagassets.base.errors import DatasetError
 from bagassets.formats import linking
 from bagassets.formats.assembly import remove_files
+from bagassets.formats.groups import Piece, write_rows
 from bagassets.formats.guard import GUARD, guarded, refuse_unexpected
-from bagassets.formats.json_files import row_blocks, rows_text, write_joined
+from bagassets.formats.json_files import TABLE, row_blocks, rows_text
 from bagassets.formats.linking import Linker
 from bagassets.formats.nuscenes.format import NUSCENES
 from bagassets.formats.nuscenes.table_file import read_table, table_bytes
@@ -189,7 +190,8 @@ class TestTables:
         for number in (2, 0, 1):
             (tmp_path / "sample.json").write_bytes(table_bytes("sample", [SAMPLE] * number))
             texts.append(rows_text(tmp_path / "sample.json"))
-        assert write_joined(tmp_path / "joined.json", texts)[0] == 3
+        _, found = write_rows(tmp_path / "joined.json", TABLE, [Piece(None, texts)])
+        assert [one.number for one in found] == [3]
         assert (tmp_path / "joined.json").read_bytes() == table_bytes("sample", [SAMPLE] * 3)
 
 

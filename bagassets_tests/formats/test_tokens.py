@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bagassets.formats.json_files import rounded, row_blocks, rows_text, write_joined
+from bagassets.formats.groups import Piece, write_rows
+from bagassets.formats.json_files import TABLE, rounded, row_blocks, rows_text
 from bagassets.formats.nuscenes.join import blank_png
 from bagassets.formats.nuscenes.schema import RECORDING_TABLES, SHARED_TABLES, TABLES
 from bagassets.formats.nuscenes.table_file import quaternion, read_table, table_bytes
@@ -78,7 +79,7 @@ class TestTableFiles:
             (folder / f"{number}.json").write_bytes(table_bytes("category", rows[number::3]))
         ordered = [row for number in range(3) for row in rows[number::3]]
         texts = (rows_text(folder / f"{number}.json") for number in range(3))
-        count, _ = write_joined(folder / "category.json", texts)
+        _, found = write_rows(folder / "category.json", TABLE, [Piece(None, texts)])
         copied = [
             json.loads(line)
             for number in range(3)
@@ -86,7 +87,7 @@ class TestTableFiles:
             for line in block
         ]
         assert copied == ordered
-        assert count == len(rows)
+        assert [one.number for one in found] == [len(rows)]
         assert (folder / "category.json").read_bytes() == table_bytes("category", ordered)
         assert read_table(folder, "category") == ordered
 

@@ -11,6 +11,7 @@ from bagassets.defs.records.instance_plan import plan_instance
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.records.partitions import add_partitions
 from bagassets.defs.records.workspace import Workspace
+from bagassets.formats.dataset_build import select_inputs
 from bagassets.recipe import load_recipe
 from bagassets_tests.small_drive import RECIPE, write_drive
 
@@ -57,7 +58,7 @@ def test_all_of_them_are_made(project):
 def test_the_datasets_are_current_until_what_they_are_made_with_changes(project, tmp_path):
     recipe_file, instance, _ = project
     workspace = Workspace(recipe_file=str(recipe_file))
-    inputs = plan_instance(instance, workspace).inputs
+    inputs = select_inputs(plan_instance(instance, workspace))
     assert len(inputs.parts["vision"]) == 1
     assert dataset_is_current(instance, workspace, inputs)
     for change in ("frames: 4", "frames: 5, files: one"):
@@ -99,7 +100,7 @@ def test_a_recording_without_sequences_still_enters_the_nuscenes_dataset(project
     monkeypatch.setattr("bagassets.formats.vision.recording_part.cut_sequences", fail)
     result = materialize(other, instance, ["vision_sequences"])
     assert not result.success
-    inputs = plan_instance(instance, Workspace(recipe_file=str(other))).inputs
+    inputs = select_inputs(plan_instance(instance, Workspace(recipe_file=str(other))))
     assert [part.key for part in inputs.parts["nuscenes"]] == ["a.bag"]
     assert inputs.parts["vision"] == ()
     assert inputs.failed["vision"] == {"a.bag": "this is a test"}

@@ -28,7 +28,7 @@ pytestmark = pytest.mark.once
 
 def everything():
     """Also what extras add, as far as it is installed."""
-    return {name for name in required() | required("postgres") if is_installed(name)}
+    return {name for name in required() | required("postgres") | required("video") if is_installed(name)}
 
 
 def test_versions_are_those_of_the_lock():

@@ -28,7 +28,13 @@ def locked(name):
     return {canonicalize_name(pin.name): str(pin.specifier).removeprefix("==") for pin in pins}
 
 
-@pytest.mark.parametrize("text", [*PROJECT["dependencies"], *PROJECT["optional-dependencies"]["postgres"]])
+@pytest.mark.parametrize(
+    "text",
+    [
+        *PROJECT["dependencies"],
+        *(one for extra in ("postgres", "video") for one in PROJECT["optional-dependencies"][extra]),
+    ],
+)
 def test_lowest_versions_are_those_that_the_package_allows(text):
     requirement = Requirement(text)
     [lowest] = [one.version for one in requirement.specifier if one.operator == ">="]
@@ -114,7 +120,7 @@ def test_what_a_part_leaves_running_ends_with_it(monkeypatch, tmp_path):
 def test_an_unknown_part_is_refused(capsys):
     with pytest.raises(SystemExit):
         test_all.main(["longest"])
-    assert "no part 'longest'; the parts are long, lowest, newest" in capsys.readouterr().err
+    assert "no part 'longest'; the parts are long, lerobot, lowest, newest" in capsys.readouterr().err
 
 
 def test_without_the_python_that_it_needs_a_part_is_left_out(monkeypatch, capfd):

@@ -14,6 +14,7 @@ from bagassets.engine.plan import AssetState, BagPlan, Plan
 from bagassets.engine.splits import SplitShare, deal, shares_of
 from bagassets.engine.track import track_of
 from bagassets.formats.catalogue import recording_assets
+from bagassets.formats.dataset_build import DatasetInputs
 from bagassets.formats.report_data import build_map, map_path, report_data
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model_splits import Splits
@@ -353,6 +354,10 @@ def plan_of(recipe, made, number=1, content="x"):
     return Plan(bags, {}, ())
 
 
+def made_map(recipe, store, plan):
+    return build_map(recipe, store, plan, DatasetInputs({}))
+
+
 class TestGathered:
     def test_facts_are_those_of_the_artifacts(self, built):
         recipe, made = built
@@ -458,16 +463,16 @@ class TestGathered:
         recipe, made = built
         store = Store(recipe.store_path)
         three, two = (plan_of(recipe, made, number, "{}") for number in (3, 2))
-        first = build_map(recipe, store, three)
+        first = made_map(recipe, store, three)
         assert not first.cached
-        assert build_map(recipe, store, three).cached
+        assert made_map(recipe, store, three).cached
         assert "drive_0002" in map_path(recipe).read_text()
-        assert build_map(recipe, store, two).artifact.digest != first.artifact.digest
+        assert made_map(recipe, store, two).artifact.digest != first.artifact.digest
         assert "drive_0002" not in map_path(recipe).read_text()
 
     def test_a_copy_is_not_on_the_map(self, built):
         recipe, made = built
-        outcome = build_map(recipe, Store(recipe.store_path), plan_of(recipe, made, 3))
+        outcome = made_map(recipe, Store(recipe.store_path), plan_of(recipe, made, 3))
         assert outcome.artifact.summary()["recordings"] == 1
         assert "drive_0001" not in map_path(recipe).read_text()
 

@@ -12,10 +12,14 @@ from bagassets.assets.lidar_file import read_lidar_file
 from bagassets.assets.radar_file import FIELDS, read_radar_file
 from bagassets.base.errors import DatasetError
 from bagassets.cli.main import main
+from bagassets.decode.loading import load_decoder
+from bagassets.decode.poses import decode_transform
+from bagassets.decode.registry import families_of, find_decoder
 from bagassets.geometry.se3 import SE3
 from bagassets.recipe.model import Bags
 from bagassets.recordings import own_files
 from bagassets.recordings.discover import discover
+from bagassets.recordings.open import open_recording
 from bagassets.view.mcap_scene import write_scene
 from bagassets.view.scene import load_scene, scene_names
 from bagassets_tests.sample_drives import VERSION, build_sample, pose_of
@@ -274,3 +278,76 @@ class TestCommand:
     def test_without_a_dataset_it_says_what_to_do(self, tmp_path, capsys):
         assert main(["view", "--dataroot", str(tmp_path), "--version", "v9", "x"]) == 1
         assert "run `bagassets build` first" in capsys.readouterr().err
+
+
+# By our own decoders, as those of any other recording.
+
+
+@pytest.fixture(scope="module")
+def read_back(scene, tmp_path_factory):
+    """Topic -> readings of its messages."""
+    path = tmp_path_factory.mktemp("mcap") / "scene.mcap"
+    start_ns = scene.readings[0].stamp_ns
+    counts = write_scene(scene, path, [(start_ns + 10, 48.25, 11.5)])
+    found = {}
+    with open_recording(path) as recording:
+        assert {name: topic.count for name, topic in recording.topics.items()} == counts
+        assert not any(topic.problem for topic in recording.topics.values())
+        for raw in recording.messages(list(recording.topics)):
+            message = recording.decode(raw)
+            for family in families_of(raw.msgtype)[:1]:
+                decoder = load_decoder(find_decoder(family, raw.msgtype))
+                readings = found.setdefault(raw.topic, [])
+                if family == "boxes":
+                    readings += [decoder.decode(message, item) for item in decoder.items(message)]
+                elif family == "transforms":
+                    readings += [decode_transform(item) for item in decoder(message)]
+                else:
+                    readings.append(decoder(message))
+    return found
+
+
+def of_modality(scene, modality):
+    return [reading for reading in scene.readings if reading.modality == modality]
+
+
+def test_images_are_the_files_when_read_back(scene, read_back):
+    cameras = of_modality(scene, "camera")
+    for channel in {reading.channel for reading in cameras}:
+        own = [reading for reading in cameras if reading.channel == channel]
+        for was, now in zip(own, read_back[f"/{channel}/image"], strict=True):
+            assert (now.stamp_ns, now.frame_id, now.encoding) == (was.stamp_ns, channel, "jpeg")
+            assert bytes(now.encoded) == was.path.read_bytes()
+        for was, now in zip(own, read_back[f"/{channel}/calibration"], strict=True):
+            assert np.array(now.calibration.k).reshape(3, 3).tolist() == [list(row) for row in was.intrinsics]
+
+
+def test_clouds_have_the_points_of_the_files_when_read_back(scene, read_back):
+    for was, now in zip(of_modality(scene, "lidar"), read_back["/LIDAR_TOP/points"], strict=True):
+        assert now.stamp_ns == was.stamp_ns
+        assert np.array_equal(now.points, read_lidar_file(was.path))
+
+
+def test_poses_and_transforms_are_those_of_the_readings_when_read_back(scene, read_back):
+    poses = {reading.stamp_ns: reading.find_pose() for reading in scene.readings}
+    assert {one.stamp_ns for one in read_back["/ego"]} == set(poses)
+    for one in [*read_back["/ego"], *(edge for edge in read_back["/tf"] if edge.child == "ego")]:
+        assert one.parent == "global"
+        assert one.parent_SE3_child.translation == poses[one.stamp_ns].translation
+        assert np.allclose(one.parent_SE3_child.rotation, poses[one.stamp_ns].rotation, atol=1e-12)
+
+
+def test_boxes_are_those_of_the_samples_when_read_back(scene, read_back):
+    was = [(stamp_ns, row) for stamp_ns in sorted(scene.boxes) for row in scene.boxes[stamp_ns]]
+    assert len(was) > 10
+    for (stamp_ns, row), box in zip(was, read_back["/boxes"], strict=True):
+        assert (box.stamp_ns, box.frame_id, box.track_id) == (stamp_ns, "global", row["instance_token"])
+        assert (box.category, list(box.attributes)) == (row["category"], list(row["attributes"]))
+        assert list(box.size_m) == row["size"]
+        assert list(box.frame_SE3_box.translation) == row["translation"]
+        assert np.allclose(box.frame_SE3_box.rotation, row["rotation"], atol=1e-12)
+
+
+def test_places_are_those_of_the_fixes_when_read_back(scene, read_back):
+    (one,) = read_back["/location"]
+    assert (one.lat_deg, one.lon_deg, one.stamp_ns) == (48.25, 11.5, scene.readings[0].stamp_ns + 10)

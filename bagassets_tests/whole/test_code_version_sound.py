@@ -68,7 +68,7 @@ def drives():
 @pytest.fixture(scope="module")
 def changed(bases):
     """Name of a recipe -> its changes: of all fields in the full one, of what differs among recipes in the others."""
-    sections = ("clock", "rigs", "scenes", "vision", "preview")
+    sections = ("clock", "rigs", "scenes", "vision", "lerobot", "preview")
     return {
         name: list(changes(recipe, None if name == "full" else sections)) for name, recipe in bases.items()
     }

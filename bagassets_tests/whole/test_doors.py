@@ -68,6 +68,21 @@ def by_partition(recipe_file, _monkeypatch, keys=KEYS):
         assert job.execute_in_process(instance=instance, asset_selection=sorted(datasets)).success
 
 
+def by_range(recipe_file, _monkeypatch):
+    """Do what a backfill does: runs of ranges, and then of the datasets."""
+    job = build_definitions(recipe_file).resolve_implicit_global_asset_job_def()
+    graph = job.asset_layer.asset_graph
+    keys = sorted(KEYS)
+    with open_project(recipe_file) as (instance, _):
+        add_partitions(instance, Naming("test"), keys)
+        for first, last in ((keys[0], keys[3]), (keys[4], keys[-1])):
+            ends = {"dagster/asset_partition_range_start": first, "dagster/asset_partition_range_end": last}
+            chosen = sorted(dg.AssetSelection.groups("recording").resolve(graph))
+            job.execute_in_process(tags=ends, instance=instance, asset_selection=chosen, raise_on_error=False)
+        datasets = sorted(dg.AssetSelection.assets("dataset_inputs").downstream().resolve(graph))
+        assert job.execute_in_process(instance=instance, asset_selection=datasets).success
+
+
 def differences(found, expected):
     return {part: (found[part], value) for part, value in expected.items() if found[part] != value}
 
@@ -81,7 +96,7 @@ def bags(tmp_path_factory):
 
 def test_the_doors_have_one_result(bags, tmp_path, monkeypatch):
     found = {}
-    for door in (by_command, by_sensor, by_partition):
+    for door in (by_command, by_sensor, by_partition, by_range):
         recipe_file = make_door(tmp_path / door.__name__, bags)
         door(recipe_file, monkeypatch)
         found[door.__name__] = result(recipe_file)

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 import yaml
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
+from google.protobuf.wrappers_pb2 import StringValue
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from rosbags.highlevel import AnyReader, AnyReaderError
@@ -30,13 +32,23 @@ PLAIN = ("/text", STRING, "ros2msg", "string data\n", "cdr", HELLO)
 """An ordinary topic: name, type, language and text of its definition, encoding and bytes of its messages."""
 
 
+_FILES = FileDescriptorSet()
+StringValue.DESCRIPTOR.file.CopyToProto(_FILES.file.add())
+PROTOBUF = (
+    "/own", "google.protobuf.StringValue", "protobuf", _FILES.SerializeToString(), "protobuf",
+    StringValue(value="hello").SerializeToString(),
+)  # fmt: skip
+
+
 def write_mcap(path, *topics, profile="ros2"):
     """Write three messages of each topic into a chunk that is not compressed."""
     with path.open("wb") as file:
         writer = Writer(file, compression=CompressionType.NONE)
         writer.start(profile=profile)
         for topic, msgtype, language, definition, encoding, data in topics:
-            schema = writer.register_schema(msgtype, language, definition.encode())
+            schema = writer.register_schema(
+                msgtype, language, definition.encode() if isinstance(definition, str) else definition
+            )
             channel = writer.register_channel(topic, encoding, schema)
             for number in range(NUMBER):
                 writer.add_message(channel, number, data, number)
@@ -122,8 +134,8 @@ ODD = [
     Odd("an MCAP with an empty profile", lambda path: write_mcap(path, PLAIN, profile=""), "Profile is not ros2", 3, 3),
     Odd(
         "an MCAP with a protobuf channel beside others",
-        lambda path: write_mcap(path, PLAIN, other("", b"\x08\1", "protobuf", "protobuf")),
-        "KeyError: 'protobuf'", 6, "/own: its message encoding is 'protobuf', not cdr or ros1",
+        lambda path: write_mcap(path, PLAIN, PROTOBUF),
+        "UnicodeDecodeError: ", 6, 6,
     ),
     Odd(
         "a definition with the line ends of Windows",
@@ -161,7 +173,7 @@ def outcome(read):
     """Return what a reader made of a file, or what it said."""
     try:
         return read()
-    except (AnyReaderError, ReaderError, KeyError, BagAssetsError) as error:
+    except (AnyReaderError, ReaderError, KeyError, UnicodeDecodeError, BagAssetsError) as error:
         return f"{type(error).__name__}: {error}"
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from bagassets.assets import calibration, frames, sweeps
+from bagassets.assets import calibration, frames, signals, sweeps
 from bagassets.assets.asset import Asset
 from bagassets.engine.execute import BuildFailure
 from bagassets.engine.recording_assets import RecordingAssets
@@ -32,8 +32,10 @@ def project(tmp_path_factory):
     drive.write_lens(folder)
     drive.write(folder / "bags" / KEY, drive.drive())
     ran = build(folder / "recipe.yaml", KEY)
-    channels = {"frames:CAM_FRONT", "frames:CAM_BACK", "sweeps:LIDAR_TOP"}
-    assert ran == channels | UPSTREAM.keys() - {"frames", "sweeps"}, "everything runs the first time"
+    channels = {"frames:CAM_FRONT", "frames:CAM_BACK", "sweeps:LIDAR_TOP", "signals:motion"}
+    assert ran == channels | UPSTREAM.keys() - {"frames", "sweeps", "signals"}, (
+        "everything runs the first time"
+    )
     return folder
 
 
@@ -57,7 +59,7 @@ def actions(store):
 
 
 def label(action):
-    channel = action["params"].get("channel")
+    channel = action["params"].get("channel") or action["params"].get("signal")
     return f"{action['step']}:{channel}" if channel else action["step"]
 
 
@@ -290,7 +292,11 @@ def test_a_step_is_handed_parameters_and_not_the_recipe(copy, monkeypatch):
         return original_run(asset, use, inputs, out)
 
     monkeypatch.setattr(Asset, "run", run)
-    for name, extractor in (("frames", frames.FrameExtractor), ("sweeps", sweeps.SweepExtractor)):
+    for name, extractor in (
+        ("frames", frames.FrameExtractor),
+        ("sweeps", sweeps.SweepExtractor),
+        ("signals", signals.SignalExtractor),
+    ):
 
         def init(self, *handed, _name=name, _original=extractor.__init__):
             note(_name, *handed)

@@ -124,7 +124,7 @@ def test_parts_that_were_built_alone_are_joined_by_an_upgrade_and_their_old_keys
     _, runs = build(recipe_file, monkeypatch, on_event=events.append)
     assert not runs
     assert len([event for event in events if "joined" in event.message]) == 1
-    assert survey(recipe_file, bags=("drive_1.bag",)).chosen == {"drive.bag"}
+    assert survey(recipe_file, bags=("drive_1.bag",)).asked.chosen == {"drive.bag"}
     assert moves_said(recipe_file) == {}
     text = recipe_file.read_text()
     recipe_file.write_text(text.replace("drive_1.bag: val", "drive_1.bag: train, other.bag: train"))

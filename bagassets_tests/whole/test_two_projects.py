@@ -18,7 +18,7 @@ from bagassets.defs.launchers.slurm.spool import Spool
 from bagassets.defs.records.events import live_partitions, recorded_partition
 from bagassets.defs.records.instances import open_instance
 from bagassets.defs.records.naming import Naming
-from bagassets.defs.records.partitions import active_runs, add_partitions, remove_partition
+from bagassets.defs.records.partitions import active_runs, add_partitions, remove_partitions
 from bagassets.defs.records.projects import note_project, recipes_of
 from bagassets.defs.runs.execution import CodeLocation
 from bagassets.defs.runs.run_pool import RunPool
@@ -225,7 +225,7 @@ def test_a_removed_recording_cancels_runs_of_its_own_project_only(place, monkeyp
             status=dg.DagsterRunStatus.STARTED,
         )
     assert active_runs(place.instance, NORTH, ()) == {runs[NORTH].run_id: (KEY,)}
-    remove_partition(place.instance, NORTH, KEY)
+    remove_partitions(place.instance, NORTH, [KEY])
     assert cancelled == [runs[NORTH].run_id]
     assert (live_partitions(place.instance, NORTH), live_partitions(place.instance, SOUTH)) == (
         frozenset(),

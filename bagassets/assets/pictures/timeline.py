@@ -85,7 +85,7 @@ class _Axis:
 
     def draw(self, picture: Image, bottom: int) -> None:
         duration_s = self.duration_ms / 1e3
-        step_s = _step(duration_s / 6)
+        step_s = step(duration_s / 6)
         for number in range(int(duration_s / step_s) + 1):
             second = number * step_s
             x = self.x(second * 1e3)
@@ -93,7 +93,7 @@ class _Axis:
             text(picture, f"{second:g} s", x - 8, TOP_PX - 10, size_px=10, colour=DIM)
 
 
-def _step(least: float) -> float:
+def step(least: float) -> float:
     """Return 1, 2 or 5 times a power of ten, at least `least`."""
     steps = (float(f"{digit}e{power}") for power in range(-4, 7) for digit in (1, 2, 5))
     return next((step for step in steps if step >= least), least)

@@ -5,7 +5,7 @@ from dataclasses import replace
 from math import asin, atan, degrees, isfinite, sqrt
 
 from bagassets.assets.quality.finding import Finding
-from bagassets.geometry.calibration import CalibratedSensor, Calibration, RegionOfInterest
+from bagassets.geometry.calibration import UNPLACED, CalibratedSensor, Calibration, RegionOfInterest
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.se3 import SE3
 from bagassets.recipe.model import Rig
@@ -24,7 +24,9 @@ def calibration_plausible(calibration: Calibration, rig: Rig, check: Calibration
     """
     problems = []
     facts = {}
-    channels = dict(sorted(calibration.channels.items()))
+    channels = {
+        name: sensor for name, sensor in sorted(calibration.channels.items()) if sensor.source != UNPLACED
+    }
     for name, sensor in channels.items():
         ego_SE3_sensor = sensor.ego_SE3_sensor.normalised()
         is_camera = name in rig.channels and rig.channels[name].modality == "camera"

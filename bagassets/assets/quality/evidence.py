@@ -66,9 +66,13 @@ class Evidence(Contents):
         return self.recipe.clock_of(self.rig, self.rig.channels.get(channel))
 
     def channels(self, asset: str) -> JsonObject:
-        """Return the content of `channels.json` of `frames` or `sweeps`."""
+        """Return the content of `channels.json` of an asset of channels."""
         channels: JsonObject = self.artifact(asset).read_json("channels.json")
         return channels
+
+    def parts(self, asset: str) -> dict[str, Artifact]:
+        """Return channel -> its artifact, of an asset of channels."""
+        return {name: self.store.artifact(entry["artifact"]) for name, entry in self.channels(asset).items()}
 
     def stamps_ns(self) -> dict[str, Stamps]:
         """Return channel -> stamps of its readings, over frames and sweeps."""

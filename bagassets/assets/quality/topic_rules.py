@@ -8,8 +8,9 @@ from bagassets.recordings.inventory import Inventory, TopicRecord
 
 
 def watched_topics(rig: Rig) -> dict[str, str]:
-    """Return topic -> channel or `ego_pose`, for the topics that a dataset of this rig needs."""
-    watched = {channel.topic: name for name, channel in sorted(rig.channels.items(), reverse=True)}
+    """Return topic -> channel, signal or `ego_pose`, for the topics that a dataset of this rig needs."""
+    sources = [*sorted(rig.channels.items()), *sorted(rig.signals.items())]
+    watched = {source.topic: name for name, source in reversed(sources)}
     pose_topic = getattr(rig.ego_pose, "topic", None)
     if pose_topic is not None:
         watched[pose_topic] = "ego_pose"
@@ -17,13 +18,13 @@ def watched_topics(rig: Rig) -> dict[str, str]:
 
 
 def channels_present(rig: Rig, inventory: Inventory, check: ChannelsCheck) -> Finding:
-    """Check that each configured channel has readable messages in the recording, and that the rig is that of one robot.
+    """Check that each configured channel and signal has readable messages in the recording, and that the rig is that of one robot.
 
     A channel without any drops no keyframe: samples are made without it.
     """
     problems = []
     absent = []
-    for name, channel in sorted(rig.channels.items()):
+    for name, channel in [*sorted(rig.channels.items()), *sorted(rig.signals.items())]:
         record = inventory.topics.get(channel.topic)
         if record is not None and record.count and record.problem is None:
             continue
@@ -36,8 +37,9 @@ def channels_present(rig: Rig, inventory: Inventory, check: ChannelsCheck) -> Fi
             reason = "has no messages"
         else:
             reason = f"cannot be read: {record.problem}"
+        lacks = f"its samples lack {name} (rigs[].required skips such recordings)"
         problems.append(
-            f"{name}: topic {channel.topic} {reason}, so its samples lack {name} (rigs[].required skips such recordings)"
+            f"{name}: topic {channel.topic} {reason}, so {lacks if name in rig.channels else 'it has no such signal'}"
         )
     problems += [
         f"annotations: topic {source.topic} is not in the recording"

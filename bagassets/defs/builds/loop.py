@@ -3,6 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import ExitStack
 from typing import NoReturn
 
 import dagster as dg
@@ -12,16 +13,11 @@ from bagassets.base.alike import names_text
 from bagassets.base.errors import RecordingError
 from bagassets.base.trace import span
 from bagassets.defs.builds.own_states import OwnProject
-from bagassets.defs.builds.pending_work import (
-    PendingWork,
-    find_pending_work,
-    find_touched,
-    update_pending_work,
-)
+from bagassets.defs.builds.pending_work import Asked, PendingWork, what_is_asked, work_of
 from bagassets.defs.builds.snapshot import Snapshot
 from bagassets.defs.graph.dataset import record_inputs
-from bagassets.defs.records.instance_plan import begin_planning
-from bagassets.defs.records.partitions import active_runs, add_partitions, remove_partition
+from bagassets.defs.records.instance_plan import planner_of, replan_instance
+from bagassets.defs.records.partitions import active_runs, add_partitions, remove_partitions
 from bagassets.defs.records.touched import record_touched
 from bagassets.defs.runs.launching import launching_of
 from bagassets.defs.runs.run_pool import EndedRun, Listener, RunPool
@@ -29,7 +25,7 @@ from bagassets.engine.batches import DATASET
 from bagassets.engine.build_report import BuildOptions, Event
 from bagassets.engine.disk_space import folders_written, require_disk_space, space_needed
 from bagassets.engine.next_steps import Rules, State, Work, next_steps
-from bagassets.engine.planner import Planning
+from bagassets.engine.planner import Planner
 from bagassets.engine.unsettled import Unsettled
 
 
@@ -59,27 +55,32 @@ class BuildLoop:
         self.interrupted = False
         self._instance, self._own, self._options, self._on_event = instance, own, options, on_event
         self._workspace = own.workspace
-        planning = self._begin_look()
-        touched = find_touched(self._workspace, planning, options, own)
-        self.unchanged = record_touched(instance, self._workspace, touched, options.jobs, on_event)
-        self.before = self.now = self.look(None if self.unchanged else planning)
+        asked, planner = self._begin_look()
+        touched = {} if asked.assets == () else planner.touched()
+        chosen = {
+            planner.discovery.recordings[key]: recorded
+            for key, recorded in touched.items()
+            if key in asked.chosen
+        }
+        self.unchanged = record_touched(instance, self._workspace, chosen, options.jobs, on_event)
+        self.before = self.now = self.look() if self.unchanged else self._end_look(asked, planner)
 
-    def look(self, planning: Planning | None = None) -> PendingWork:
+    def look(self) -> PendingWork:
         """Look at everything; return what is to be done."""
-        self.now = find_pending_work(
-            self._instance,
-            self._workspace,
-            self._options,
-            self._own,
-            planning or self._begin_look(),
-            self._on_planned,
-        )
+        self.now = self._end_look(*self._begin_look())
         return self.now
 
-    def _begin_look(self) -> Planning:
+    def _begin_look(self) -> tuple[Asked, Planner]:
         self.snapshot, self.is_partial = Snapshot(self._instance, self._workspace, self._own.files), False
+        discovery = self._workspace.discover()
+        asked = what_is_asked(self._workspace, discovery, self._options, self._own)
         with span("read records"):
-            return begin_planning(self._instance, self._workspace)
+            return asked, planner_of(self._instance, self._workspace, discovery=discovery, thorough=False)
+
+    def _end_look(self, asked: Asked, planner: Planner) -> PendingWork:
+        with span("plan"):
+            plan = planner.plan(self._on_planned)
+        return work_of(self._instance, self._workspace, plan, asked)
 
     def _on_planned(self, done: int, total: int) -> None:
         self._on_event(Event.planning(done, total))
@@ -101,25 +102,29 @@ class BuildLoop:
         names, log = self._workspace.names, self._workspace.recipe.state / "code-server.log"
         following = self._going_on()
         tries: Counter[str] = Counter()
-        with RunPool(
-            self._instance, names, self._options.jobs, self._on_event, log, self._own.location
-        ) as pool:
-            rules = Rules(
-                pool.jobs, pool.most_per_run, patience_s=0.0 if self._options.allow_empty else math.inf
-            )
-            self.ended = pool.ended
+        launching = launching_of(self._instance)
+        rules = Rules(
+            launching.most_at_once or self._options.jobs,
+            launching.recordings_per_run,
+            patience_s=0.0 if self._options.allow_empty else math.inf,
+        )
+        pool: RunPool | None = None
+        with ExitStack() as stack:
             while True:
                 state = self._state(tries, following)
                 steps = next_steps(state, rules)
                 if steps.doubted_s is not None:
                     self._refuse()
-                for key in steps.remove:
-                    remove_partition(self._instance, names, key)
+                remove_partitions(self._instance, names, steps.remove)
                 add_partitions(self._instance, names, steps.register)
-                if pool.interrupted or not (steps.runs or following):
+                if self.interrupted or not (steps.runs or following):
                     return
-                if not pool.ended:
+                if pool is None:
                     self._on_event(self._planned())
+                    pool = stack.enter_context(
+                        RunPool(self._instance, names, rules.jobs, self._on_event, log, self._own.location)
+                    )
+                    self.ended = pool.ended
                 pool.work(steps.runs, following, steps.without_steps)
                 self.interrupted = pool.interrupted
                 asked = {key for run in steps.runs for key in run} & pool.ended.keys()
@@ -138,7 +143,7 @@ class BuildLoop:
     def _state(self, tries: Mapping[str, int], following: Mapping[str, Sequence[str]]) -> State:
         """Return what `next_steps` has to know; what this build has tried once is not tried again."""
         now = self.now
-        recordings, recorded = now.discovery.recordings, now.recorded
+        recordings, recorded = now.plan.discovery.recordings, now.plan.recorded
         todo = {
             key: Work(
                 assets,
@@ -149,14 +154,14 @@ class BuildLoop:
             for key, assets in now.todo.items()
         }
         if not now.dataset_is_current:
-            todo[DATASET] = Work(now.datasets, tries=tries[DATASET])
+            todo[DATASET] = Work(now.asked.datasets, tries=tries[DATASET])
         return State(
             found=len(recordings),
             gone=now.plan.removed,
             held=now.held,
-            new=recordings.keys() - now.live,
+            new=recordings.keys() - now.plan.live,
             todo=todo,
-            joined=() if tries[DATASET] else now.datasets,
+            joined=() if tries[DATASET] else now.asked.datasets,
             active=frozenset().union(*following.values()),
         )
 
@@ -166,15 +171,17 @@ class BuildLoop:
             return {}
         waiting = launching_of(self._instance).waiting_runs()
         names = self._workspace.names
-        active = active_runs(self._instance, names, self.now.datasets) if waiting else {}
+        active = active_runs(self._instance, names, self.now.asked.datasets) if waiting else {}
         return {run_id: keys for run_id, keys in active.items() if run_id in waiting}
 
     def _look_again(self, worked_on: Collection[str]) -> None:
         """Look at what runs may have changed, and record what datasets are made from, unless a run has done so."""
         self.is_partial = True
         keys = frozenset(worked_on) - {DATASET}
-        self.now = update_pending_work(self._instance, self._workspace, self.now, keys, self._on_planned)
-        if self.now.datasets and DATASET not in worked_on and not self.interrupted:
+        with span("plan"):
+            plan = replan_instance(self._instance, self._workspace, self.now.plan, keys, self._on_planned)
+        self.now = work_of(self._instance, self._workspace, plan, self.now.asked)
+        if self.now.asked.datasets and DATASET not in worked_on and not self.interrupted:
             record_inputs(self._instance, self._workspace, self.now.inputs)
 
     def _note_unsettled(self, keys: Collection[str]) -> None:
@@ -197,7 +204,7 @@ class BuildLoop:
             StoreError: there is much too little disk space.
         """
         now, recipe, store = self.now, self._workspace.recipe, self._workspace.store
-        sizes = {key: one.size for key, one in now.discovery.recordings.items()}
+        sizes = {key: one.size for key, one in now.plan.discovery.recordings.items()}
         said = [
             f"{names_text(keys)}: joined into {whole}, as its parts."
             for whole, keys in now.plan.joined.items()

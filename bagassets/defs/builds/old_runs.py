@@ -7,10 +7,9 @@ from contextlib import closing, suppress
 import dagster as dg
 
 from bagassets.defs.dagster_private import AssetCheckExecutionsTable, SqlEventLogStorage
-from bagassets.defs.records.batches import batch_of
+from bagassets.defs.records.batches import recordings_of
 from bagassets.defs.records.events import all_assets, event_database, live_partitions, recorded_states
 from bagassets.defs.records.naming import Naming
-from bagassets.defs.records.partitions import PARTITION_TAG
 from bagassets.engine.batches import DATASET
 from bagassets.formats.dataset_build import dataset_code_versions
 from bagassets.recipe.model import Recipe
@@ -43,13 +42,14 @@ def superseded_runs(
         needed |= {latest.run_id} if latest is not None else set()
     ours = {names.key(name) for name in (*all_assets(), *datasets)}
     seen: set[str] = set()
-    found = []
+    found, keys_of = [], recordings_of(instance, names)
     for record in _runs(instance):
         run = record.dagster_run
-        batch = batch_of(run, names)
-        if not batch and not (run.asset_selection and run.asset_selection <= ours):
+        keys = keys_of(run)
+        is_batch = bool(keys) and run.job_name == names.batch_job
+        if not is_batch and not (run.asset_selection and run.asset_selection <= ours):
             continue
-        about = set(batch) or {run.tags.get(PARTITION_TAG, DATASET)}
+        about = set(keys) or {DATASET}
         is_last = not about <= seen
         seen |= about
         if is_last or run.run_id in needed or not run.is_finished or not about <= live | {DATASET}:

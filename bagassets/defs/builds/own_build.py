@@ -15,7 +15,8 @@ from bagassets.defs.builds.own_states import OwnProject
 from bagassets.defs.builds.pending_work import PendingWork
 from bagassets.defs.graph.own_assets import OwnAsset, inputs_tag
 from bagassets.defs.graph.own_location import code_digest
-from bagassets.defs.records.partitions import ACTIVE, PARTITION_TAG
+from bagassets.defs.records.batches import recordings_of
+from bagassets.defs.records.partitions import ACTIVE
 from bagassets.defs.runs.execution import CodeLocation
 from bagassets.defs.runs.run_pool import EndedRun, Listener, RunPool
 from bagassets.engine.build_report import BuildOptions, Event, OwnOutcome, OwnResult
@@ -59,10 +60,12 @@ class OwnBuild:
             to_make = work.having(*TO_MAKE)
             # Other runs are about to make some, as those of a sensor.
             runs = self.instance.get_runs(dg.RunsFilter(statuses=ACTIVE)) if to_make else ()
+            keys_of = recordings_of(self.instance, self.project.workspace.names, of_ours=False)
             settled = self._tried.keys() | {
-                (key.to_user_string(), run.tags.get(PARTITION_TAG, ""))
+                (asset.to_user_string(), partition)
                 for run in runs
-                for key in run.asset_selection or ()
+                for asset in run.asset_selection or ()
+                for partition in keys_of(run) or ("",)
             }
             todo = [(name, partition) for name, partition, _ in to_make if (name, partition) not in settled]
             if not todo or self.interrupted:

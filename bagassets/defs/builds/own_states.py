@@ -12,9 +12,9 @@ from bagassets.base.json_types import JsonObject
 from bagassets.defs.builds.pending_work import PendingWork
 from bagassets.defs.graph.own_assets import OwnAsset, Versions, find_own_assets, inputs_tag, told_inputs
 from bagassets.defs.graph.own_location import code_digest, files_of, home_of, load_locations
+from bagassets.defs.records.batches import PARTITION_TAG
 from bagassets.defs.records.events import fetch_recorded, latest_ids, recorded_whole, runs_of
 from bagassets.defs.records.naming import DATASET_INPUTS
-from bagassets.defs.records.partitions import PARTITION_TAG
 from bagassets.defs.records.workspace import Workspace
 from bagassets.defs.runs.execution import CodeLocation, failure_of
 from bagassets.engine.build_report import BuildOptions
@@ -201,9 +201,9 @@ class _Survey:
         self.states: dict[str, dict[str, AssetState]] = {}
         self.evidence: dict[str, dict[str, Evidence]] = {}
         self._instance, self._project, self._bags = instance, project, pending.plan.bags
-        self._recordings = sorted(pending.chosen & pending.plan.bags.keys())
+        self._recordings = sorted(pending.asked.chosen & pending.plan.bags.keys())
         self._names = project.workspace.names
-        self._versions = Versions(instance, self._names)
+        self._versions = Versions(instance, self._names, pending.leaving)
         self._code = code_digest()
         behind = (one for one in datasets.values() if one.state != "fresh")
         self._datasets = {**datasets, DATASET_INPUTS: next(behind, AssetState("fresh", ""))}

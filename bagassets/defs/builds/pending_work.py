@@ -1,25 +1,18 @@
 """What a build has to do, as the plan of the instance says; the commands of a project start here."""
 
 import os
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import dagster as dg
 
-from bagassets.base.alike import told_once
-from bagassets.base.trace import span
 from bagassets.defs.graph.dataset import dataset_states
 from bagassets.defs.records.databases import are_files, database_errors_explained
 from bagassets.defs.records.events import all_assets, fetch_recorded, latest_ids, live_partitions
-from bagassets.defs.records.instance_plan import (
-    InstancePlan,
-    Touched,
-    plan_instance,
-    replan_instance,
-)
+from bagassets.defs.records.instance_plan import planner_of
 from bagassets.defs.records.instances import open_instance
 from bagassets.defs.records.partitions import active_runs, held_by_backfills
 from bagassets.defs.records.projects import noted_prefix
@@ -29,21 +22,20 @@ from bagassets.engine.build_report import BuildOptions
 from bagassets.engine.choose import choose_assets, choose_recordings
 from bagassets.engine.made_again import made_again
 from bagassets.engine.plan import AssetState, Plan
-from bagassets.engine.planner import Planner, Planning
 from bagassets.engine.splits import moves
 from bagassets.engine.targets import TO_MAKE
-from bagassets.formats.catalogue import formats
 from bagassets.formats.dataset_build import (
     DatasetInputs,
     dataset_code_versions,
-    made_from,
+    made_once,
+    results_to_come,
+    select_inputs,
     split_on_disk,
 )
 from bagassets.propose.project import dagster_home
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Recipe
 from bagassets.recordings.discover import Discovery
-from bagassets.store.store import Store
 from bagassets.store.writable import require_writable
 
 if TYPE_CHECKING:
@@ -68,15 +60,21 @@ class Asked:
 
 
 @dataclass(frozen=True)
-class PendingWork(Asked, InstancePlan):
+class PendingWork:
     """The plan of all recordings, the state of the datasets, and what a build would do about them as it was asked.
 
     Attributes:
+        plan: state of each asset of each recording.
+        asked: what the build is asked for.
+        inputs: the inputs of the datasets.
         states: dataset -> state.
         todo: recording that needs a run -> the assets to materialize.
         held: recording that is gone -> what its removal waits for; see `held_by_backfills`.
     """
 
+    plan: Plan
+    asked: Asked
+    inputs: DatasetInputs
     states: Mapping[str, AssetState]
     todo: Mapping[str, tuple[str, ...]]
     held: Mapping[str, str]
@@ -84,16 +82,20 @@ class PendingWork(Asked, InstancePlan):
     @property
     def failed(self) -> dict[str, str]:
         """The chosen recordings that failed on their current input -> why."""
-        bags = {key: bag.failed for key, bag in self.plan.bags.items() if key in self.chosen}
+        bags = {key: bag.failed for key, bag in self.plan.bags.items() if key in self.asked.chosen}
         return {key: reason for key, reason in bags.items() if reason is not None}
 
     def made_again(self, workspace: Workspace, jobs: int) -> str:
         """Return what is made again because of another version of bagassets; see `bagassets.engine.made_again`."""
-        recordings = self.discovery.recordings
+        recordings = self.plan.discovery.recordings
         todo = {key: (recordings[key].size, assets) for key, assets in self.todo.items()}
         runs = len(batches(self.todo, {key: size for key, (size, _) in todo.items()}, jobs))
-        planner = Planner(workspace.assets, workspace.store)
-        return made_again(planner, self.plan, self.recorded, todo, jobs, runs)
+        return made_again(workspace.assets, workspace.store, self.plan, todo, jobs, runs)
+
+    @property
+    def leaving(self) -> frozenset[str]:
+        """The registered recordings that are gone, and whose partitions a build removes."""
+        return frozenset(self.plan.removed) - self.held.keys()
 
     @property
     def dataset_is_current(self) -> bool:
@@ -108,7 +110,7 @@ class PendingWork(Asked, InstancePlan):
     @property
     def dataset_states(self) -> dict[str, AssetState]:
         """The state of each dataset that the build was asked for."""
-        return {name: self.states[name] for name in self.datasets}
+        return {name: self.states[name] for name in self.asked.datasets}
 
 
 def find_pending_work(
@@ -116,7 +118,6 @@ def find_pending_work(
     workspace: Workspace,
     options: BuildOptions | None = None,
     own: "OwnProject | None" = None,
-    planning: Planning | None = None,
     on_planned: Callable[[int, int], None] | None = None,
 ) -> PendingWork:
     """Plan everything and return what is to be done; nothing is changed.
@@ -126,48 +127,18 @@ def find_pending_work(
         workspace: recipe, store and recordings.
         options: what is asked for; default: everything.
         own: the user's assets, which may be selected.
-        planning: what plans; default: a new one.
-        on_planned: see `Planning.plan`.
+        on_planned: see `Planner.plan`.
 
     Raises:
         BagAssetsError: the recipe or the bag root is not usable, or there is no such recording.
     """
-    with span("plan"):
-        planned = plan_instance(instance, workspace, planning, on_planned)
-    asked = _asked(workspace, planned.discovery, options or BuildOptions(), own)
-    return _pending_work(instance, workspace, planned, asked)
+    discovery = workspace.discover()
+    asked = what_is_asked(workspace, discovery, options or BuildOptions(), own)
+    plan = planner_of(instance, workspace, discovery=discovery).plan(on_planned)
+    return work_of(instance, workspace, plan, asked)
 
 
-def find_touched(
-    workspace: Workspace, planning: Planning, options: BuildOptions, own: "OwnProject | None" = None
-) -> dict[str, Touched]:
-    """Return the recordings that a build asks for and of which only the time seems to have changed.
-
-    Raises:
-        SelectionError: there is no such recording or asset.
-    """
-    asked = _asked(workspace, planning.discovery, options, own)
-    if asked.assets == ():
-        return {}
-    recordings = planning.discovery.recordings
-    touched = planning.touched().items()
-    return {key: Touched(recordings[key], one) for key, one in touched if key in asked.chosen}
-
-
-def update_pending_work(
-    instance: dg.DagsterInstance,
-    workspace: Workspace,
-    before: PendingWork,
-    worked_on: Collection[str],
-    on_planned: Callable[[int, int], None] | None = None,
-) -> PendingWork:
-    """Plan again what runs may have changed (see `replan_instance`)."""
-    with span("plan"):
-        planned = replan_instance(instance, workspace, before, worked_on, on_planned)
-    return _pending_work(instance, workspace, planned, before)
-
-
-def _asked(
+def what_is_asked(
     workspace: Workspace, discovery: Discovery, options: BuildOptions, own: "OwnProject | None"
 ) -> Asked:
     """Return what a build is asked for.
@@ -184,47 +155,25 @@ def _asked(
         return Asked(chosen, None, datasets, options.retry_failed)
     if own is not None:
         wanted = (wanted & frozenset(ours)) | own.ours_read_by(wanted)
-    parts = made_from(recipe)
+    parts = {name: one.part for name, one in made_once(recipe).items()}
     assets = workspace.assets.with_upstream(parts.get(name, name) for name in wanted)
     chosen_datasets = tuple(name for name in datasets if name in wanted)
     return Asked(chosen, assets, chosen_datasets, options.retry_failed)
 
 
-def _pending_work(
-    instance: dg.DagsterInstance, workspace: Workspace, planned: InstancePlan, asked: Asked
-) -> PendingWork:
+def work_of(instance: dg.DagsterInstance, workspace: Workspace, plan: Plan, asked: Asked) -> PendingWork:
+    """Return what a build would do, as its plan says, and the state of the datasets."""
     todo = {
         key: assets
-        for key, bag in planned.plan.bags.items()
+        for key, bag in plan.bags.items()
         if key in asked.chosen
         and (assets := bag.to_run(retry_failed=asked.retry_failed, select=asked.assets))
     }
-    waits_for = _waits_for(workspace, planned.plan, todo, retry_failed=asked.retry_failed)
-    states = dataset_states(instance, workspace, planned.inputs, waits_for)
-    held = held_by_backfills(instance, frozenset(planned.plan.removed))
-    request = {field.name: getattr(asked, field.name) for field in fields(Asked)}
-    return PendingWork(**vars(planned), **request, states=states, todo=todo, held=held)
-
-
-def _waits_for(workspace: Workspace, plan: Plan, todo: Iterable[str], *, retry_failed: bool) -> str:
-    """Return the results that datasets are made from and that are yet to come.
-
-    All datasets rest on one digest, so the results for all formats count.
-    """
-    parts = [kind.part for kind in formats() if kind.part in workspace.assets.names]
-    read = workspace.assets.with_upstream(parts)
-    found = []
-    for key in todo:
-        bag = plan.bags[key]
-        to_come = [
-            name
-            for name in ("bag", *parts)
-            if bag.assets[name].state != "skipped"
-            and (bag.assets[name].data_version or "") != bag.recorded.get(name)
-        ]
-        if to_come and bag.to_run(retry_failed=retry_failed, select=read):
-            found.append(((), key, ", ".join(to_come[-len(parts) :])))
-    return "; ".join(f"{told.text} of {told.title}" for told in told_once(found, fewest=2))
+    inputs = select_inputs(plan)
+    waits_for = results_to_come(workspace.assets, plan, todo, retry_failed=asked.retry_failed)
+    states = dataset_states(instance, workspace, inputs, waits_for)
+    held = held_by_backfills(instance, frozenset(plan.removed))
+    return PendingWork(plan, asked, inputs, states, todo, held)
 
 
 def expected_moves(pending: PendingWork, recipe: Recipe) -> dict[str, tuple[str, str]]:
@@ -234,9 +183,7 @@ def expected_moves(pending: PendingWork, recipe: Recipe) -> dict[str, tuple[str,
         bag = pending.plan.bags[key]
         if bag.skipped is None and bag.unusable is None:
             entering[key] = bag.assets["bag"].data_version or key
-    return moves(
-        split_on_disk(recipe), pending.inputs.dealt(recipe.splits, Store(recipe.store_path), entering)
-    )
+    return moves(split_on_disk(recipe), pending.inputs.dealt(recipe, entering))
 
 
 def rehearse(recipe_file: Path) -> None:

@@ -62,7 +62,7 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
         own_build, own_work = OwnBuild(instance, own, options, on_event), own
         if own.wanted and not build.interrupted:
             # Recordings that came meanwhile are left to the next build.
-            ours = replace(build.now, chosen=build.before.chosen)
+            ours = replace(build.now, asked=build.before.asked)
             own_work = own_build.work(ours, is_dataset_current=ours.dataset_is_current)
         own_outcomes = own_build.outcomes(own_work) if own_work.states else {}
         is_partial = build.is_partial or own_build.has_run

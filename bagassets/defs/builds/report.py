@@ -19,7 +19,7 @@ from bagassets.engine.splits import SplitShare, moves
 from bagassets.engine.targets import TO_MAKE
 from bagassets.formats.catalogue import problems_of
 from bagassets.formats.checking import remarks_on_record
-from bagassets.formats.dataset_build import dataset_folders, first_lock, split_on_disk
+from bagassets.formats.dataset_build import dataset_folders, datasets_of, first_lock
 from bagassets.formats.emptiness import left_behind, why_empty
 from bagassets.recipe.model import Recipe
 
@@ -47,9 +47,10 @@ def report_of(
     lock = first_lock(recipe)
     locked: JsonMapping = {} if lock is None else lock.value
     left_out = locked.get("failed", {})
-    moved = moves(split_before, split_on_disk(recipe))
+    misfits = _misfits(recipe, now)
+    moved = moves(split_before, {} if lock is None else lock.splits)
     dataset, problem = _of_datasets(build.ended.get(DATASET))
-    if not before.datasets:
+    if not before.asked.datasets:
         dataset = "not selected"
     elif dataset == "fresh" and lock is None:
         dataset = "not made"
@@ -57,7 +58,7 @@ def report_of(
         dataset = "stopped"
     else:
         recipe_file = Path(workspace.recipe_file)
-        problem = problem or why_empty(recipe, recipe_file, workspace.store, before.datasets)
+        problem = problem or why_empty(recipe, recipe_file, workspace.store, before.asked.datasets)
     return BuildReport(
         plan=now.plan,
         outcomes=outcomes,
@@ -65,7 +66,8 @@ def report_of(
         removed=tuple(key for key in before.plan.gone if key not in before.held),
         remarks=tuple(remarks_of_runs(instance, {one.run_id for one in build.ended.values()})),
         duplicates=locked.get("duplicates", {}),
-        left_out={key: reason for key, reason in left_out.items() if key not in before.chosen},
+        left_out={key: reason for key, reason in left_out.items() if key not in before.asked.chosen}
+        | misfits,
         moved=moved,
         pinned=tuple(key for key in moved if now.plan.ties.pinned(key, recipe.splits)),
         splits=_shares(locked.get("shares", {})),
@@ -75,6 +77,19 @@ def report_of(
         datasets=_each_dataset(recipe, now, dataset),
         interrupted=interrupted,
     )
+
+
+def _misfits(recipe: Recipe, now: PendingWork) -> dict[str, str]:
+    """Return the recordings that were made, but do not fit into a dataset -> why."""
+    locks = [one.lock for one in datasets_of(recipe).values() if one.kind.misfits is not None]
+    bags = now.plan.bags
+    return {
+        key: why
+        for lock in locks
+        if lock is not None
+        for key, why in lock.value["skipped"].items()
+        if key in bags and bags[key].skipped is None
+    }
 
 
 # --- remarks -----------------------------------------------------------------------------
@@ -94,8 +109,8 @@ def standing_remarks(recipe: Recipe, before: PendingWork) -> tuple[Remark, ...]:
 
 def checked_remarks(workspace: Workspace, before: PendingWork, now: PendingWork) -> list[Remark]:
     """Return what quick checks find in the recordings that the build was asked for."""
-    bags = [bag for key, bag in sorted(now.plan.bags.items()) if key in before.chosen]
-    return [*remarks_on_record(workspace.recipe, workspace.store, now.discovery, bags)]
+    bags = [bag for key, bag in sorted(now.plan.bags.items()) if key in before.asked.chosen]
+    return [*remarks_on_record(workspace.recipe, workspace.store, now.plan.discovery, bags)]
 
 
 # --- recordings --------------------------------------------------------------------------
@@ -115,7 +130,7 @@ def outcomes_of(
     now, bags = build.now, build.now.plan.bags
     ended = {key: one for key, one in build.ended.items() if key != DATASET}
     # A run that made the datasets, too, has planned its recordings since they were recorded.
-    unknown = {ended[key].run_id for key in ended.keys() - now.recorded.keys()} - {""}
+    unknown = {ended[key].run_id for key in ended.keys() - now.plan.recorded.keys()} - {""}
     made_by_run = {run_id: recordings_made(instance, run_id) for run_id in unknown}
     found = {key: BagOutcome("hit", seconds=seconds) for key, seconds in build.unchanged.items()}
     for key, one in ended.items():
@@ -125,11 +140,11 @@ def outcomes_of(
             or key in made_by_run.get(one.run_id, ())
             or any(
                 record.run_id == one.run_id and record.cached is False
-                for record in now.recorded.get(key, {}).values()
+                for record in now.plan.recorded.get(key, {}).values()
             )
         )
         found[key] = _of_run(one, has_made=has_made)
-    for key in build.before.chosen & bags.keys():
+    for key in build.before.asked.chosen & bags.keys():
         found[key] = _of_recording(bags[key], found.get(key), is_whole=is_whole)
     return dict(sorted(found.items()))
 
@@ -176,14 +191,14 @@ def _of_datasets(ended: EndedRun | None) -> tuple[str, str]:
 
 def _each_dataset(recipe: Recipe, now: PendingWork, outcome: str) -> dict[str, JsonMapping]:
     """See `BuildReport.datasets`. If the run of all failed, some may be up to date."""
-    left = {*now.datasets}
+    left = {*now.asked.datasets}
     # Where results are yet to come, nobody knows whether a dataset that is not behind is up to date.
     is_waiting = any(one.state == "unknown" for one in now.states.values())
     if outcome == "failed" or (outcome == "stopped" and not is_waiting):
         left &= {asset for asset, one in now.states.items() if one.state in TO_MAKE}
 
     def state(asset: str) -> str:
-        return outcome if asset in left else "fresh" if asset in now.datasets else "not selected"
+        return outcome if asset in left else "fresh" if asset in now.asked.datasets else "not selected"
 
     folders = dataset_folders(recipe)
     return {asset: {"path": str(folder), "state": state(asset)} for asset, folder in folders.items()}

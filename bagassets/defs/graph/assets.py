@@ -6,14 +6,19 @@ import dagster as dg
 import pyarrow as pa
 
 from bagassets.assets.asset import AnyAsset
+from bagassets.base.alike import names_text
+from bagassets.base.errors import StoreError
 from bagassets.defs.graph.checks import check_recording
 from bagassets.defs.graph.making import dependencies, make_recording, read_bag
+from bagassets.defs.graph.several import failure_text, make_side_by_side
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.records.partitions import recording_partitions
 from bagassets.defs.records.recorder import Recorder
 from bagassets.defs.records.reporting import BAG_CODE_VERSION, code_link, errors_explained
+from bagassets.defs.records.run_step import RunStep
 from bagassets.defs.records.workspace import Workspace
 from bagassets.defs.runs.exclusive import RecordingLock
+from bagassets.engine.batches import MOST_RECORDINGS
 from bagassets.engine.execute import BuildFailure
 from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.formats.catalogue import recording_assets
@@ -25,9 +30,12 @@ _BAG = """A recording: a ROS 1 bag, a ROS 2 bag or an MCAP file.
 Its data version is the digest of its content; each file is hashed once. Touching a file does not change it."""
 
 
-def recording_definitions(recipe: Recipe, names: Naming) -> list[dg.AssetsDefinition]:
-    """Return the assets that exist once per recording."""
+def recording_definitions(
+    recipe: Recipe, names: Naming, *, shares_runs: bool = False
+) -> list[dg.AssetsDefinition]:
+    """Return the assets that exist once per recording; with `shares_runs`, a backfill has runs about several of them."""
     assets = recording_assets(recipe)
+    policy = dg.BackfillPolicy.multi_run(MOST_RECORDINGS) if shares_runs else None
     bag = dg.AssetSpec(
         names.key("bag"),
         group_name=names.recording_group,
@@ -35,22 +43,29 @@ def recording_definitions(recipe: Recipe, names: Naming) -> list[dg.AssetsDefini
         description=_BAG,
         code_version=BAG_CODE_VERSION,
         metadata=code_link(read_bag),
+        skippable=True,
     )
     specs = {asset.name: _spec(assets, names, asset) for asset in assets}
     extracted = [spec for name, spec in specs.items() if name in assets.extracted]
     alone = [asset for asset in assets if asset.name not in assets.extracted]
     return [
-        _definition(recipe, names, "bag", [bag]),
-        _definition(recipe, names, "extract", extracted, can_subset=True),
+        _definition(recipe, names, "bag", [bag], policy),
+        _definition(recipe, names, "extract", extracted, policy, can_subset=True),
         *(
-            _definition(recipe, names, one.face.operation or f"make_{one.name}", [specs[one.name]])
+            _definition(recipe, names, one.face.operation or f"make_{one.name}", [specs[one.name]], policy)
             for one in alone
         ),
     ]
 
 
 def _definition(
-    recipe: Recipe, names: Naming, operation: str, specs: Sequence[dg.AssetSpec], *, can_subset: bool = False
+    recipe: Recipe,
+    names: Naming,
+    operation: str,
+    specs: Sequence[dg.AssetSpec],
+    policy: dg.BackfillPolicy | None,
+    *,
+    can_subset: bool = False,
 ) -> dg.AssetsDefinition:
     """Return the definition of an operation: of an asset alone, or of all that are extracted."""
 
@@ -59,12 +74,13 @@ def _definition(
         can_subset=can_subset,
         partitions_def=recording_partitions(recipe.bags, names),
         required_resource_keys={names.workspace, names.lock},
+        backfill_policy=policy,
         specs=specs,
     )
     def make(context: dg.AssetExecutionContext) -> Iterator[dg.MaterializeResult[None]]:
         workspace = Workspace.of(context, names.workspace)
         lock: RecordingLock = getattr(context.resources, names.lock)
-        key, selected = context.partition_key, context.run.asset_selection
+        selected = context.run.asset_selection
         own = {str(names.asset_of(one)) for one in context.selected_asset_keys}
         with errors_explained():
             wanted = [
@@ -72,6 +88,10 @@ def _definition(
                 for name in ("bag", *workspace.assets.names)
                 if not selected or names.key(name) in selected
             ]
+            if context.has_partition_key_range:
+                _make_range(context, workspace, lock, wanted)
+                return
+            key = context.partition_key
             recorder = Recorder(context.instance, workspace, key, context, wanted)
             with recorder.giving_up(own):
                 lock.take(context)
@@ -84,6 +104,29 @@ def _definition(
                     raise
 
     return make
+
+
+def _make_range(
+    context: dg.AssetExecutionContext, workspace: Workspace, lock: RecordingLock, wanted: Sequence[str]
+) -> None:
+    """Make all that a run about several recordings is to make of them, in the first of its steps.
+
+    It yields nothing, so Dagster skips the steps that read it: of the results of a step it would record that all these
+    recordings have them, with the same version.
+    """
+    this = object()
+    if workspace.once_in_run(context.run.run_id, lambda: this) is not this:
+        return
+    ours = {workspace.names.key(name) for name in wanted}
+    if others := sorted(key.to_user_string() for key in (context.run.asset_selection or ours) - ours):
+        raise StoreError(
+            f"{names_text(others)}: the backfill policy is that of bagassets, so Dagster puts them into the same run, which "
+            "makes nothing else; choose another, or none."
+        )
+    batch = dict.fromkeys(context.partition_keys, wanted)
+    ended = make_side_by_side(RunStep.of(context, is_planned=True), workspace, lock, batch)
+    if problem := failure_text(ended):
+        raise dg.Failure(problem, allow_retries=False)
 
 
 def _make_not_begun(recorder: Recorder, recording: RecordingFiles, own: set[str], err: BuildFailure) -> None:
@@ -120,6 +163,7 @@ def _spec(assets: RecordingAssets, names: Naming, asset: AnyAsset) -> dg.AssetSp
             **({} if asset.face.columns is None else _columns(asset.face.columns)),
             **code_link(asset.make or asset.use),
         },
+        skippable=True,
     )
 
 

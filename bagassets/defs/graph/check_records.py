@@ -5,12 +5,12 @@ from collections.abc import Collection, Mapping, Sequence
 
 import dagster as dg
 
-from bagassets.defs.graph.checks import wanted_checks
+from bagassets.defs.graph.checks import FAILED, wanted_checks
 from bagassets.defs.records.workspace import Workspace
 from bagassets.engine.build_report import Remark
 from bagassets.report.model import Problem
 
-_SUCCEEDED, _FAILED = "SUCCEEDED", "FAILED"  # as Dagster's `AssetCheckExecutionRecordStatus` has them
+_SUCCEEDED = "SUCCEEDED"  # as Dagster's `AssetCheckExecutionRecordStatus` has it
 _BATCH = 500
 
 
@@ -31,7 +31,7 @@ def findings_on_record(
     ]
     problems: defaultdict[str, list[Problem]] = defaultdict(list)
     for check in checks:
-        wanted = {key: status for one, key, status in latest if one == check and status.value == _FAILED}
+        wanted = {key: status for one, key, status in latest if one == check and status.value == FAILED}
         cursor = None
         while wanted:  # newest first, so that the first of a recording is the one that counts
             history = storage.get_asset_check_execution_history(check, _BATCH, cursor, {*wanted.values()})

@@ -13,34 +13,35 @@ from bagassets.base.errors import BagAssetsError
 from bagassets.base.escaping import markdown
 from bagassets.defs.graph.check_records import findings_on_record
 from bagassets.defs.records.artifact_files import page_link
-from bagassets.defs.records.events import recorded_wholes
+from bagassets.defs.records.events import recorded_whole, recorded_wholes
 from bagassets.defs.records.fence import refuse_if_ended
-from bagassets.defs.records.instance_plan import InstancePlan, plan_instance
+from bagassets.defs.records.instance_plan import plan_instance
 from bagassets.defs.records.naming import DATASET_INPUTS, Naming
 from bagassets.defs.records.recorder import Made, Recorder
 from bagassets.defs.records.reporting import code_link, dataset_metadata, errors_explained, inputs_metadata
 from bagassets.defs.records.workspace import Workspace
 from bagassets.engine.batches import DATASET
-from bagassets.engine.plan import AssetState
+from bagassets.engine.plan import AssetState, Plan
 from bagassets.engine.targets import Evidence, Read, Target, target_state
-from bagassets.formats import trajectory_map
 from bagassets.formats.catalogue import formats, formats_of, recording_assets
 from bagassets.formats.dataset_build import (
+    Dataset,
     DatasetInputs,
     build_dataset,
     dataset_code_versions,
-    datasets_of,
     is_on_disk,
+    made_once,
     select_inputs,
+    what_changed,
 )
+from bagassets.formats.format import ByGroups
 from bagassets.formats.report_data import build_map, map_path, report_data, report_path
 from bagassets.recipe.model import Recipe
 from bagassets.report.page import report_page
 from bagassets.report.write import write_page
 
-TRAJECTORY_MAP = trajectory_map.STEP.name
 INPUTS_CODE_VERSION = "1"
-_READS = (Read(DATASET_INPUTS, "whole", "its recordings changed since it was made"),)
+_READS = (Read(DATASET_INPUTS, "whole"),)
 _CODE_CHANGED = "its settings, the splits or its version changed"
 MOST_REPORTED = 1000
 """It takes a millisecond or two for each recording, and a change of one is not to cost more the more there are."""
@@ -50,9 +51,6 @@ _INPUTS = """Which recordings the datasets are made from, and why others are lef
 Its data version is a digest over the partition keys and data versions of all recordings that take part, so it changes
 with each of them and when one is removed, however many there are; Dagster itself compares at most 100 partitions. The
 sensor and `bagassets build` record it without a run."""
-_MAP = """Where all recordings were driven: an interactive map with a layer per split and a heat layer.
-
-Without a network, it shows the same routes on a plain grid."""
 
 
 def dataset_is_current(instance: dg.DagsterInstance, workspace: Workspace, inputs: DatasetInputs) -> bool:
@@ -82,6 +80,7 @@ def dataset_states(
             last,
             {} if last is None else last.inputs,
             is_whole=partial(is_on_disk, recipe, asset),
+            changed=partial(what_changed, recipe, inputs, asset),
             waits_for=waits_for,
             is_due=is_due,
         )
@@ -89,26 +88,16 @@ def dataset_states(
     return found
 
 
-def record_inputs(
-    instance: dg.DagsterInstance, workspace: Workspace, inputs: DatasetInputs, *, in_run: bool = False
-) -> bool:
-    """Record `dataset_inputs` without a run (about 10 ms) if it changed, or records that it points to did; return whether.
+def record_inputs(instance: dg.DagsterInstance, workspace: Workspace, inputs: DatasetInputs) -> None:
+    """Record `dataset_inputs` without a run (about 10 ms) if it changed, or records that it points to did.
 
     Its tags name its inputs, as those of a run would: without them Dagster would mark it as stale.
-
-    Args:
-        instance: where it is recorded.
-        workspace: the recipe.
-        inputs: what it is made from.
-        in_run: a run asks, which may have recorded it itself: then what it points to does not count.
     """
     read = dict.fromkeys(_read_of_recordings(workspace.recipe), inputs.digest)
     made = Made(DATASET_INPUTS, inputs.digest, INPUTS_CODE_VERSION, {}, read)
     recorder = Recorder(instance, workspace, DATASET)
-    is_new = not recorder.is_recorded(replace(made, inputs={}) if in_run else made)
-    if is_new:
+    if not recorder.is_recorded(made):
         recorder.record(replace(made, metadata=inputs_metadata(inputs)))
-    return is_new
 
 
 def _read_of_recordings(recipe: Recipe) -> list[str]:
@@ -140,32 +129,39 @@ def dataset_assets(recipe: Recipe, names: Naming) -> list[dg.AssetsDefinition]:
             instance, workspace = context.instance, Workspace.of(context, names.workspace)
             with errors_explained():
                 # Made once, so that all datasets that the run makes have the same inputs.
-                plan = partial(plan_instance, instance, workspace)
-                planned = workspace.once_in_run(context.run.run_id, plan)
+                look = partial(plan_instance, instance, workspace)
+                plan = workspace.once_in_run(context.run.run_id, look)
+                inputs = select_inputs(plan)
                 if asset == DATASET_INPUTS:
-                    digest, metadata = planned.inputs.digest, inputs_metadata(planned.inputs)
-                    made = Made(asset, digest, version, metadata, {})
+                    made = Made(asset, inputs.digest, version, inputs_metadata(inputs), {})
                 else:
                     # Also if it is made alone. What a step reads Dagster looks up before the step begins.
-                    if record_inputs(instance, workspace, planned.inputs, in_run=True):
+                    recorded = recorded_whole(instance, names, DATASET_INPUTS)
+                    if recorded is None or recorded.data_version != inputs.digest:
+                        record_inputs(instance, workspace, inputs)
                         step = context.op_execution_context.get_step_execution_context()
                         step.fetch_external_input_asset_version_info()
-                    made = make_dataset(instance, workspace, planned, asset, context.run.run_id)
+                    made = make_dataset(instance, workspace, plan, inputs, asset, context.run.run_id)
                 yield from Recorder(instance, workspace, DATASET, context).record(made)
 
         return made_once
 
     versions = dataset_code_versions(recipe)
     found = [definition(DATASET_INPUTS, INPUTS_CODE_VERSION, {"json"}, _INPUTS, select_inputs)]
-    for name, one in datasets_of(recipe).items():
-        found.append(definition(name, versions[name], one.kind.kinds, one.description, one.kind.join))
-    if TRAJECTORY_MAP in versions:
-        found.append(definition(TRAJECTORY_MAP, versions[TRAJECTORY_MAP], {"html"}, _MAP, build_map))
+    for name, one in made_once(recipe).items():
+        kinds, how = (one.kind.kinds, one.kind.join) if isinstance(one, Dataset) else ({"html"}, build_map)
+        make = how.finish if isinstance(how, ByGroups) else how
+        found.append(definition(name, versions[name], kinds, one.description, make))
     return found
 
 
 def make_dataset(
-    instance: dg.DagsterInstance, workspace: Workspace, planned: InstancePlan, asset: str, run_id: str
+    instance: dg.DagsterInstance,
+    workspace: Workspace,
+    plan: Plan,
+    inputs: DatasetInputs,
+    asset: str,
+    run_id: str,
 ) -> Made:
     """Make a dataset, or the map, from what is planned, and return what is to be recorded of it.
 
@@ -174,11 +170,11 @@ def make_dataset(
         RunEndedError: the run was given up meanwhile.
     """
     recipe = workspace.recipe  # as it is now: this process may be older
-    version, read = dataset_code_versions(recipe)[asset], {DATASET_INPUTS: planned.inputs.digest}
-    permit = partial(refuse_if_ended, instance, run_id)
-    if asset == TRAJECTORY_MAP:
+    dataset, read = made_once(recipe)[asset], {DATASET_INPUTS: inputs.digest}
+    version, permit = dataset.code_version(recipe.splits), partial(refuse_if_ended, instance, run_id)
+    if not isinstance(dataset, Dataset):
         permit()
-        outcome = build_map(recipe, workspace.store, planned.plan)
+        outcome = build_map(recipe, workspace.store, plan, inputs)
         metadata = {
             "open": dg.MetadataValue.md(f"[Open the map]({page_link('map')})"),
             "map": dg.MetadataValue.path(str(map_path(recipe))),
@@ -186,22 +182,19 @@ def make_dataset(
             **outcome.artifact.summary(),
         }
         return Made(asset, outcome.artifact.digest, version, metadata, read)
-    dataset = datasets_of(recipe)[asset]
-    summary = build_dataset(dataset, recipe, workspace.store, planned.plan, planned.inputs, permit)
-    failed = planned.inputs.failed.get(dataset.kind.name, {})
+    summary = build_dataset(dataset, recipe, workspace.store, plan, inputs, permit)
+    failed = inputs.failed.get(dataset.kind.name, {})
     is_first = dataset.kind in formats_of(recipe)[:1] and dataset.selection is None  # the report is about all
-    report = {"report": write_report(instance, workspace, planned)} if is_first else {}
+    report = {"report": write_report(instance, workspace, plan)} if is_first else {}
     return Made(asset, summary.digest, version, report | dataset_metadata(summary, failed), read)
 
 
-def write_report(
-    instance: dg.DagsterInstance, workspace: Workspace, planned: InstancePlan
-) -> dg.MarkdownMetadataValue:
+def write_report(instance: dg.DagsterInstance, workspace: Workspace, plan: Plan) -> dg.MarkdownMetadataValue:
     """Write the report with what the checks of recordings found when they ran; return a link to it, or why there is none."""
-    if len(planned.plan.bags) > MOST_REPORTED:
+    if len(plan.bags) > MOST_REPORTED:
         return dg.MetadataValue.md(f"`bagassets report` writes it (more than {MOST_REPORTED} recordings)")
     try:
-        data = report_data(workspace.recipe, workspace.store, planned.plan)
+        data = report_data(workspace.recipe, workspace.store, plan)
         problems, passed = findings_on_record(instance, workspace)
         recordings = [
             replace(one, problems=problems.get(one.key, ()), checks_passed=passed.get(one.key, 0))

@@ -124,11 +124,17 @@ def _reads(graph: AssetGraph, key: dg.AssetKey, names: Naming, ours: Collection[
 
 
 class Versions:
-    """The newest versions of assets, each asked for once."""
+    """The newest versions of assets, each asked for once.
 
-    def __init__(self, instance: dg.DagsterInstance, names: Naming) -> None:
+    Args:
+        instance: where they are recorded.
+        names: of the project.
+        leaving: registered recordings whose partitions are about to be removed.
+    """
+
+    def __init__(self, instance: dg.DagsterInstance, names: Naming, leaving: Collection[str] = ()) -> None:
         self._instance, self._names = instance, names
-        self._live = live_partitions(instance, names)
+        self._live = live_partitions(instance, names) - frozenset(leaving)
         self._whole, self._parts = cache(self._find_whole), cache(self._find_parts)
 
     def of(self, read: Read, partition: str) -> str | None:

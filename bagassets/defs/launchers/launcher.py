@@ -31,7 +31,9 @@ import signal
 import sys
 import threading
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import dagster as dg
 
@@ -49,7 +51,7 @@ from bagassets.defs.launchers.run_worker import end_worker
 from bagassets.defs.records.instances import pack_instance
 from bagassets.defs.records.projects import recipe_of_location, recipes_of
 from bagassets.defs.runs.execution import mark_canceling
-from bagassets.defs.runs.launching import ConfiguredLauncher, last_words, optional_fields
+from bagassets.defs.runs.launching import ConfiguredLauncher, LauncherSettings, last_words
 from bagassets.defs.runs.worker_tag import WORKER_TAG, RunWorker
 from bagassets.defs.ui.ports import ANY_HOST
 from bagassets.forkserver.client import Client, ServerRefusedError
@@ -63,6 +65,21 @@ _LOG = logging.getLogger(__name__)
 _LOCAL_HOSTS = ANY_HOST | {"localhost", "127.0.0.1", "::1"}
 
 
+@dataclass(frozen=True, kw_only=True)
+class Settings(LauncherSettings):
+    """What `config` may say; see above.
+
+    Attributes:
+        state_folder: folder of the fork server.
+        idle_timeout_s: the server ends after so long without work.
+        grace_s: a cancelled worker is killed after that.
+    """
+
+    state_folder: str | None = None
+    idle_timeout_s: int | None = None
+    grace_s: int = 30
+
+
 class BagAssetsRunLauncher(ConfiguredLauncher[T_DagsterInstance]):
     """Has runs executed by workers of the fork server; where that is not possible, by Dagster's own launcher.
 
@@ -72,31 +89,14 @@ class BagAssetsRunLauncher(ConfiguredLauncher[T_DagsterInstance]):
     """
 
     executes_here = names_workers = True
+    settings_type = Settings
+    settings: Settings
 
-    def __init__(
-        self,
-        inst_data: ConfigurableClassData | None = None,
-        *,
-        recipe: str | None = None,
-        state_folder: str | None = None,
-        idle_timeout_s: float | None = None,
-        grace_s: float = 30.0,
-    ) -> None:
-        self._state_folder = state_folder
-        self._idle_timeout_s = idle_timeout_s
-        self._grace_s = grace_s
+    def __init__(self, inst_data: ConfigurableClassData | None = None, **config: Any) -> None:
         self._default = dg.DefaultRunLauncher()
         self._client: Client | None = None
         self._mutex = threading.Lock()  # the web server launches from several threads
-        super().__init__(inst_data, recipe)
-
-    # --- configuration ---------------------------------------------------------------
-
-    @classmethod
-    def config_type(cls) -> dict[str, dg.Field]:
-        """Return the fields of `config` in `dagster.yaml`."""
-        texts = optional_fields(dg.StringSource, "recipe", "state_folder")
-        return texts | optional_fields(dg.IntSource, "idle_timeout_s", "grace_s")
+        super().__init__(inst_data, **config)
 
     def register_instance(self, instance: T_DagsterInstance) -> None:
         """Set the instance whose runs are launched."""
@@ -176,13 +176,13 @@ class BagAssetsRunLauncher(ConfiguredLauncher[T_DagsterInstance]):
             recipe,
             modules=modules,
             paths=paths,
-            idle_timeout_s=self._idle_timeout_s,
+            idle_timeout_s=self.settings.idle_timeout_s,
             recipes=tuple(file for file in read if recipe is None or not file.samefile(recipe)),
         )
 
     def _folder(self, recipe: Path | None) -> Path:
-        if self._state_folder is not None:
-            return Path(self._state_folder)
+        if self.settings.state_folder is not None:
+            return Path(self.settings.state_folder)
         return load_recipe(recipe).state if recipe is not None else Path(self._instance.root_directory)
 
     # --- ending ----------------------------------------------------------------------
@@ -215,7 +215,7 @@ class BagAssetsRunLauncher(ConfiguredLauncher[T_DagsterInstance]):
         try:
             for client in Client.all_of(self._folder(self._recipe_file)):
                 for job in client.status()["jobs"]:
-                    if job["label"] == run_id and client.cancel(job["job"], grace_s=self._grace_s):
+                    if job["label"] == run_id and client.cancel(job["job"], grace_s=self.settings.grace_s):
                         return True
         except BagAssetsError as err:
             _LOG.warning("run %s: no fork server could be reached (%s)", run_id, err)
@@ -227,7 +227,7 @@ class BagAssetsRunLauncher(ConfiguredLauncher[T_DagsterInstance]):
             "instance": pack_instance(self._instance),
             "run_id": run.run_id,
             "process": process.as_json(),
-            "grace_s": self._grace_s,
+            "grace_s": self.settings.grace_s,
         }
         try:
             with Client.ensure(self._spec(run)) as client:

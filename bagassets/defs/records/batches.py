@@ -1,14 +1,22 @@
-"""Batches as Dagster has them: the config of their job, and the recordings of such a run.
+"""Which recordings a run is about: one, those of a batch, or of a backfill's range.
 
-Dagster's range runs would not do: all partitions of such a run have the same data version, and fail together.
+A batch has its recordings in the config of its job. The range of a backfill is in tags: its first and its last partition, in
+the order in which they were registered; Dagster makes it of exactly those that were asked for.
 """
 
+from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import dagster as dg
 
+from bagassets.defs.records.events import all_assets
 from bagassets.defs.records.naming import BATCH_JOB, BATCH_OP, Naming
 from bagassets.engine.batches import Batch
+
+PARTITION_TAG = "dagster/partition"
+"""Tag of a run about one partition."""
+_RANGE_TAGS = "dagster/asset_partition_range_start", "dagster/asset_partition_range_end"
 
 
 def batch_config(batch: Batch, names: Naming) -> dict[str, Any]:
@@ -27,3 +35,29 @@ def batch_of(run: dg.DagsterRun, names: Naming | None = None) -> tuple[str, ...]
         return tuple(run_config["ops"][operation]["config"]["recordings"])
     except (KeyError, TypeError, AttributeError):  # somebody launched it with a config of their own
         return ()
+
+
+def recordings_of(
+    instance: dg.DagsterInstance, names: Naming, *, of_ours: bool = True
+) -> Callable[[dg.DagsterRun], tuple[str, ...]]:
+    """Return a function that returns the partition keys of a run, with `DATASET` if it is a batch that makes datasets, too.
+
+    With `of_ours` it returns none for a run of users' own assets alone, or of another project's.
+    """
+    registered = cache(lambda: list(instance.get_dynamic_partitions(names.partitions)))
+    ours = frozenset(all_assets())
+
+    def found(run: dg.DagsterRun) -> tuple[str, ...]:
+        first, last = (run.tags.get(tag, run.tags.get(PARTITION_TAG)) for tag in _RANGE_TAGS)
+        if first is None or last is None:
+            return batch_of(run, names)
+        if of_ours and not names.is_about(run, ours):
+            return ()
+        if first == last:
+            return (first,)
+        keys = registered()
+        if not {first, last} <= {*keys}:  # one was removed since
+            return first, last
+        return tuple(keys[keys.index(first) : keys.index(last) + 1])
+
+    return found

@@ -24,7 +24,8 @@ DATASET_INPUTS = "dataset_inputs"
 INPUT_PREFIX = "dagster/input_data_version/"
 _POINTER_PREFIX = "dagster/input_event_pointer/"
 _WORD = re.compile(r"[A-Za-z0-9_]+")
-_WHOLE_GRAPH = "__ASSET_JOB"  # Dagster's job of all assets of a code location
+WHOLE_GRAPH = "__ASSET_JOB"
+"""Dagster's job of all assets of a code location."""
 
 
 @dataclass(frozen=True)
@@ -124,7 +125,7 @@ class Naming:
         """
         if run.asset_selection:
             return any(self.asset_of(key) in assets for key in run.asset_selection)
-        return run.job_name in {self.assets_job, self.batch_job, _WHOLE_GRAPH}
+        return run.job_name in {self.assets_job, self.batch_job, WHOLE_GRAPH}
 
 
 def parse_prefix(spelled: str) -> tuple[str, ...]:

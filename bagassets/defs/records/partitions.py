@@ -3,26 +3,31 @@
 A recording on disk that is not registered yet is registered when a run asks for its partition.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from collections.abc import Set as AbstractSet
 from difflib import get_close_matches
 
 import dagster as dg
 from dagster import partition_loading_context
+from sqlalchemy import and_, delete
 from sqlalchemy.exc import IntegrityError
 
 from bagassets.base.alike import names_text
 from bagassets.base.errors import RecordingError
-from bagassets.defs.dagster_private import BulkActionsFilter, BulkActionStatus, PartitionLoadingContext
-from bagassets.defs.records.batches import batch_of
+from bagassets.defs.dagster_private import (
+    BulkActionsFilter,
+    BulkActionStatus,
+    DynamicPartitionsTable,
+    PartitionLoadingContext,
+    SqlEventLogStorage,
+)
+from bagassets.defs.records.batches import PARTITION_TAG, recordings_of
 from bagassets.defs.records.events import all_assets, in_batches
 from bagassets.defs.records.naming import Naming
 from bagassets.engine.batches import DATASET
 from bagassets.recipe.model import Bags
 from bagassets.recordings.discover import Discovery, discover
 
-PARTITION_TAG = "dagster/partition"
-"""Tag of a run about one partition."""
 _UNFINISHED = [
     dg.DagsterRunStatus.QUEUED,
     dg.DagsterRunStatus.NOT_STARTED,
@@ -106,15 +111,13 @@ def active_runs(
     instance: dg.DagsterInstance, names: Naming, datasets: Iterable[str]
 ) -> dict[str, tuple[str, ...]]:
     """Return run id -> partition keys, and `DATASET` if it makes one of `datasets`, for runs that have not ended."""
-    recordings, once = frozenset(all_assets()), frozenset(datasets)
+    once, keys_of = frozenset(datasets), recordings_of(instance, names)
     active: dict[str, tuple[str, ...]] = {}
     for run in instance.get_runs(filters=dg.RunsFilter(statuses=ACTIVE)):
-        if PARTITION_TAG in run.tags and names.is_about(run, recordings):
-            active[run.run_id] = (run.tags[PARTITION_TAG],)
+        if keys := keys_of(run):
+            active[run.run_id] = keys
         elif run.asset_selection and names.is_about(run, once):
             active[run.run_id] = (DATASET,)
-        elif batch := batch_of(run, names):
-            active[run.run_id] = batch
     return active
 
 
@@ -156,15 +159,25 @@ def held_by_backfills(instance: dg.DagsterInstance, keys: AbstractSet[str]) -> d
     return held
 
 
-def remove_partition(instance: dg.DagsterInstance, names: Naming, key: str) -> None:
-    """Cancel the runs of a recording that is gone, then delete its partition."""
-    runs = instance.get_runs(dg.RunsFilter(statuses=_UNFINISHED, tags={PARTITION_TAG: key}))
-    assets = frozenset(all_assets())
-    for run in runs:
-        if not names.is_about(run, assets):
+def remove_partitions(instance: dg.DagsterInstance, names: Naming, keys: Collection[str]) -> None:
+    """Cancel the runs of recordings that are gone, then delete their partitions."""
+    gone, assets = frozenset(keys), frozenset(all_assets())
+    for run in instance.get_runs(dg.RunsFilter(statuses=_UNFINISHED)) if gone else ():
+        key = run.tags.get(PARTITION_TAG)
+        if key not in gone or not names.is_about(run, assets):
             continue
         if run.status == dg.DagsterRunStatus.QUEUED:
             instance.report_run_canceled(run, message=f"Recording {key} was removed.")
         else:
             instance.run_launcher.terminate(run.run_id)
-    instance.delete_dynamic_partition(names.partitions, key)
+    storage, of = instance.event_log_storage, names.partitions
+    if not isinstance(storage, SqlEventLogStorage):
+        for key in gone:
+            instance.delete_dynamic_partition(of, key)
+        return
+    # As Dagster does, which has no way to delete more than one.
+    table = DynamicPartitionsTable.c
+    with storage.index_connection() as connection:
+        for batch in in_batches(sorted(gone)):
+            ours = and_(table.partitions_def_name == of, table.partition.in_(batch))
+            connection.execute(delete(DynamicPartitionsTable).where(ours))

@@ -29,6 +29,7 @@ from bagassets.defs.dagster_private import (
 from bagassets.defs.records.events import CODE_VERSION, DATA_VERSION, NOT_MADE
 from bagassets.defs.records.fence import Fence
 from bagassets.defs.records.reporting import Metadata
+from bagassets.defs.records.run_step import RunStep
 from bagassets.defs.records.workspace import Workspace
 from bagassets.engine.execute import BuildFailure
 from bagassets.engine.plan import is_skip, version_as_input
@@ -36,7 +37,7 @@ from bagassets.store.artifact import Artifact
 
 # What Dagster itself records of an input that was never materialized.
 _NO_VERSION, _NO_RECORD = "INITIAL", "NULL"
-_SUCCEEDED = "SUCCEEDED"  # as Dagster's `AssetCheckExecutionRecordStatus` has it
+_SUCCEEDED, _PLANNED = "SUCCEEDED", "PLANNED"  # as Dagster's `AssetCheckExecutionRecordStatus` has it
 _PARTS = ("dagster_event", "event_specific_data")  # of an event, one in the other
 
 
@@ -70,11 +71,12 @@ class Recorder:
         instance: where it is recorded.
         workspace: recipe and store.
         key: partition key of the recording; `DATASET` for what exists once.
-        context: of the step that makes it; None if there is no run.
+        context: of the step that makes it, or the step itself if it is about several recordings; None if there is no run.
         wanted: names of the assets that the run is to make of it.
 
     Attributes:
         made: names of the assets that were recorded.
+        skipped: those of them that were skipped.
     """
 
     def __init__(
@@ -82,15 +84,18 @@ class Recorder:
         instance: dg.DagsterInstance,
         workspace: Workspace,
         key: str,
-        context: dg.AssetExecutionContext | dg.OpExecutionContext | None = None,
+        context: dg.AssetExecutionContext | RunStep | None = None,
         wanted: Collection[str] = (),
     ) -> None:
         self.instance, self.workspace, self.key, self.wanted = instance, workspace, key, wanted
         self.made: set[str] = set()
+        self.skipped: set[str] = set()
         self.run_id, self._job, self._step = "", "", None
+        self._is_planned = False
         if context is not None:
-            self.run_id, self._job = context.run.run_id, context.job_name
-            self._step = context.op_execution_context.op.name
+            step = context if isinstance(context, RunStep) else RunStep.of(context, is_planned=True)
+            self.run_id, self._job, self._step = step.run_id, step.job_name, step.step
+            self._is_planned = step.is_planned
         self._fence = Fence(instance, self.run_id) if context is not None else None
         self._context, self._names, self._of = context, workspace.names, f" of {key}" if key else ""
         self._latest: dict[str, dg.EventLogRecord] = {}
@@ -127,6 +132,8 @@ class Recorder:
             if storage_id is not None:  # other storages do not say it, and are asked
                 self._latest[made.asset] = dg.EventLogRecord(storage_id, entry)
         self.made.add(made.asset)
+        if is_skip(made.data_version):
+            self.skipped.add(made.asset)
         return results
 
     def is_recorded(self, made: Made) -> bool:
@@ -147,6 +154,8 @@ class Recorder:
         kind = dg.DagsterEventType.ASSET_CHECK_EVALUATION
         storage = self.instance.event_log_storage
         passed = []
+        if self.skipped:  # so that those before are seen
+            self._forget_planned_checks()
         try:
             for result in results:
                 evaluation = self._evaluation(result)
@@ -158,9 +167,19 @@ class Recorder:
                 asset = self._names.asset_of(evaluation.asset_key)
                 message = f"Check {evaluation.check_name} of {asset}{self._of} {outcome}."
                 self.instance.handle_new_event(self._entry(kind, evaluation, message))
+            self._forget_planned_checks()
         finally:  # also those before one that cannot be made
             if isinstance(storage, SqlEventLogStorage):
                 record_passed(storage, passed)
+
+    def _forget_planned_checks(self) -> None:
+        """Drop what Dagster has noted of checks that the run is to make: if another recording fails, what is without result is red."""
+        storage, table = self.instance.event_log_storage, AssetCheckExecutionsTable
+        is_range = isinstance(self._context, RunStep) and self._is_planned
+        if is_range and isinstance(storage, SqlEventLogStorage):
+            ours = table.c.run_id == self.run_id, table.c.partition == self.key
+            with storage.index_connection() as connection:
+                connection.execute(table.delete().where(*ours, table.c.execution_status == _PLANNED))
 
     @contextmanager
     def giving_up(self, begun: Collection[str]) -> Iterator[None]:
@@ -191,7 +210,7 @@ class Recorder:
     def _give_up(self, asset: str, why: str) -> None:
         key, partition, kinds = self._names.key(asset), self.key or None, dg.DagsterEventType
         message = f"{asset}{self._of} was not made"
-        if not isinstance(self._context, dg.AssetExecutionContext):
+        if not self._is_planned:
             # By the end of the run, it has failed. Dagster records it beforehand of each asset of a step; here it would be a
             # tenth of what is kept of a recording.
             planned = AssetMaterializationPlannedData(key, partition=partition)

@@ -6,7 +6,7 @@ read it is cheap beside a run.
 
 import os
 import time
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from contextlib import closing, suppress
 from queue import Empty, SimpleQueue
@@ -18,12 +18,12 @@ import dagster as dg
 from bagassets.base.errors import BagAssetsError
 from bagassets.base.quantities import count_text, readable_bytes
 from bagassets.base.trace import span
-from bagassets.defs.records.instance_plan import Touched
 from bagassets.defs.records.recorder import Made, Recorder
 from bagassets.defs.records.reporting import BAG_CODE_VERSION, bag_metadata
 from bagassets.defs.records.workspace import Workspace
 from bagassets.engine.build_report import Event
 from bagassets.engine.first_pass import only_reader
+from bagassets.engine.plan import Recorded
 from bagassets.recordings.digest import (
     RecordingDigest,
     RecordingStat,
@@ -41,7 +41,7 @@ _Read = tuple[RecordingStat, RecordingDigest, float]  # status before, digest, s
 def record_touched(
     instance: dg.DagsterInstance,
     workspace: Workspace,
-    touched: Mapping[str, Touched],
+    touched: Mapping[RecordingFiles, Recorded],
     jobs: int,
     on_event: Callable[[Event], None],
 ) -> dict[str, float]:
@@ -52,7 +52,7 @@ def record_touched(
     Args:
         instance: where `bag` is recorded.
         workspace: recipe, index and recordings.
-        touched: see `find_touched`.
+        touched: recordings of which only the time seems to have changed -> the latest record of `bag`.
         jobs: processors that may be used.
         on_event: called now and then while recordings are read.
 
@@ -67,30 +67,29 @@ def record_touched(
     same = {}
     with (
         span("read touched", recordings=len(touched)),
-        closing(_read(touched, workspace, jobs, on_event)) as found,
+        closing(_read([*touched], workspace, jobs, on_event)) as found,
     ):
-        for key, stat, digest, seconds in found:
-            recording, recorded = touched[key]
-            if digest.digest != recorded.data_version:
+        for recording, stat, digest, seconds in found:
+            if digest.digest != touched[recording].data_version:
                 continue
-            if stat != recorded.stat:
+            if stat != touched[recording].stat:
                 about = "Recorded without a run: only the time of its files had changed."
                 metadata = bag_metadata(recording, stat, digest)
                 made = Made("bag", digest.digest, BAG_CODE_VERSION, metadata, {}, about)
-                Recorder(instance, workspace, key).record(made)
-            same[key] = seconds
+                Recorder(instance, workspace, recording.key).record(made)
+            same[recording.key] = seconds
     return same
 
 
 def _read(
-    touched: Mapping[str, Touched], workspace: Workspace, jobs: int, on_event: Callable[[Event], None]
-) -> Generator[tuple[str, RecordingStat, RecordingDigest, float], None, None]:
-    """Yield key, status before, digest and seconds of each recording that could be read, as soon as it has been.
+    touched: Sequence[RecordingFiles], workspace: Workspace, jobs: int, on_event: Callable[[Event], None]
+) -> Generator[tuple[RecordingFiles, RecordingStat, RecordingDigest, float], None, None]:
+    """Yield each recording that could be read, its status before, digest and seconds, as soon as it has been.
 
     Several are read at a time; now and then `on_event` is told how far all are.
     """
     index, store = workspace.index, workspace.store
-    size, read = sum(one.recording.size for one in touched.values()), 0
+    size, read = sum(one.size for one in touched), 0
     mutex, stopped = Lock(), Flag()
     ended: SimpleQueue[Future[_Read]] = SimpleQueue()
 
@@ -112,10 +111,10 @@ def _read(
     threads = jobs * _SHARE_A_PROCESSOR if jobs >= (os.cpu_count() or 1) > 1 else max(1, jobs)
     with ThreadPoolExecutor(threads) as pool:
         # The last first: what is made ahead of a build (`made_ahead`) begins with the first.
-        keys = {pool.submit(digest_of, touched[key].recording): key for key in reversed(list(touched))}
-        for future in keys:
+        reads = {pool.submit(digest_of, one): one for one in reversed(touched)}
+        for future in reads:
             future.add_done_callback(ended.put)
-        left, show_s = len(keys), time.monotonic() + _SHOW_EVERY_S
+        left, show_s = len(reads), time.monotonic() + _SHOW_EVERY_S
         try:
             while left:
                 if (now_s := time.monotonic()) >= show_s:
@@ -127,7 +126,7 @@ def _read(
                 with suppress(Empty, BagAssetsError):
                     future = ended.get(timeout=show_s - now_s)
                     left -= 1
-                    yield keys[future], *future.result()
+                    yield reads[future], *future.result()
         except BaseException:
             stopped.set()
             pool.shutdown(wait=False, cancel_futures=True)

@@ -15,6 +15,7 @@ from pydantic import PrivateAttr
 
 from bagassets.base.lock_files import LockFile
 from bagassets.defs.records.fence import refuse_if_ended, run_has_ended
+from bagassets.defs.records.run_step import RunStep
 
 _POLL_S = 0.2
 ASKS_PER_LOOK = 5
@@ -97,10 +98,10 @@ class RecordingLock(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps
         Raises:
             RunEndedError: this run has ended meanwhile.
         """
-        self._held.enter_context(self.hold(context, context.partition_key))
+        self._held.enter_context(self.hold(RunStep.of(context), context.partition_key))
 
     @contextmanager
-    def hold(self, context: dg.OpExecutionContext | dg.AssetExecutionContext, key: str) -> Iterator[None]:
+    def hold(self, step: RunStep, key: str) -> Iterator[None]:
         """Wait until no other run on this machine works on a recording, and hold it for a while.
 
         Raises:
@@ -111,15 +112,15 @@ class RecordingLock(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps
         def keep_waiting(asked: int) -> bool:
             # Where each step is a process, one of this run may hold it, or the worker that waits for all of them; they
             # make nothing twice.
-            if _holder(folder, key) == context.run.run_id:
+            if _holder(folder, key) == step.run_id:
                 return False
             if asked == 0:
-                context.log.info("Waiting for another run of %s to end.", key)
+                step.log(f"Waiting for another run of {key} to end.")
             # An interrupt raises.
-            return bool(asked % ASKS_PER_LOOK) or not holder_has_ended(context.instance, folder, key)
+            return bool(asked % ASKS_PER_LOOK) or not holder_has_ended(step.instance, folder, key)
 
-        with exclusive(folder, key, keep_waiting=keep_waiting, holder=context.run.run_id):
-            refuse_if_ended(context.instance, context.run.run_id)
+        with exclusive(folder, key, keep_waiting=keep_waiting, holder=step.run_id):
+            refuse_if_ended(step.instance, step.run_id)
             yield
 
     def teardown_after_execution(self, context: dg.InitResourceContext) -> None:  # noqa: ARG002  (Dagster's)

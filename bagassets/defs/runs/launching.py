@@ -6,8 +6,9 @@ says nothing: so any launcher of Dagster's, or of a stranger, may stand in `dags
 """
 
 from collections.abc import Collection
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, get_args, get_type_hints
 
 import dagster as dg
 
@@ -23,6 +24,8 @@ from bagassets.defs.records.projects import configured_recipe
 from bagassets.forkserver.server_files import last_lines
 
 _LAST_LINES = 30
+# Texts and whole numbers may be given as `{env: NAME}`.
+_KINDS: dict[Any, Any] = {str: dg.StringSource, int: dg.IntSource, float: float, tuple[str, ...]: [str]}
 
 
 class Launching:
@@ -49,18 +52,41 @@ class Launching:
         return []
 
 
-class ConfiguredLauncher(Launching, RunLauncher[T_DagsterInstance], ConfigurableClass):
-    """A launcher whose constructor takes what `dagster.yaml` gives, and whose runs may be checked by run monitoring.
+@dataclass(frozen=True, kw_only=True)
+class LauncherSettings:
+    """What `config` of a launcher in `dagster.yaml` may say; all of it has a default.
 
-    Args:
-        inst_data: the configuration that it was made from.
+    Attributes:
         recipe: recipe of the project, for code locations that name none; default: that of the environment.
     """
 
-    def __init__(self, inst_data: ConfigurableClassData | None, recipe: str | None) -> None:
+    recipe: str | None = None
+
+
+class ConfiguredLauncher(Launching, RunLauncher[T_DagsterInstance], ConfigurableClass):
+    """A launcher with settings from `dagster.yaml`, whose runs may be checked by run monitoring.
+
+    Args:
+        inst_data: the configuration that it was made from.
+        config: the fields of its settings that are given.
+
+    Attributes:
+        settings_type: a dataclass, from which Dagster learns what `config` may hold.
+        settings: one of these.
+    """
+
+    settings_type: type[LauncherSettings] = LauncherSettings
+    settings: LauncherSettings
+
+    def __init__(self, inst_data: ConfigurableClassData | None = None, **config: Any) -> None:
         self._inst_data = inst_data
-        self._recipe = recipe
+        self.settings = self.settings_type(**config)
         super().__init__()  # type: ignore[no-untyped-call]  # Dagster's mixin has no annotations
+
+    @classmethod
+    def config_type(cls) -> dict[str, dg.Field]:
+        """Return the fields of `config` in `dagster.yaml`."""
+        return config_fields(cls.settings_type)
 
     @property
     def inst_data(self) -> ConfigurableClassData | None:
@@ -80,7 +106,7 @@ class ConfiguredLauncher(Launching, RunLauncher[T_DagsterInstance], Configurable
 
     @property
     def _recipe_file(self) -> Path | None:
-        found = configured_recipe(self._recipe)
+        found = configured_recipe(self.settings.recipe)
         return None if found is None else found.absolute()
 
     def _refuse_to_cancel(self, run: dg.DagsterRun, why: str) -> bool:
@@ -90,9 +116,21 @@ class ConfiguredLauncher(Launching, RunLauncher[T_DagsterInstance], Configurable
         return False
 
 
-def optional_fields(kind: Any, *names: str) -> dict[str, dg.Field]:
-    """Return fields of a launcher's `config` in `dagster.yaml` that may be left out, all of one kind."""
-    return {name: dg.Field(kind, is_required=False) for name in names}
+def config_fields(settings: type) -> dict[str, dg.Field]:
+    """Return the fields of `config` in `dagster.yaml` for a dataclass of settings; all may be left out.
+
+    Their kinds follow from the types. Another one stands in the metadata of a field, as `kind`.
+    """
+    types = get_type_hints(settings)
+    kinds = {
+        one.name: one.metadata["kind"] if "kind" in one.metadata else _kind_of(types[one.name])
+        for one in fields(settings)
+    }
+    return {name: dg.Field(kind, is_required=False) for name, kind in kinds.items()}
+
+
+def _kind_of(hint: Any) -> Any:
+    return _KINDS[hint if hint in _KINDS else get_args(hint)[0]]  # the type of `… | None`
 
 
 def last_words(log: Path) -> str:

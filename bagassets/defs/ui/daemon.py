@@ -4,9 +4,9 @@ Dagster's own looks every 30 seconds, twice for a *Materialize all*: before its 
 """
 
 from bagassets.defs.dagster_private import cli, controller
-from bagassets.defs.ui.parent import end_with_parent
+from bagassets.defs.ui.parent import end_after, end_with_parent
 
-BACKFILL_POLL_S = 5
+BACKFILL_POLL_S = 2
 _INTERVAL = "DEFAULT_DAEMON_INTERVAL_SECONDS"
 
 
@@ -18,4 +18,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    end_after(main)

@@ -20,7 +20,7 @@ import yaml
 from dagster import DagsterInstance, serialize_value
 
 from bagassets.defs.dagster_private import ProxyServerManager, WorkspaceFileTarget, configure_loggers
-from bagassets.defs.ui.parent import end_with_parent
+from bagassets.defs.ui.parent import end_after, end_with_parent
 from bagassets.defs.ui.webserver import web_server
 
 _LOG = logging.getLogger("dagster")
@@ -99,4 +99,4 @@ def _end(server: uvicorn.Server, daemon: "subprocess.Popen[bytes]", parent_is_go
 
 
 if __name__ == "__main__":
-    main()
+    end_after(main)

@@ -2,7 +2,10 @@
 
 import os
 import signal
+import sys
 import threading
+from collections.abc import Callable
+from typing import NoReturn
 
 _STDIN = 0
 
@@ -23,3 +26,15 @@ def end_with_parent() -> threading.Event:
 
     threading.Thread(target=wait, daemon=True).start()
     return is_gone
+
+
+def end_after(main: Callable[[], None]) -> NoReturn:
+    """Run `main`, and end the process at once: gRPC would take six seconds to end where nothing is left to be ended."""
+    code: object = 0
+    try:
+        main()
+    except SystemExit as end:
+        code = end.code
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code if isinstance(code, int) else bool(code))

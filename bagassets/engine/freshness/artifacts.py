@@ -16,7 +16,8 @@ from bagassets.base.fingerprints import PlanNeeded, Signature, signature
 
 # No more artifacts than about this are checked at a time.
 MOST_CHECKED = 10_000
-_SIZE = 32
+SIZE = 32
+"""Bytes of a digest."""
 
 Group = tuple[str, int, Signature, str]
 """First byte in hex, number of artifacts, signature of the group's folder, fingerprint of its artifacts."""
@@ -40,11 +41,11 @@ def artifacts_fingerprint(root: str, digests: bytes) -> str:
     Raises:
         PlanNeeded: an artifact is missing.
     """
-    hasher = blake2b(digest_size=_SIZE)
+    hasher = blake2b(digest_size=SIZE)
     stat = os.stat
     names = digests.hex()
-    for start in range(0, len(names), 2 * _SIZE):
-        path = f"{root}/{names[start : start + 2]}/{names[start : start + 2 * _SIZE]}"
+    for start in range(0, len(names), 2 * SIZE):
+        path = f"{root}/{names[start : start + 2]}/{names[start : start + 2 * SIZE]}"
         try:
             manifest, files = stat(f"{path}/manifest.json"), stat(f"{path}/files")
         except OSError as err:
@@ -53,6 +54,23 @@ def artifacts_fingerprint(root: str, digests: bytes) -> str:
             b"%d %d %d %d;" % (manifest.st_ino, manifest.st_ctime_ns, files.st_ino, files.st_ctime_ns)
         )
     return hasher.hexdigest()
+
+
+def marks_of(root: str, digests: bytes) -> bytes:
+    """Return 8 bytes for each artifact that change when it gains or loses files, or its manifest is replaced.
+
+    Raises:
+        PlanNeeded: an artifact is missing.
+    """
+    ends = range(SIZE, len(digests) + 1, SIZE)
+    return b"".join(
+        bytes.fromhex(artifacts_fingerprint(root, digests[end - SIZE : end])[:16]) for end in ends
+    )
+
+
+def folders_of(root: str) -> dict[str, Signature]:
+    """Return the signatures of the 256 folders in which artifacts are, by the first byte of their digests."""
+    return {name: signature(f"{root}/{name}") for name in (f"{number:02x}" for number in range(256))}
 
 
 def groups_of(root: str, digests: bytes) -> list[Group]:
@@ -70,11 +88,11 @@ def groups_of(root: str, digests: bytes) -> list[Group]:
     while start < len(digests):
         end = start
         while end < len(digests) and digests[end] == digests[start]:
-            end += _SIZE
+            end += SIZE
         name = digests[start : start + 1].hex()
         # The folder first: an artifact added or removed meanwhile then shows next time.
         folder = signature(f"{root}/{name}")
-        groups.append((name, (end - start) // _SIZE, folder, artifacts_fingerprint(root, digests[start:end])))
+        groups.append((name, (end - start) // SIZE, folder, artifacts_fingerprint(root, digests[start:end])))
         start = end
     return groups
 
@@ -85,13 +103,13 @@ def check_groups(root: str, digests: bytes, groups: list[Group]) -> None:
     Raises:
         PlanNeeded: one has changed.
     """
-    total = len(digests) // _SIZE
+    total = len(digests) // SIZE
     if total != sum(number for _, number, _, _ in groups):
         raise PlanNeeded("the list of artifacts is damaged")
     share = min(1.0, MOST_CHECKED / max(total, 1))
     start = 0
     for name, number, folder, fingerprint in groups:
-        end = start + number * _SIZE
+        end = start + number * SIZE
         path = f"{root}/{name}"
         # No secret is at stake: any groups will do, as long as they differ from time to time.
         is_due = share == 1.0 or signature(path) != folder or random.random() < share

@@ -1,19 +1,21 @@
 """The last plan of each recording, so that the next one examines only those that changed.
 
-Only recordings with nothing to do are kept. A cached plan holds while the fingerprints of the recording and of its
-artifacts stay the same; otherwise the planner decides.
+Only recordings with nothing to do are kept. A cached plan holds while the fingerprint of the recording and its artifacts
+stay the same; otherwise the planner decides.
 """
 
 import json
 import os
+import random
 from collections.abc import Iterable, Mapping
-from typing import Any, NamedTuple
+from hashlib import blake2b
+from typing import NamedTuple
 
 from bagassets.base.cache import Cache, Changes
-from bagassets.base.fingerprints import PlanNeeded, digest_lines, signature
-from bagassets.engine.freshness.artifacts import artifacts_fingerprint, packed
+from bagassets.base.fingerprints import PlanNeeded, Signature, digest_lines, signature
+from bagassets.engine.freshness.artifacts import MOST_CHECKED, SIZE, folders_of, marks_of, packed
 
-_KIND = "recording"
+_KIND, _FOLDERS = "recording", "folders"
 
 
 class RecordingFingerprint(NamedTuple):
@@ -34,14 +36,21 @@ class CachedPlan(NamedTuple):
     """The plan of a recording with nothing to do.
 
     Attributes:
-        recording_fingerprint: fingerprint of the recording.
-        artifacts_fingerprint: fingerprint of its artifacts.
-        plan: the plan, as JSON.
+        fingerprint: of the recording.
+        made: digests of the artifacts that it rests on, 32 bytes each.
+        marks: what changes with these, 8 bytes each.
+        row: the plan, encoded.
     """
 
-    recording_fingerprint: RecordingFingerprint
-    artifacts_fingerprint: str
-    plan: Any
+    fingerprint: RecordingFingerprint
+    made: bytes
+    marks: bytes
+    row: bytes
+
+    @property
+    def mark(self) -> bytes:
+        """What changes with the recording, its artifacts, the code and the recipe."""
+        return blake2b(repr(self[:3]).encode(), digest_size=16).digest()
 
 
 def recording_fingerprint(
@@ -70,52 +79,96 @@ def recording_fingerprint(
 class PlanCache:
     """The cached plans of a state folder.
 
+    The artifacts of those that hold are all checked as long as there are few. Of many only those are whose folder in the store
+    has gained or lost artifacts since a plan looked at all recordings, and a random sample; see `freshness.artifacts`.
+
     Args:
         state: the state folder.
         artifacts: folder of the artifacts in the store.
+        thorough: check all artifacts in any case.
     """
 
-    def __init__(self, state: str | os.PathLike[str], artifacts: str | os.PathLike[str]) -> None:
+    def __init__(
+        self, state: str | os.PathLike[str], artifacts: str | os.PathLike[str], *, thorough: bool = True
+    ) -> None:
         self._cache = Cache(state)
         self._artifacts = os.fspath(artifacts)
+        self._thorough = thorough
+        self._folders: dict[str, Signature] = {}
+        self._folders_before: dict[str, Signature] = {}
+        self._suspects: frozenset[int] = frozenset(range(256))
 
     def load(self) -> dict[str, CachedPlan]:
         """Return partition key -> cached plan; empty if the cache cannot be read."""
+        # First: what comes or goes from now on then shows next time.
+        self._folders = folders_of(self._artifacts)
         try:
-            entries = {key: json.loads(text) for key, text in self._cache.all(_KIND).items()}
+            found = {key: _read(content) for key, content in self._cache.all(_KIND).items()}
+            self._folders_before = json.loads(self._cache.all(_FOLDERS).get("", b"{}"))
         except PlanNeeded:
             return {}
-        return {
-            key: CachedPlan(RecordingFingerprint(*fingerprint), artifacts, plan)
-            for key, (fingerprint, artifacts, plan) in entries.items()
-        }
+        share = MOST_CHECKED / max(1, sum(len(one.made) for one in found.values()) // SIZE)
+        self._suspects = frozenset(
+            int(name, 16)
+            for name, now in self._folders.items()
+            if self._thorough or self._folders_before.get(name) != now or random.random() < share
+        )
+        return found
 
-    def holds(self, entry: CachedPlan, artifacts: Iterable[str]) -> bool:
-        """Return whether the artifacts of a recording are unchanged."""
+    def holds(self, entry: CachedPlan) -> bool:
+        """Return whether the artifacts of a recording are unchanged, as far as they are checked."""
+        made, suspects = entry.made, self._suspects
+        if suspects.isdisjoint(made[::SIZE]):
+            return True
+        starts = [start for start in range(0, len(made), SIZE) if made[start] in suspects]
         try:
-            now = artifacts_fingerprint(self._artifacts, packed(artifacts))
+            now = marks_of(self._artifacts, b"".join(made[start : start + SIZE] for start in starts))
         except PlanNeeded:
             return False
-        return now == entry.artifacts_fingerprint
+        before = (entry.marks[start // 4 : start // 4 + 8] for start in starts)
+        return now == b"".join(before)
 
     def save(
-        self, plans: Mapping[str, tuple[RecordingFingerprint, Any, Iterable[str]]], gone: Iterable[str]
+        self,
+        plans: Mapping[str, tuple[RecordingFingerprint, bytes, Iterable[str]]],
+        gone: Iterable[str],
+        *,
+        all_checked: bool = False,
     ) -> None:
         """Store plans and drop others; if that fails, the next plan examines these recordings.
 
         Args:
-            plans: partition key -> fingerprint of the recording, its plan as JSON, and the digests of the artifacts
-                that the plan rests on.
+            plans: partition key -> fingerprint of the recording, its plan, encoded, and the digests of the artifacts that the
+                plan rests on.
             gone: partition keys to drop.
+            all_checked: all other plans in the cache hold.
         """
         changes = Changes()
         for key in gone:
             changes.drop(_KIND, key)
-        for key, (fingerprint, plan, artifacts) in plans.items():
+        for key, (fingerprint, row, artifacts) in plans.items():
+            made = packed(artifacts)
             try:
-                entry = [fingerprint, artifacts_fingerprint(self._artifacts, packed(artifacts)), plan]
+                marks = marks_of(self._artifacts, made)
             except PlanNeeded:
                 changes.drop(_KIND, key)
             else:
-                changes.put(_KIND, key, json.dumps(entry, separators=(",", ":")).encode())
+                changes.put(_KIND, key, _written(CachedPlan(fingerprint, made, marks, row)))
+        if all_checked and self._folders != self._folders_before:
+            changes.put(_FOLDERS, "", json.dumps(self._folders).encode())
         self._cache.write(changes)
+
+
+def _written(plan: CachedPlan) -> bytes:
+    files, bag, rest = plan.fingerprint
+    head = f"{files} {'' if bag is None else bag} {rest} {len(plan.made)}\n".encode()
+    return b"".join((head, plan.made, plan.marks, plan.row))
+
+
+def _read(content: bytes) -> CachedPlan:
+    head, _, body = content.partition(b"\n")
+    files, bag, rest, size = head.decode().split(" ")
+    made = int(size)
+    marked = made + made // 4
+    fingerprint = RecordingFingerprint(files, int(bag) if bag else None, rest)
+    return CachedPlan(fingerprint, body[:made], body[made:marked], body[marked:])

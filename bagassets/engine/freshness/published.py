@@ -13,12 +13,14 @@ import json
 import os
 import random
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from typing import TypedDict
 
 from bagassets.base.cache import Cache, Changes
 from bagassets.base.fingerprints import PlanNeeded, Signature, signature
+from bagassets.base.json_types import Json
 
-_HEAD, _LINKS = "published", "links"
+_HEAD, _LINKS, _GROUPS = "published", "links", "groups"
 # Lists of links are stored in pieces of about this size, some six hundred links, which are checked in a millisecond.
 _PIECE_BYTES = 1 << 16
 # Changes are written whenever they exceed this size.
@@ -48,14 +50,14 @@ class _Head(TypedDict):
 class Publication:
     """The record of one dataset's files.
 
-    Args:
+    Attributes:
         state: the state folder.
         asset: the dataset.
     """
 
     def __init__(self, state: str | os.PathLike[str], asset: str) -> None:
+        self.state, self.asset = state, asset
         self._cache = Cache(state)
-        self._asset = asset
 
     @property
     def root(self) -> str | None:
@@ -121,12 +123,22 @@ class Publication:
             self._put_head({**head, "files": files, "folders": folders})
         return True
 
+    def groups(self) -> Json:
+        """Return what is on record of groups of recordings, which only holds while no file has changed; None without it."""
+        try:
+            (content,) = self._cache.get(_GROUPS, self.asset)
+        except PlanNeeded:
+            return None
+        return json.loads(content)
+
     def write(
         self,
         root: str | os.PathLike[str],
         files: Mapping[str, str],
         links: Mapping[str, Callable[[], Iterable[str]]],
         suspects: frozenset[str] | None,
+        gone: AbstractSet[str] | None = None,
+        groups: object = None,
     ) -> None:
         """Record a dataset that was just published; if that fails, the next build checks it in full.
 
@@ -135,21 +147,30 @@ class Publication:
             files: name -> digest of each written file.
             links: name of a recording's part -> function that returns its links, called only if they are not on record.
             suspects: result of an earlier `changed_files`; None has all links checked again.
+            gone: parts that may be no more; the others on record stay. None: only those in `links` stay.
+            groups: what is to be on record of groups of recordings, as JSON.
         """
         root = os.fspath(root)
         changes = Changes()
         try:
-            before = self._head()["lists"]
+            head = self._head()
         except PlanNeeded:
-            before = {}
-            changes.drop_below(_LINKS, self._asset)
+            if gone is not None:
+                return  # of the others nothing is on record any more
+            head = _Head(root=root, files={}, digests={}, folders={}, lists={})
+            changes.drop_below(_LINKS, self.asset)
+        before = head["lists"]
         # If the process is killed from here on, nothing is on record.
-        changes.drop(_HEAD, self._asset)
+        changes.drop(_HEAD, self.asset)
         if not self._cache.write(changes):
             return
         changes = Changes()
+        changes.put(_GROUPS, self.asset, json.dumps(groups).encode())
         lists: dict[str, list[int]] = {}
         folders: set[bytes] = set()
+        if gone is not None:
+            lists = {part: sizes for part, sizes in before.items() if part not in gone}
+            folders = {os.fsencode(name) for name in head["folders"] if os.path.isdir(f"{root}/{name}")}
         try:
             with self._cache.kept_open():
                 for part, names in links.items():
@@ -199,7 +220,7 @@ class Publication:
                     head["lists"][part] = self._put_list(changes, part, distrusted, sizes)
         except PlanNeeded:
             changes = Changes()
-            changes.drop(_HEAD, self._asset)
+            changes.drop(_HEAD, self.asset)
             self._cache.write(changes)
             return
         files = dict.fromkeys(head["files"], _NEVER)
@@ -214,17 +235,17 @@ class Publication:
         Raises:
             PlanNeeded: there is none.
         """
-        (content,) = self._cache.get(_HEAD, self._asset)
+        (content,) = self._cache.get(_HEAD, self.asset)
         head: _Head = json.loads(content)
         return head
 
     def _put_head(self, head: _Head, changes: Changes | None = None) -> None:
         changes = changes or Changes()
-        changes.put(_HEAD, self._asset, json.dumps(head).encode())
+        changes.put(_HEAD, self.asset, json.dumps(head).encode())
         self._cache.write(changes)
 
     def _piece(self, part: str, number: int) -> str:
-        return f"{self._asset}/{part}/{number}"
+        return f"{self.asset}/{part}/{number}"
 
     def _put_list(self, changes: Changes, part: str, lines: list[bytes], before: Sequence[int]) -> list[int]:
         """Write a list in place of one of `before` pieces, and return the size of each piece in bytes."""

@@ -94,13 +94,29 @@ def file_sizes(dataroot: Path) -> dict[str, int]:
     return sizes
 
 
-def read_dataset(dataroot: Path, version: str, most_bytes: int = MOST_BYTES) -> DatasetRows:
+def number_of_files(dataroot: Path) -> int:
+    """Return the number of files, none of which is looked at, in `samples`, `sweeps` and `maps`, and in their folders.
+
+    A folder in one of these counts as one.
+    """
+    number = 0
+    for name in ("samples", "sweeps", "maps"):
+        with suppress(FileNotFoundError), os.scandir(f"{dataroot}/{name}") as entries:
+            for entry in entries:
+                number += len(os.listdir(entry.path)) if entry.is_dir() else 1  # noqa: PTH208  (half a million names)
+    return number
+
+
+def read_dataset(
+    dataroot: Path, version: str, most_bytes: int = MOST_BYTES, doubted: AbstractSet[str] = frozenset()
+) -> DatasetRows:
     """Read the tables of a dataset written by bagassets.
 
     Args:
         dataroot: folder of samples, sweeps and maps.
         version: name of the version folder.
         most_bytes: of larger tables, the rows of evenly spaced recordings are read, as many as fit.
+        doubted: tokens of logs of recordings that are read instead of these, if there are any.
 
     Raises:
         DatasetError: a table is missing or cannot be read.
@@ -116,7 +132,8 @@ def read_dataset(dataroot: Path, version: str, most_bytes: int = MOST_BYTES) -> 
         tables = {name: read_table(folder, name) for name in TABLES}
         return DatasetRows(dataroot, version, tables, names, len(logs), len(logs), rigs)
     step = max(1, -(-size // most_bytes))
-    chosen = {str(row["token"]) for row in logs[::step]}
+    candidates = [row for row in logs if row["token"] in doubted] or logs[::step]
+    chosen = {str(row["token"]) for row in candidates[: -(-len(logs) // step)]}
     rows = {name: read_table(folder, name) for name in SHARED_TABLES}
     kept = [row for row in scenes if row["log_token"] in chosen]
     rows |= {"log": logs, **rows_of_scenes(kept, partial(_chosen, folder))}

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from pathlib import Path
+from typing import NamedTuple
 
 from bagassets.assets.quality.finding import Finding
 from bagassets.formats.nuscenes.dataset_rows import DatasetRows
@@ -27,24 +28,79 @@ Tables = Mapping[str, Sequence[Row]]
 
 def devkit_ready(rows: DatasetRows) -> Finding:
     """Check what the devkit asserts or silently relies on, and what its users take for granted."""
-    dataroot, tables = rows.dataroot, rows.tables
-    problems = [
-        *_map(dataroot, tables),
-        *_readings(tables),
-        *_point_files(rows),
-        *_geometry(tables),
-        *_annotations(tables),
-        *_splits(rows.folder / SPLITS, rows.scenes),
-    ]
-    present = _channels_of_samples(tables)
-    lacking = _lacking_channels(rows, present)
+    problems = [*whole_problems(rows.folder, rows.tables["map"], rows.scenes), *row_problems(rows)]
+    return channels_found(*held_channels(rows), len(rows.scenes), problems)
+
+
+def whole_problems(folder: Path, maps: Sequence[Row], scenes: AbstractSet[str]) -> list[str]:
+    """Return what is wrong with the map and the splits of a dataset, given its version folder and its scenes."""
+    return [*_map(folder.parent, maps), *_splits(folder / SPLITS, scenes)]
+
+
+def row_problems(rows: DatasetRows) -> Iterator[str]:
+    """Yield what is wrong with rows of recordings and their files."""
+    yield from _readings(rows.tables)
+    yield from _point_files(rows)
+    yield from _geometry(rows.tables)
+    yield from _annotations(rows.tables)
+
+
+class Held(NamedTuple):
+    """Samples of one rig with keyframes of the same channels.
+
+    Attributes:
+        rig: the rig.
+        channels: the channels, sorted.
+        samples: number of samples.
+        first: token of the first one.
+    """
+
+    rig: str
+    channels: Sequence[str]
+    samples: int
+    first: str
+
+
+def held_channels(rows: DatasetRows) -> tuple[list[Held], dict[str, set[str]]]:
+    """Return which channels samples have, in the order of their first samples, and rig -> channels of its recordings.
+
+    Recordings of one rig are compared, so that a camera that was off for a whole recording is noticed.
+    """
+    tables = rows.tables
+    rig_of_log = {row["token"]: rows.rigs.get(row["logfile"], row["token"]) for row in tables["log"]}
+    rig_of_scene = {row["token"]: rig_of_log.get(row["log_token"], "") for row in tables["scene"]}
+    rig_of = {row["token"]: rig_of_scene.get(row["scene_token"], "") for row in tables["sample"]}
+    channels = _channel_of(tables)
+    of_rigs: dict[str, set[str]] = {}
+    for row in tables["sample_data"]:
+        rig = rig_of.get(row["sample_token"], "")
+        of_rigs.setdefault(rig, set()).add(channels.get(row["calibrated_sensor_token"], ""))
+    alike: dict[tuple[str, tuple[str, ...]], list[str]] = {}
+    for token, held in _channels_of_samples(tables).items():
+        alike.setdefault((rig_of[token], tuple(sorted(held))), []).append(token)
+    return [Held(rig, held, len(tokens), tokens[0]) for (rig, held), tokens in alike.items()], of_rigs
+
+
+def channels_found(
+    held: Sequence[Held], of_rigs: Mapping[str, AbstractSet[str]], scenes: int, problems: Sequence[str]
+) -> Finding:
+    """Return what is to be said of channels, and of problems.
+
+    Args:
+        held: see `held_channels`.
+        of_rigs: see `held_channels`.
+        scenes: number of scenes.
+        problems: what else is wrong.
+    """
+    lacking = [(one, sorted(of_rigs.get(one.rig, frozenset()) - {*one.channels})) for one in held]
+    lacking = [(one, names) for one, names in lacking if names]
     facts = {
-        "scenes": len(rows.scenes),
+        "scenes": scenes,
         # The devkit's evaluation and renderers name this channel.
-        "samples_without_LIDAR_TOP": sum("LIDAR_TOP" not in channels for channels in present.values()),
-        "samples_lacking_a_channel": len(lacking),
+        "samples_without_LIDAR_TOP": sum(one.samples for one in held if "LIDAR_TOP" not in one.channels),
+        "samples_lacking_a_channel": sum(one.samples for one, _ in lacking),
     }
-    return Finding(problems, facts, _lacking_sentences(lacking, present))
+    return Finding(problems, facts, _lacking_sentences(lacking, sum(one.samples for one in held)))
 
 
 def _channels_of_samples(tables: Tables) -> dict[str, set[str]]:
@@ -63,35 +119,18 @@ def _channel_of(tables: Tables) -> dict[str, str]:
     return {row["token"]: names.get(row["sensor_token"], "") for row in tables["calibrated_sensor"]}
 
 
-def _lacking_channels(rows: DatasetRows, held: Mapping[str, AbstractSet[str]]) -> dict[str, list[str]]:
-    """Return sample token -> channels that it lacks though other samples of its rig have them.
-
-    Recordings of one rig are compared, so that a camera that was off for a whole recording is noticed.
-    """
-    tables = rows.tables
-    rig_of_log = {row["token"]: rows.rigs.get(row["logfile"], row["token"]) for row in tables["log"]}
-    rig_of_scene = {row["token"]: rig_of_log.get(row["log_token"], "") for row in tables["scene"]}
-    rig_of = {row["token"]: rig_of_scene.get(row["scene_token"], "") for row in tables["sample"]}
-    channels = _channel_of(tables)
-    of_rig: dict[str, set[str]] = {}
-    for row in tables["sample_data"]:
-        rig = rig_of.get(row["sample_token"], "")
-        of_rig.setdefault(rig, set()).add(channels.get(row["calibrated_sensor_token"], ""))
-    lacking = {token: sorted(of_rig.get(rig_of[token], set()) - has) for token, has in held.items()}
-    return {token: names for token, names in lacking.items() if names}
-
-
-def _lacking_sentences(
-    lacking: Mapping[str, Sequence[str]], held: Mapping[str, AbstractSet[str]]
-) -> list[str]:
+def _lacking_sentences(lacking: Sequence[tuple[Held, Sequence[str]]], samples: int) -> list[str]:
     if not lacking:
         return []
-    counts = Counter(name for names in lacking.values() for name in names)
-    by_channel = ", ".join(f"{name} in {number}" for name, number in counts.most_common())
+    counts: Counter[str] = Counter()
+    for one, names in lacking:
+        counts.update(dict.fromkeys(names, one.samples))
+    number = sum(one.samples for one, _ in lacking)
+    by_channel = ", ".join(f"{name} in {times}" for name, times in counts.most_common())
     sentence = (
-        f"{len(lacking)} of {len(held)} samples {'lacks' if len(lacking) == 1 else 'lack'} a channel that other samples of "
+        f"{number} of {samples} samples {'lacks' if number == 1 else 'lack'} a channel that other samples of "
         f"the same rig have, and code that expects every channel in each sample fails on them: {by_channel}; the first is sample "
-        f"{next(iter(lacking))}. `missing: refuse` under "
+        f"{lacking[0][0].first}. `missing: refuse` under "
         "scenes drops single samples, rigs[].required leaves out recordings without the channel"
     )
     return [sentence]
@@ -103,10 +142,10 @@ def _first(what: str, offenders: Sequence[str]) -> Iterator[str]:
         yield f"{what}: {rows} {offenders[0]}"
 
 
-def _map(dataroot: Path, tables: Tables) -> Iterator[str]:
-    if not tables["map"]:
+def _map(dataroot: Path, maps: Sequence[Row]) -> Iterator[str]:
+    if not maps:
         yield "map: has no row, but the devkit opens a map for every log"
-    for row in tables["map"]:
+    for row in maps:
         path = dataroot / row["filename"]
         try:
             with path.open("rb") as stream:

@@ -13,7 +13,7 @@ from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.formats.format import Entry, Format, Link, LooseFiles, Samples
 from bagassets.formats.json_files import column_texts, row_blocks
 from bagassets.formats.nuscenes.dataset_checks import CHECKS, check
-from bagassets.formats.nuscenes.join import join
+from bagassets.formats.nuscenes.join import JOIN
 from bagassets.formats.nuscenes.schema import NAME
 from bagassets.formats.nuscenes.selection import select
 from bagassets.formats.nuscenes.settings import NuScenes
@@ -97,7 +97,7 @@ dataset. `dataset.lock.json` names every recording and artifact, and the recordi
     settings=NuScenes,
     part=NUSCENES_TABLES.name,
     assets=(NUSCENES_TABLES,),
-    join=join,
+    join=JOIN,
     links=_links,
     counts=lambda facts: {what: facts["counts"][what] for what in ("scenes", "samples")},
     row=lambda facts: {"rig": facts["rig"]},

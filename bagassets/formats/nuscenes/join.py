@@ -3,14 +3,13 @@
 import json
 import struct
 import zlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
-from pathlib import Path
 
 from bagassets.base.json_types import JsonObject
 from bagassets.engine.splits import SplitShare
-from bagassets.formats.format import Joined, Member
-from bagassets.formats.json_files import json_bytes, rows_text, write_hashed, write_joined
+from bagassets.formats.format import ByGroups, Facts, Finished, Member
+from bagassets.formats.json_files import json_bytes, rows_text
 from bagassets.formats.nuscenes.schema import RECORDING_TABLES, SPLITS, TABLES, devkit_split_name
 from bagassets.formats.nuscenes.settings import NamedText, NuScenes
 from bagassets.formats.nuscenes.table_file import table_bytes
@@ -26,44 +25,59 @@ from bagassets.formats.nuscenes.tokens import (
 MAP_FILE, MAP_SIZE_PX = "maps/blank.png", 64
 
 
-def join(members: Sequence[Member], settings: NuScenes, shares: Sequence[SplitShare], out: Path) -> Joined:
-    """Write all 13 tables and `splits.json` into an empty folder.
+def _files(settings: NuScenes, splits: Sequence[str]) -> list[str]:
+    del settings, splits
+    return [f"{table}.json" for table in RECORDING_TABLES]
 
-    Memory grows only with the scenes and logs of the recordings, not with their other rows. Without recordings the tables
-    are empty, and the devkit loads them.
 
-    Args:
-        members: recordings in the order of their keys.
-        settings: the recipe's `nuscenes`.
-        shares: shares of the splits, in order of their names.
-        out: the folder.
-    """
-    rows: dict[str, int] = {}
-    folders = [str(member.artifact.files) for member in members]
-    digests: dict[str, str] = {}
-    kept: dict[str, list[bytes]] = {"scene": [], "log": []}
-    for table in RECORDING_TABLES:
-        texts: Iterable[bytes] = (rows_text(f"{folder}/{table}.json") for folder in folders)
-        if table in kept:
-            texts = kept[table] = list(texts)
-        rows[table], digests[f"{table}.json"] = write_joined(out / f"{table}.json", texts)
-    logs = [row["token"] for text in kept["log"] for row in _parsed(text)]
-    for table, shared in _shared(members, logs, settings).items():
-        rows[table] = len(shared)
-        digests[f"{table}.json"] = write_hashed(out / f"{table}.json", table_bytes(table, shared))
-    splits: dict[str, list[str]] = {devkit_split_name(share.name): [] for share in shares}
-    for member, text in zip(members, kept["scene"], strict=True):
-        splits[devkit_split_name(member.split)] += [row["name"] for row in _parsed(text)]
-    digests[SPLITS] = write_hashed(out / SPLITS, json_bytes(splits))
-    facts = {
-        "version": settings.version,
-        "scenes": rows["scene"],
-        "keyframes": rows["sample"],
-        "boxes": rows["sample_annotation"],
-        "rows": {name: rows[name] for name in TABLES},
+def _rows(settings: NuScenes, file: str, member: Member) -> bytes:
+    del settings
+    return rows_text(f"{member.artifact.files}/{file}")
+
+
+def _facts(members: Sequence[Member], settings: NuScenes) -> JsonObject:
+    """Return what the tables that exist once, and `splits.json`, have of some recordings."""
+    logs: list[str] = []
+    scenes: dict[str, list[str]] = {}
+    for member in members:
+        logs += [row["token"] for row in _parsed(_rows(settings, "log.json", member))]
+        names = [row["name"] for row in _parsed(_rows(settings, "scene.json", member))]
+        scenes.setdefault(member.split, []).extend(names)
+    facts = [member.facts for member in members]
+    return {
+        "categories": sorted({name for fact in facts for name in fact["categories"]}),
+        "attributes": sorted({name for fact in facts for name in fact["attributes"]}),
+        "channels": sorted({pair for fact in facts for pair in fact["channels"].items()}),
+        "logs": logs,
+        "scenes": scenes,
     }
-    picture = {MAP_FILE: blank_png(MAP_SIZE_PX, MAP_SIZE_PX)}
-    return Joined(dict(sorted(digests.items())), facts, picture)
+
+
+def _finish(
+    facts: Sequence[Facts], settings: NuScenes, shares: Sequence[SplitShare], rows: Mapping[str, int]
+) -> Finished:
+    """Return the tables that exist once, and `splits.json`. Without recordings the tables are empty, and the devkit loads them."""
+    shared = _shared(facts, settings)
+    numbers = {table: rows[f"{table}.json"] for table in RECORDING_TABLES}
+    numbers |= {table: len(its) for table, its in shared.items()}
+    splits = {
+        devkit_split_name(share.name): [
+            name for group in facts for name in group["scenes"].get(share.name, ())
+        ]
+        for share in shares
+    }
+    return Finished(
+        {f"{table}.json": table_bytes(table, its) for table, its in shared.items()}
+        | {SPLITS: json_bytes(splits)},
+        {
+            "version": settings.version,
+            "scenes": numbers["scene"],
+            "keyframes": numbers["sample"],
+            "boxes": numbers["sample_annotation"],
+            "rows": {name: numbers[name] for name in TABLES},
+        },
+        {MAP_FILE: blank_png(MAP_SIZE_PX, MAP_SIZE_PX)},
+    )
 
 
 def _parsed(text: bytes) -> list[JsonObject]:
@@ -72,13 +86,10 @@ def _parsed(text: bytes) -> list[JsonObject]:
     return rows
 
 
-def _shared(
-    members: Sequence[Member], logs: Sequence[str], settings: NuScenes
-) -> Mapping[str, list[JsonObject]]:
-    facts = [member.facts for member in members]
-    categories = {name for fact in facts for name in fact["categories"]}
-    attributes = {name for fact in facts for name in fact["attributes"]}
-    sensors = {pair for fact in facts for pair in fact["channels"].items()}
+def _shared(facts: Sequence[Facts], settings: NuScenes) -> Mapping[str, list[JsonObject]]:
+    categories = {name for group in facts for name in group["categories"]}
+    attributes = {name for group in facts for name in group["attributes"]}
+    sensors = {(channel, modality) for group in facts for channel, modality in group["channels"]}
     return {
         "category": _named_rows(category_token, settings.categories, categories),
         "attribute": _named_rows(attribute_token, settings.attributes, attributes),
@@ -98,7 +109,7 @@ def _shared(
         "map": [
             {
                 "token": token("map", MAP_FILE),
-                "log_tokens": sorted(logs),
+                "log_tokens": sorted(log for group in facts for log in group["logs"]),
                 "category": "semantic_prior",
                 "filename": MAP_FILE,
             }
@@ -138,3 +149,7 @@ def blank_png(width: int, height: int) -> bytes:
 
 def _png_chunk(kind: bytes, data: bytes) -> bytes:
     return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+
+JOIN = ByGroups(_files, _rows, _facts, _finish)
+"""All 13 tables and `splits.json`."""

@@ -82,6 +82,19 @@ def check_dataset_files(dataroot: Path, version: str, tables: Tables, sizes: Map
     return check_files(sizes, tables, elsewhere)
 
 
+def missing_files(sample_data: Sequence[Row], sizes: Mapping[str, int]) -> list[str]:
+    """Check that the files of some rows are on disk and not empty.
+
+    Args:
+        sample_data: the rows.
+        sizes: path below the dataroot -> size in bytes, of the files on disk.
+    """
+    names = [str(row["filename"]) for row in sample_data]
+    missing = [name for name in names if name not in sizes]
+    empty = [name for name in names if sizes.get(name) == 0 and not name.endswith(".pcd.bin")]
+    return sentence(NOT_ON_DISK, missing) + sentence("{} files|file of the tables are|is empty", empty)
+
+
 def files_match(
     sample_data: Sequence[Row],
     files: Sequence[Mapping[str, str]],

@@ -9,62 +9,82 @@ Layout::
 The folder of a recording never changes under its name; the folder `annotations` is swapped at once.
 """
 
-from collections.abc import Iterator, Sequence
-from pathlib import Path
+from collections.abc import Iterator, Mapping, Sequence
 
 from bagassets.base.json_types import JsonObject
 from bagassets.engine.splits import SplitShare
-from bagassets.formats.format import FACTS, Entry, Format, Joined, Link, Member, UnitFolders
-from bagassets.formats.json_files import json_bytes, rows_text, write_hashed, write_joined
+from bagassets.formats.format import (
+    FACTS,
+    ByGroups,
+    Entry,
+    Facts,
+    Finished,
+    Format,
+    Link,
+    Member,
+    UnitFolders,
+)
+from bagassets.formats.json_files import TABLE, Frame, framed, framed_row, rows_text
 from bagassets.formats.vision.recording_part import FILES, SEQUENCES, VISION_SEQUENCES
 from bagassets.formats.vision.settings import Vision
 
 RECORDINGS = "recordings"
 ONE_FILE = "all"
+_COUNTED = ("sequences", "images")
 # What a manifest says of a recording, besides its names.
 _TOLD = ("sequences", "images", "duration_s", "daylight", "start")
 
 
-def join(members: Sequence[Member], settings: Vision, shares: Sequence[SplitShare], out: Path) -> Joined:
-    """Write the merged files, the sequences of all recordings, and a manifest for each split.
+def _files(settings: Vision, splits: Sequence[str]) -> list[str]:
+    merged = [ONE_FILE] if settings.files == "one" else splits
+    return [*(f"{name}.json" for name in merged), *map(_manifest, splits)]
 
-    Args:
-        members: recordings in the order of their keys.
-        settings: the recipe's `vision`.
-        shares: each split's share of the recorded time, in order of their names.
-        out: empty folder.
-    """
-    groups = {share.name: [one for one in members if one.split == share.name] for share in shares}
-    merged = {ONE_FILE: members} if settings.files == "one" else groups
-    digests = {}
-    for name, group in merged.items():
-        texts = (rows_text(member.artifact.path(SEQUENCES)) for member in group)
-        _, digests[f"{name}.json"] = write_joined(out / f"{name}.json", texts)
+
+def _manifest(split: str) -> str:
+    return f"{split}.manifest.json"
+
+
+def _rows(settings: Vision, file: str, member: Member) -> bytes:
+    """Return the sequences of a recording, or what the manifest of its split says of it."""
+    if file == f"{ONE_FILE if settings.files == 'one' else member.split}.json":
+        return rows_text(member.artifact.path(SEQUENCES))
+    if file != _manifest(member.split):
+        return b""
+    row = {"recording": member.part.key, "rig": member.facts["rig"]}
+    row["folder"] = f"{RECORDINGS}/{member.facts['folder']}"
+    return framed_row(row | {what: member.facts[what] for what in _TOLD})
+
+
+def _facts(members: Sequence[Member], settings: Vision) -> JsonObject:
+    """Return split -> what it has of some recordings -> number."""
+    del settings
+    counted: dict[str, dict[str, int]] = {}
+    for member in members:
+        of_split = counted.setdefault(member.split, dict.fromkeys(_COUNTED, 0))
+        for what in _COUNTED:
+            of_split[what] += member.facts[what]
+    return counted
+
+
+def _count(facts: Sequence[Facts], split: str, what: str) -> int:
+    return sum(group[split][what] for group in facts if split in group)
+
+
+def _frame(file: str, facts: Sequence[Facts], shares: Sequence[SplitShare]) -> Frame:
     for share in shares:
-        manifest = json_bytes(_manifest(share, groups[share.name]))
-        digests[f"{share.name}.manifest.json"] = write_hashed(out / f"{share.name}.manifest.json", manifest)
-    facts = {
-        what: {name: sum(member.facts[what] for member in group) for name, group in groups.items()}
-        for what in ("sequences", "images")
-    }
-    return Joined(dict(sorted(digests.items())), facts)
+        if file == _manifest(share.name):
+            counts = {what: _count(facts, share.name, what) for what in _COUNTED}
+            return framed({"split": share.name, **share.as_json(), **counts}, "bags")
+    return TABLE
 
 
-def _manifest(share: SplitShare, members: Sequence[Member]) -> JsonObject:
-    return {
-        "split": share.name,
-        **share.as_json(),
-        **{what: sum(member.facts[what] for member in members) for what in ("sequences", "images")},
-        "bags": [
-            {
-                "recording": member.part.key,
-                "rig": member.facts["rig"],
-                "folder": f"{RECORDINGS}/{member.facts['folder']}",
-                **{what: member.facts[what] for what in _TOLD},
-            }
-            for member in members
-        ],
-    }
+def _finish(
+    facts: Sequence[Facts], settings: Vision, shares: Sequence[SplitShare], rows: Mapping[str, int]
+) -> Finished:
+    del settings, rows
+    return Finished(
+        {}, {what: {share.name: _count(facts, share.name, what) for share in shares} for what in _COUNTED}
+    )
 
 
 def _links(entry: Entry) -> Iterator[Link]:
@@ -87,7 +107,7 @@ VISION = Format(
     settings=Vision,
     part=VISION_SEQUENCES.name,
     assets=(VISION_SEQUENCES,),
-    join=join,
+    join=ByGroups(_files, _rows, _facts, _finish, _frame),
     links=_links,
     counts=lambda facts: {"sequences": facts["sequences"]},
     row=lambda facts: {"folder": facts["folder"]},

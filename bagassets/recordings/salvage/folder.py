@@ -12,6 +12,7 @@ from bagassets.recipe.model import Limits
 from bagassets.recordings.damage import DamageError, refuse_pointer, unreadable
 from bagassets.recordings.decompress import TooLargeError, decompress
 from bagassets.recordings.journals import scratch_folder
+from bagassets.recordings.merge_topics import merge_topics
 from bagassets.recordings.model import METADATA, OnRead, RawMessage
 from bagassets.recordings.recording import Recording
 from bagassets.recordings.rosbag2 import (
@@ -26,7 +27,7 @@ from bagassets.recordings.salvage.database_pages import SalvagedDatabase, TopicR
 from bagassets.recordings.salvage.mcap_scan import SalvagedMcap
 from bagassets.recordings.salvage.unpack import unpack_file
 from bagassets.recordings.sizes import Sizes
-from bagassets.recordings.topic import RefusedBytes, merge_topics
+from bagassets.recordings.topic import RefusedBytes
 
 _STORAGE = ("*.db3", "*.mcap", "*.db3.zstd", "*.mcap.zstd")
 _NO_METADATA: JsonMapping = {"topics_with_message_count": []}

@@ -166,9 +166,13 @@ def test_the_server_is_started_before_the_command_line_is_imported(built):
         "sys.exit(main())"
     )
     (built.parent / "bags" / KEYS[1]).touch()
+    began_s = time.monotonic()
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    waited_s = time.monotonic() - began_s
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("False 2\n")
+    said_s = float(re.search(r" in (\d+\.\d) s\n", done.stdout)[1])
+    assert 0.6 * waited_s < said_s < waited_s + 0.05, "the time that the user has waited, for the server, too"
     assert done.stdout.count("False") == 1, "it was started once"
     assert "1 hit, 1 fresh" in done.stdout
     with find_server(built) as client:

@@ -14,7 +14,7 @@ from bagassets.defs.records.events import event_database
 from bagassets.defs.records.instances import open_instance
 from bagassets.defs.runs.execution import create_run
 from bagassets.engine.batches import DATASET
-from bagassets_tests.in_process import build, keys_of, make_project
+from bagassets_tests.in_process import build, keys_of, make_project, survey
 from bagassets_tests.small_drive import write_drive
 
 KEYS = ("a.bag", "b.mcap")
@@ -98,3 +98,24 @@ def test_runs_of_others_and_those_at_work_stay(project, monkeypatch):
         others = {dg.materialize([training], instance=instance).run_id for _ in range(2)}
         others |= {create_run(instance, ["bag"], partition_key="b.mcap") for _ in range(2)}
     assert not others & set(collect(project, "--keep-runs-days", "0", "--dry-run"))
+
+
+def test_a_run_that_is_deleted_by_hand_takes_along_records_of_recordings_and_not_of_datasets(
+    tmp_path, monkeypatch
+):
+    recipe_file = make_project(tmp_path)
+    build(recipe_file, monkeypatch, select=("nuscenes_tables",))
+    build(recipe_file, monkeypatch)
+    dataset = dg.AssetKey("nuscenes_dataset")
+    with open_instance(str(recipe_file.parent)) as instance:
+        instance.delete_run(instance.get_latest_materialization_event(dataset).run_id)
+        assert instance.fetch_materializations(dataset, limit=1).records == []
+        assert instance.get_latest_materialization_event(dataset) is not None, (
+            "Dagster keeps it with the asset"
+        )
+    assert survey(recipe_file).is_settled
+    assert build(recipe_file, monkeypatch)[1] == []
+    with open_instance(str(recipe_file.parent)) as instance:
+        for run in instance.get_runs():
+            instance.delete_run(run.run_id)
+    assert "bag" in dict(build(recipe_file, monkeypatch)[1])["a.bag"], "recorded again"

@@ -10,7 +10,6 @@ from bagassets.cli.main import root
 from bagassets.defs.builds import loop, pending_work
 from bagassets.defs.records import instance_plan
 from bagassets.engine import planner
-from bagassets.engine.planner import Planner
 from bagassets.store.store import Store
 from bagassets_tests.in_process import QUICK, build, make_project
 from bagassets_tests.small_drive import write_drive
@@ -23,20 +22,20 @@ KEY = "a.bag"
 def planned(recipe_file, monkeypatch):
     """Build; return how often each recording was looked into, and how often everything was."""
     keys, whole = Counter(), Counter()
-    plan, begin = Planner.plan, instance_plan.begin_planning
+    plan, begin = planner.plan_recording, instance_plan.planner_of
 
-    def note(self, found, recorded):
-        keys[found.key] += 1
-        return plan(self, found, recorded)
+    def note(graph):
+        keys[graph.recording.key] += 1
+        return plan(graph)
 
-    def note_whole(instance, workspace, live=None, discovery=None, *args):
-        whole["all"] += discovery is None  # else what runs have changed is planned again
-        return begin(instance, workspace, live, discovery, *args)
+    def note_whole(*args, **options):
+        whole["all"] += len(args) == 2  # else some are kept, and what runs have changed is planned again
+        return begin(*args, **options)
 
     with monkeypatch.context() as patch:
-        patch.setattr(Planner, "plan", note)
-        patch.setattr(instance_plan, "begin_planning", note_whole)
-        patch.setattr(loop, "begin_planning", note_whole)
+        patch.setattr(planner, "plan_recording", note)
+        patch.setattr(instance_plan, "planner_of", note_whole)
+        patch.setattr(loop, "planner_of", note_whole)
         report, _ = build(recipe_file, monkeypatch)
     return report, keys, whole["all"]
 
@@ -73,11 +72,11 @@ def test_many_recordings_are_planned_some_at_a_time_and_the_build_says_how_many_
         told = []
         for fingerprint in ("other code", None):
             monkeypatch.setattr(instance_plan, "workspace_fingerprint", lambda _, it=fingerprint: it)
-            now = instance_plan.plan_instance(
-                instance, workspace, on_planned=lambda done, total: told.append((done, total))
+            now = instance_plan.planner_of(instance, workspace).plan(
+                lambda done, total: told.append((done, total))
             )
-            assert now.plan == whole.plan
-            assert now.recorded.keys() == whole.plan.bags.keys()
+            assert now == whole
+            assert now.recorded.keys() == whole.bags.keys()
     assert fetched == [[KEY, "b.mcap"], ["c.bag"]] * 2
     assert told == [(2, 3), (3, 3)] * 2
     monkeypatch.undo()
@@ -110,13 +109,13 @@ def test_what_another_run_recorded_meanwhile_is_planned_again(tmp_path, monkeypa
     with pending_work.open_project(recipe) as (instance, workspace):
         before = instance_plan.plan_instance(instance, workspace)
         unchanged = instance_plan.replan_instance(instance, workspace, before, [])
-        assert unchanged.plan == before.plan
+        assert unchanged == before
         instance.report_runless_asset_event(
             dg.AssetMaterialization("inventory", partition=KEY, tags={"dagster/data_version": "0" * 64})
         )
         now = instance_plan.replan_instance(instance, workspace, before, [])
-        assert now.plan.bags[KEY].assets["inventory"].state == "record-only"
-        assert now.plan.bags["b.mcap"] is before.plan.bags["b.mcap"]
+        assert now.bags[KEY].assets["inventory"].state == "record-only"
+        assert now.bags["b.mcap"] is before.bags["b.mcap"]
 
 
 def test_planning_makes_nothing(tmp_path, monkeypatch):

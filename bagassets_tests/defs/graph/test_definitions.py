@@ -32,7 +32,7 @@ def materialize(recipe_file, instance, key, assets=None):
 
 
 def plan_of(recipe_file, instance):
-    return plan_instance(instance, Workspace(recipe_file=str(recipe_file))).plan
+    return plan_instance(instance, Workspace(recipe_file=str(recipe_file)))
 
 
 def states(plan, key):

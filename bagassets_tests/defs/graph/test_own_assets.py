@@ -3,6 +3,7 @@
 import json
 import os
 import sys
+from contextlib import suppress
 from itertools import count
 
 import dagster as dg
@@ -482,6 +483,20 @@ def test_status_dry_run_and_explain_tell_of_them(project, capsys):
     assert status == 0
     assert out.startswith("blur of a.bag is stale: its code version is 2, was 1\n    reads frames: ")
     assert printed("explain", "a.bag", "table")[1].startswith("table is unknown: sharp comes first\n")
+
+
+def test_a_recording_that_is_gone_leaves_nothing_up_to_date_that_was_made_from_all(project, capsys):
+    project.build()
+    (project.folder / "bags" / "b.bag").unlink()
+    for command in (["build", "--dry-run"], ["status"]):
+        with suppress(SystemExit):
+            main([*command, "--recipe", str(project.recipe)])
+    dry_run, status = capsys.readouterr().out.split("to do: ")
+    assert "table\n  run      a recording was added, changed or removed\n" in dry_run
+    assert status.startswith("remove 1 recording, update nuscenes_dataset, make upload, table.\n")
+    assert "table stale: a recording was added, changed or removed\n" in status
+    assert project.build() == [("table,upload", "")]
+    assert project.build() == []
 
 
 def test_what_is_printed_at_the_end(project, capsys):

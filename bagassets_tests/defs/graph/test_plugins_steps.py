@@ -16,7 +16,7 @@ from dagster._core.workspace.load import location_origins_from_yaml_paths
 
 from bagassets import defs
 from bagassets.defs.records.naming import Naming
-from bagassets.defs.records.partitions import add_partitions, remove_partition
+from bagassets.defs.records.partitions import add_partitions, remove_partitions
 from bagassets.propose.project import dagster_files, write_project
 from bagassets.recipe import load_recipe
 from bagassets_tests.small_drive import write_drive
@@ -225,7 +225,7 @@ def test_the_report_follows_recordings_that_change_come_and_go(project):
     cursor, asked = tick(cursor)
     assert asked == 1
     assert tick(cursor) == (cursor, 0)
-    remove_partition(project.instance, Naming(project.recipe.name), "b.bag")
+    remove_partitions(project.instance, Naming(project.recipe.name), ["b.bag"])
     cursor, asked = tick(cursor)
     assert asked == 1
     active = project.instance.create_run_for_job(
@@ -244,7 +244,7 @@ def test_a_recording_that_was_removed_leaves_the_report(project):
     for key in ("a.bag", "b.bag"):
         project.run([*OURS, "image_quality"], key)
     assert metadata(project.run(["quality_report"]), "quality_report")["recordings"] == 2
-    remove_partition(project.instance, Naming(project.recipe.name), "b.bag")
+    remove_partitions(project.instance, Naming(project.recipe.name), ["b.bag"])
     assert metadata(project.run(["quality_report"]), "quality_report")["recordings"] == 1
 
 

@@ -13,11 +13,10 @@ from bagassets.defs.builds import pending_work
 from bagassets.defs.graph.location import build_definitions
 from bagassets.defs.records import instance_plan, touched
 from bagassets.defs.records.events import DATA_VERSION, MADE_ALONG, STAT
-from bagassets.engine.build_report import BuildOptions
+from bagassets.engine import planner
 from bagassets.engine.choose import SelectionError
 from bagassets.engine.first_pass import first_pass
 from bagassets.engine.freshness.plan_cache import PlanCache
-from bagassets.engine.planner import Planner
 from bagassets.recipe import load_recipe
 from bagassets.recordings import digest
 from bagassets.recordings.digest import DigestIndex
@@ -217,7 +216,7 @@ def test_of_all_records_only_that_of_bag_is_fetched_and_nothing_else_is_looked_i
         return real(instance, names, ids, keys)
 
     monkeypatch.setattr(instance_plan, "fetch_recorded", noted)
-    monkeypatch.setattr(Planner, "plan", None)
+    monkeypatch.setattr(planner, "plan_recording", None)
     build(built, monkeypatch)
     assert asked == [{"bag"}, {"bag"}]
 
@@ -234,13 +233,13 @@ def test_what_else_changed_meanwhile_is_looked_into(built, monkeypatch, change_o
             instance.report_runless_asset_event(
                 dg.AssetMaterialization("inventory", partition="a.bag", tags={DATA_VERSION: "0" * 64})
             )
-    looked, real = [], Planner.plan
+    looked, real = [], planner.plan_recording
 
-    def noted(self, found, recorded):
-        looked.append((found.key, sorted(recorded)))
-        return real(self, found, recorded)
+    def noted(graph):
+        looked.append((graph.recording.key, sorted(graph.recorded)))
+        return real(graph)
 
-    monkeypatch.setattr(Planner, "plan", noted)
+    monkeypatch.setattr(planner, "plan_recording", noted)
     report, runs = build(built, monkeypatch)
     assert "a.bag" in {key for key, _ in looked}
     assert report.succeeded
@@ -259,7 +258,7 @@ def test_the_plan_is_the_same_as_one_that_remembers_nothing(built, monkeypatch):
         monkeypatch.setattr(PlanCache, "load", lambda _self: {})
         whole = instance_plan.plan_instance(instance, workspace)
     assert (remembered.recorded, set(whole.recorded)) == ({}, set(KEYS))
-    assert remembered.plan == whole.plan
+    assert remembered == whole
 
 
 def test_one_that_a_build_is_not_asked_for_is_not_read(built, monkeypatch):
@@ -289,8 +288,8 @@ def test_an_interrupt_ends_the_reading_and_what_had_been_read_is_on_record(built
     monkeypatch.setattr(digest, "digest_file", slow_for_one)
     before = {key: len(records(built, key)) for key in ("a.bag", "b.mcap")}
     with pending_work.open_project(built) as (instance, workspace):
-        planning = instance_plan.begin_planning(instance, workspace)
-        found = pending_work.find_touched(workspace, planning, BuildOptions())
+        looking = instance_plan.planner_of(instance, workspace)
+        found = {looking.discovery.recordings[key]: one for key, one in looking.touched().items()}
         with pytest.raises(KeyboardInterrupt):
             touched.record_touched(instance, workspace, found, 2, listener)
     (event,) = asked

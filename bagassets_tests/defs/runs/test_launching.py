@@ -1,25 +1,36 @@
 """What launchers say of how they deal with runs: strangers nothing, ours and yours in one place."""
 
+from dataclasses import dataclass
+
 import dagster as dg
 import pytest
 
 from bagassets.defs.records.instances import open_instance
 from bagassets.defs.records.naming import Naming
-from bagassets.defs.runs.launching import ConfiguredLauncher, Launching, launching_at, launching_of
+from bagassets.defs.runs.launching import (
+    ConfiguredLauncher,
+    LauncherSettings,
+    Launching,
+    launching_at,
+    launching_of,
+)
 from bagassets.defs.runs.run_pool import RunPool
+
+
+@dataclass(frozen=True, kw_only=True)
+class OwnSettings(LauncherSettings):
+    nodes: int = 1
 
 
 class OwnLauncher(ConfiguredLauncher):
     """A launcher as a package of its own might have one: no file of ours names it."""
 
-    def __init__(self, inst_data=None, *, recipe=None, nodes=1):
-        super().__init__(inst_data, recipe)
-        self.most_at_once = 2 * nodes
-        self.recordings_per_run = 1
+    settings_type = OwnSettings
+    recordings_per_run = 1
 
-    @classmethod
-    def config_type(cls):
-        return {"nodes": int}
+    @property
+    def most_at_once(self):
+        return 2 * self.settings.nodes
 
     def launch_run(self, context):
         self._instance.report_run_failed(context.dagster_run, "The node that was to execute it is down.")

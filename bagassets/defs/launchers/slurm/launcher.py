@@ -26,6 +26,7 @@ import sys
 import threading
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -52,15 +53,13 @@ from bagassets.defs.launchers.slurm.options import (
     NODE_TAG,
     JobOptions,
     options_for,
-    options_schema,
 )
 from bagassets.defs.launchers.slurm.spool import JobSpec, Spool, SpooledRun
-from bagassets.defs.records.batches import batch_of
+from bagassets.defs.records.batches import PARTITION_TAG, batch_of
 from bagassets.defs.records.instances import pack_instance
-from bagassets.defs.records.partitions import PARTITION_TAG
 from bagassets.defs.records.projects import recipe_of_assets, recipe_of_location
 from bagassets.defs.runs.execution import mark_canceling
-from bagassets.defs.runs.launching import ConfiguredLauncher, last_words, optional_fields
+from bagassets.defs.runs.launching import ConfiguredLauncher, LauncherSettings, config_fields, last_words
 from bagassets.defs.runs.orphaned_runs import UNFINISHED, UNTAKEN_S, report_ended
 from bagassets.defs.runs.worker_tag import WHERE_TAG
 from bagassets.engine.batches import DATASET
@@ -75,66 +74,62 @@ _LOOK_S, _LOOK_LEAST_S = 60.0, 1.0
 _BYTES_PER_GB = 1e9
 
 
+@dataclass(frozen=True, kw_only=True)
+class Settings(JobOptions, LauncherSettings):
+    """What `config` may say, beside what jobs ask Slurm for; see above.
+
+    Attributes:
+        folder: logs and records of jobs.
+        python: interpreter of the jobs; default: this one.
+        rules: options for recordings larger than `above_gb`.
+        recordings_per_run: most small recordings that share a run.
+        runs_per_job: see `Packing`.
+        minutes_per_job: likewise.
+        gather_s: likewise.
+        idle_s: how long a job waits for more runs when it has none left.
+        seconds_per_run: what a recording is expected to take.
+        seconds_per_gb: what each of its gigabytes adds.
+        most_at_once: most runs that a build hands over before others have ended.
+        give_up_minutes: how long to try to submit runs while Slurm does not answer.
+        keep_days: how long logs and records of ended jobs are kept.
+    """
+
+    folder: str | None = None
+    python: str | None = None
+    rules: Sequence[JsonMapping] = field(
+        default=(), metadata={"kind": [{"above_gb": dg.Field(float), **config_fields(JobOptions)}]}
+    )
+    recordings_per_run: int = 10
+    runs_per_job: int = 50
+    minutes_per_job: float = 30.0
+    gather_s: float = 0.5
+    idle_s: float = 5.0
+    seconds_per_run: float = 2.0
+    seconds_per_gb: float = 10.0
+    most_at_once: int = 1000
+    give_up_minutes: float = 10.0
+    keep_days: float = 14.0
+
+
 class SlurmRunLauncher(ConfiguredLauncher[T_DagsterInstance]):
     """Has runs executed by jobs of Slurm.
 
     A thread cares for them as long as there are any, in each process that launched one or was asked about one.
     """
 
-    def __init__(
-        self,
-        inst_data: ConfigurableClassData | None = None,
-        *,
-        recipe: str | None = None,
-        folder: str | None = None,
-        python: str | None = None,
-        rules: list[JsonMapping] | None = None,
-        recordings_per_run: int = 10,
-        runs_per_job: int = 50,
-        minutes_per_job: float = 30.0,
-        gather_s: float = 0.5,
-        idle_s: float = 5.0,
-        seconds_per_run: float = 2.0,
-        seconds_per_gb: float = 10.0,
-        most_at_once: int = 1000,
-        give_up_minutes: float = 10.0,
-        keep_days: float = 14.0,
-        **options: Any,
-    ) -> None:
-        self.most_at_once = most_at_once
-        self.recordings_per_run = recordings_per_run
-        self._folder = folder
-        self._python = python
-        self._options = JobOptions.from_json(options)
-        self._rules = rules or []
-        self._packing = Packing(runs_per_job, minutes_per_job, gather_s)
-        self._idle_s, self._minutes = idle_s, minutes_per_job
-        self._estimate = seconds_per_run, seconds_per_gb
-        self._give_up_s, self._keep_days = give_up_minutes * 60.0, keep_days
+    settings_type = Settings
+    settings: Settings
+
+    def __init__(self, inst_data: ConfigurableClassData | None = None, **config: Any) -> None:
         self._keeper_made: Keeper | None = None
         self._mutex = threading.RLock()  # the web server launches from several threads
         self._thread: threading.Thread | None = None
         self._closing = threading.Event()
         self._recipes: dict[Path, tuple[int, Recipe]] = {}
         self._found: dict[Path, tuple[float, dict[str, RecordingFiles]]] = {}
-        super().__init__(inst_data, recipe)
-
-    # --- configuration ---------------------------------------------------------------
-
-    @classmethod
-    def config_type(cls) -> dict[str, dg.Field]:
-        """Return the fields of `config` in `dagster.yaml`."""
-        texts = ("recipe", "folder", "python")
-        times = ("minutes_per_job", "gather_s", "idle_s", "give_up_minutes", "keep_days")
-        estimates = ("seconds_per_run", "seconds_per_gb")
-        counts = ("recordings_per_run", "runs_per_job", "most_at_once")
-        return {
-            **options_schema(),
-            **optional_fields(dg.StringSource, *texts),
-            **optional_fields(float, *times, *estimates),
-            **optional_fields(dg.IntSource, *counts),
-            **optional_fields([{"above_gb": dg.Field(float), **options_schema()}], "rules"),
-        }
+        super().__init__(inst_data, **config)
+        self.most_at_once = self.settings.most_at_once
+        self.recordings_per_run = self.settings.recordings_per_run
 
     def dispose(self) -> None:
         """Submit what waits, and leave the rest to other processes, or to the next one."""
@@ -164,8 +159,8 @@ class SlurmRunLauncher(ConfiguredLauncher[T_DagsterInstance]):
             self._instance.add_run_tags(run.run_id, stale)
         self._spool.make()
         sizes = {str(part.path): part.size for one in recordings for part in one.parts or (one,)}
-        number, (fixed_s, per_gb_s) = max(1, len(keys)), self._estimate
-        seconds = fixed_s * number + per_gb_s * sum(sizes.values()) / _BYTES_PER_GB
+        number, gigabytes = max(1, len(keys)), sum(sizes.values()) / _BYTES_PER_GB
+        seconds = self.settings.seconds_per_run * number + self.settings.seconds_per_gb * gigabytes
         self._spool.put(SpooledRun(run.run_id, spec, seconds, time.time(), number, sizes))
         self._care()
 
@@ -193,11 +188,11 @@ class SlurmRunLauncher(ConfiguredLauncher[T_DagsterInstance]):
             if (found := identify(recipe.store_path)) is not None:
                 stores[str(recipe.store_path)] = found
         size = sum(one.size for one in recordings)
-        options = options_for(self._options, self._rules, size, run.tags)
+        options = options_for(self.settings, self.settings.rules, size, run.tags)
         return JobSpec(
             instance=pack_instance(self._instance),
             options=options.as_json(),
-            python=self._python or sys.executable,
+            python=self.settings.python or sys.executable,
             cwd=str(pointer.working_directory or Path.cwd()),
             modules=(pointer.module,),
             paths=(pointer.working_directory,) if pointer.working_directory else (),
@@ -205,8 +200,8 @@ class SlurmRunLauncher(ConfiguredLauncher[T_DagsterInstance]):
             environment=environment,
             needs=tuple(needs),
             versions=versions_here(),
-            idle_s=self._idle_s,
-            minutes=self._minutes,
+            idle_s=self.settings.idle_s,
+            minutes=self.settings.minutes_per_job,
             stores=stores,
         )
 
@@ -241,7 +236,8 @@ class SlurmRunLauncher(ConfiguredLauncher[T_DagsterInstance]):
 
     @property
     def _spool(self) -> Spool:
-        return Spool(Path(self._folder).absolute() if self._folder else self._state.absolute() / "slurm")
+        folder = self.settings.folder
+        return Spool(Path(folder).absolute() if folder else self._state.absolute() / "slurm")
 
     # --- care ------------------------------------------------------------------------
 
@@ -249,9 +245,10 @@ class SlurmRunLauncher(ConfiguredLauncher[T_DagsterInstance]):
     def _keeper(self) -> Keeper:
         with self._mutex:
             if self._keeper_made is None:
-                self._keeper_made = Keeper(
-                    self._instance, self._spool, self._packing, self._give_up_s, self._keep_days
-                )
+                asked = self.settings
+                packing = Packing(asked.runs_per_job, asked.minutes_per_job, asked.gather_s)
+                give_up_s = asked.give_up_minutes * 60.0
+                self._keeper_made = Keeper(self._instance, self._spool, packing, give_up_s, asked.keep_days)
             return self._keeper_made
 
     def _care(self) -> None:

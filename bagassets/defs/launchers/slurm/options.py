@@ -1,14 +1,10 @@
 """What a job asks Slurm for: from `dagster.yaml`, from rules on the size of recordings, and from the tags of a run."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, fields, replace
-from typing import Self
-
-import dagster as dg
+from dataclasses import dataclass, fields
 
 from bagassets.base.errors import BagAssetsError
 from bagassets.base.json_types import JsonMapping, JsonObject
-from bagassets.defs.runs.launching import optional_fields
 
 _TAG_PREFIX = "slurm/"
 # Where a run is.
@@ -41,19 +37,15 @@ class JobOptions:
     prefix: str = ""
 
     @classmethod
-    def from_json(cls, value: JsonMapping) -> Self:
-        """Inverse of `as_json`; unknown fields are ignored."""
-        known = {field.name for field in fields(cls)}
-        given = {name: setting for name, setting in value.items() if name in known}
-        return cls(**given | {"options": tuple(given.get("options", ()))})
+    def from_json(cls, value: JsonMapping) -> "JobOptions":
+        """Inverse of `as_json`."""
+        return JobOptions(**{**value, "options": tuple(value["options"])})
 
     def as_json(self) -> JsonObject:
-        """Return the options as JSON."""
-        return asdict(self) | {"options": list(self.options)}
-
-    def changed(self, changes: JsonMapping) -> Self:
-        """Return these options with some of them replaced."""
-        return self.from_json(self.as_json() | dict(changes))
+        """Return the options as JSON, without what a launcher has beside them."""
+        return {one.name: getattr(self, one.name) for one in fields(JobOptions)} | {
+            "options": [*self.options]
+        }
 
     def arguments(self) -> list[str]:
         """Return the options for `sbatch`."""
@@ -81,28 +73,15 @@ def options_for(
     Raises:
         BagAssetsError: a tag has a value that it cannot have.
     """
-    options = base
+    options = base.as_json()
     for rule in rules:
         if size > rule["above_gb"] * _BYTES_PER_GB:
-            options = options.changed(rule)
+            options |= {name: value for name, value in rule.items() if name in options}
     for name in _BY_TAG:
         value = tags.get(f"{_TAG_PREFIX}{name}")
         if not value:
             continue
-        if name != "cpus":
-            options = options.changed({name: value})
-        elif value.isdecimal() and int(value) > 0:
-            options = replace(options, cpus=int(value))
-        else:
+        if name == "cpus" and not (value.isdecimal() and int(value) > 0):
             raise BagAssetsError(f"tag {_TAG_PREFIX}cpus: a number of processors is expected, not {value!r}.")
-    return options
-
-
-def options_schema() -> dict[str, dg.Field]:
-    """Return the fields of the options in `dagster.yaml`."""
-    texts = ("partition", "account", "memory", "time", "prefix")
-    return {
-        **optional_fields(dg.StringSource, *texts),
-        **optional_fields(dg.IntSource, "cpus"),
-        **optional_fields([str], "options"),
-    }
+        options[name] = int(value) if name == "cpus" else value
+    return JobOptions.from_json(options)

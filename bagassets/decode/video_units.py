@@ -1,0 +1,136 @@
+"""What the NAL units of H.264 and H.265 say before they are decoded (ITU-T H.264, 7.3; H.265, 7.3; byte streams: Annex B)."""
+
+import re
+from typing import Literal, NamedTuple
+
+from bagassets.base.errors import DecodeError
+
+Codec = Literal["h264", "hevc"]
+
+SLICES = {"h264": frozenset(range(1, 6)), "hevc": frozenset(range(32))}
+KEY = {"h264": frozenset({5}), "hevc": frozenset(range(16, 22))}  # IDR; IRAP
+_START_CODE = re.compile(rb"\x00\x00\x01", re.DOTALL)
+_B_SLICES = {"h264": frozenset({1, 6}), "hevc": frozenset({0})}
+_SPS = 7  # of H.264
+_HEAD_BYTES = 24  # more than the numbers take that are read of a slice
+# Profiles of H.264 whose parameters begin with the format of the samples.
+_HIGH = frozenset({44, 83, 86, 100, 110, 118, 122, 128, 134, 135, 138, 139, 244})
+
+
+class Units(NamedTuple):
+    """The units of one picture.
+
+    Attributes:
+        types: of its NAL units.
+        has_b_slices: it has slices that may refer to later pictures.
+        frame_number: that of H.264, which tells whether a picture is missing before it; None if it is not known.
+        is_reference: others refer to it; known of H.264 only.
+    """
+
+    types: tuple[int, ...]
+    has_b_slices: bool
+    frame_number: int | None
+    is_reference: bool
+
+
+class UnitReader:
+    """Reads the units of a stream; of H.264, it keeps what the parameters say of frame numbers.
+
+    Attributes:
+        frame_numbers: how many there are before they begin again; 0 if they are not known, or may have gaps.
+    """
+
+    def __init__(self) -> None:
+        self.frame_numbers = 0
+
+    def read(self, codec: Codec, data: bytes) -> Units:
+        """Return what is said of a picture.
+
+        Raises:
+            DecodeError: the data are not in the byte stream format.
+        """
+        starts = [found.end() for found in _START_CODE.finditer(data) if found.end() < len(data)]
+        if not starts or data[: starts[0] - 3].strip(b"\0"):
+            raise DecodeError("its video is not in the byte stream format (Annex B)")
+        types = tuple(data[at] & 31 if codec == "h264" else data[at] >> 1 & 63 for at in starts)
+        has_b_slices, number, is_reference = False, None, False
+        for at, unit in zip(starts, types, strict=True):
+            if codec == "h264" and unit == _SPS:
+                self.frame_numbers = _frame_numbers(data[at + 1 : at + 1 + 4 * _HEAD_BYTES])
+            if unit in SLICES[codec]:
+                slice_type, number_now = self._slice(codec, unit, data[at : at + _HEAD_BYTES])
+                has_b_slices |= slice_type in _B_SLICES[codec]
+                number = number_now if number is None else number
+                is_reference |= bool(data[at] >> 5 & 3)
+        return Units(types, has_b_slices, number, is_reference)
+
+    def _slice(self, codec: Codec, unit: int, data: bytes) -> tuple[int, int | None]:
+        """Return type and frame number in the header of a slice; -1 and None if they are not there.
+
+        In H.265 a flag comes first, and it is read of the first slice of a picture without extensions only; key frames have no
+        other slices than those without references.
+        """
+        bits = _Bits(data[1 if codec == "h264" else 2 :])
+        try:
+            if codec == "hevc":
+                if unit in KEY[codec] or not bits.number(1):
+                    return -1, None
+                bits.golomb()
+                return bits.golomb(), None
+            if unit not in {1, 5}:
+                return -1, None
+            bits.golomb()
+            slice_type = bits.golomb()
+            bits.golomb()
+            width = self.frame_numbers.bit_length() - 1
+            return slice_type, bits.number(width) if self.frame_numbers else None
+        except ValueError:
+            return -1, None
+
+
+def _frame_numbers(parameters: bytes) -> int:
+    """Return how many frame numbers a sequence parameter set has; 0 if that is hard to find out, or they may have gaps."""
+    bits = _Bits(parameters.replace(b"\0\0\3", b"\0\0"))
+    try:
+        profile = bits.number(8)
+        bits.number(16)
+        bits.golomb()
+        if profile in _HIGH:
+            separate = bits.golomb() == 3 and bits.number(1)
+            bits.golomb()
+            bits.golomb()
+            bits.number(1)
+            if separate or bits.number(1):  # scaling matrices follow
+                return 0
+        numbers = 1 << (bits.golomb() + 4)
+        order = bits.golomb()
+        if order == 0:
+            bits.golomb()
+        elif order == 1:
+            return 0
+        bits.golomb()
+        return 0 if bits.number(1) else numbers
+    except ValueError:
+        return 0
+
+
+class _Bits:
+    """Bits of a header, read from the front; ValueError at their end."""
+
+    def __init__(self, data: bytes) -> None:
+        self._bits = "".join(f"{byte:08b}" for byte in data)
+        self._at = 0
+
+    def number(self, width: int) -> int:
+        """Return an unsigned number of some bits."""
+        taken = self._bits[self._at : self._at + width]
+        if len(taken) < width:
+            raise ValueError("the end")
+        self._at += width
+        return int(taken or "0", 2)
+
+    def golomb(self) -> int:
+        """Return an Exp-Golomb code, unsigned."""
+        zeros = self._bits.index("1", self._at) - self._at
+        self._at += zeros
+        return self.number(zeros + 1) - 1

@@ -1,0 +1,183 @@
+"""Where episodes are in a recording: all of it, or as messages, a signal or a file of time ranges say."""
+
+import csv
+import io
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bagassets.base.errors import DatasetError, DecodeError
+from bagassets.recordings.recording import Recording
+
+_SECONDS, _STAMPS = ("start_s", "end_s"), ("start_ns", "end_ns")
+
+
+class Span(NamedTuple):
+    """An episode as it is asked for.
+
+    Attributes:
+        start_ns: its first stamp.
+        end_ns: its last.
+        task: its task; None if whatever says where it is does not say that.
+    """
+
+    start_ns: int
+    end_ns: int
+    task: str | None = None
+
+
+class Said(NamedTuple):
+    """A value of a message's field.
+
+    Attributes:
+        log_time_ns: when the message was logged.
+        value: the value.
+    """
+
+    log_time_ns: int
+    value: object
+
+
+def said(recording: Recording, topic: str, path: str) -> list[Said]:
+    """Return the values of a field in the messages of a topic; without the field, None.
+
+    Raises:
+        DecodeError: a message cannot be decoded.
+    """
+    found = []
+    for message in recording.messages([topic]):
+        value: object = recording.decode(message)
+        for name in path.split("."):
+            value = getattr(value, name, None)
+        found.append(Said(message.log_time_ns, value))
+    return found
+
+
+def by_events(
+    events: Sequence[Said], start: Sequence[object], end: Sequence[object], last_ns: int
+) -> list[Span]:
+    """Return the episodes that messages begin and end; the last one may end with the recording, at `last_ns`.
+
+    Args:
+        events: the messages, in order of log time.
+        start: values that begin an episode; empty if each message does.
+        end: values that end one.
+        last_ns: where the recording ends.
+    """
+    spans: list[Span] = []
+    begun: int | None = None
+    for time_ns, value in events:
+        begins = not start or _is_one_of(value, start)
+        if begun is not None and (begins or _is_one_of(value, end)):
+            spans.append(Span(begun, time_ns - 1))
+            begun = None
+        if begins:
+            begun = time_ns
+    return spans if begun is None else [*spans, Span(begun, last_ns)]
+
+
+def _is_one_of(value: object, others: Sequence[object]) -> bool:
+    # 1 is not True here: a recipe says what it means.
+    return any(value == other and isinstance(value, bool) == isinstance(other, bool) for other in others)
+
+
+def by_signal(stamps_ns: NDArray[np.int64], values: NDArray[np.float64]) -> list[Span]:
+    """Return the episodes during which a signal, (M,), is not zero; a gap in it (NaN) ends one."""
+    on = np.concatenate([[False], np.nan_to_num(values, nan=0.0) != 0, [False]])
+    begins, ends = (np.flatnonzero(change) for change in (on[1:] & ~on[:-1], ~on[1:] & on[:-1]))
+    spans = []
+    for first, after in zip(begins.tolist(), ends.tolist(), strict=True):
+        end_ns = stamps_ns[after] - 1 if after < len(stamps_ns) else stamps_ns[-1]
+        spans.append(Span(int(stamps_ns[first]), int(end_ns)))
+    return spans
+
+
+def by_file(content: bytes, path: Path, key: str, start_ns: int) -> list[Span]:
+    """Return the episodes that a file of time ranges has for a recording, by their beginnings.
+
+    Args:
+        content: of the file.
+        path: for errors.
+        key: the recording.
+        start_ns: where it begins.
+
+    Raises:
+        DatasetError: the file lacks a column, or a row of the recording has no times.
+    """
+    try:
+        rows = list(csv.DictReader(io.StringIO(content.decode("utf-8-sig"))))
+    except (UnicodeDecodeError, csv.Error) as err:
+        raise DatasetError(
+            f"{path}: expected a CSV file with time ranges, but it cannot be read ({err})."
+        ) from err
+    found = []
+    for line, row in enumerate(rows, 2):
+        columns = next((pair for pair in (_STAMPS, _SECONDS) if pair[0] in row and pair[1] in row), None)
+        if columns is None or "recording" not in row:
+            raise DatasetError(
+                f"{path}: expected the columns recording, start_s and end_s (or start_ns and end_ns), and maybe task; it has "
+                f"{', '.join(filter(None, row)) or 'none'}."
+            )
+        if row["recording"] == key:
+            found.append(_span(row, columns, f"{path}:{line}", start_ns))
+    return sorted(found)
+
+
+def _span(row: Mapping[str, str | None], columns: tuple[str, str], where: str, start_ns: int) -> Span:
+    try:
+        if columns == _STAMPS:
+            first, last = (int(row[name] or "") for name in columns)
+        else:
+            first, last = (start_ns + round(float(row[name] or "") * 1e9) for name in columns)
+    except (ValueError, OverflowError) as err:
+        raise DatasetError(f"{where}: {' and '.join(columns)} must be numbers ({err}).") from err
+    if last <= first:
+        raise DatasetError(f"{where}: the episode ends before it begins; correct {' or '.join(columns)}.")
+    return Span(first, last, (row.get("task") or "").strip() or None)
+
+
+@dataclass(frozen=True)
+class TaskTexts:
+    """The task as messages say it.
+
+    Attributes:
+        texts: the messages, in order of log time.
+        start_ns: where the recording begins, for errors.
+    """
+
+    texts: Sequence[Said]
+    start_ns: int
+
+    def of(self, span: Span) -> str:
+        """Return the task of an episode: the latest text before its first frame, or the first one in it.
+
+        Raises:
+            DecodeError: there is none, or it changes during the episode.
+        """
+        before = [one for one in self.texts if one.log_time_ns <= span.start_ns]
+        within = [one for one in self.texts if span.start_ns < one.log_time_ns <= span.end_ns]
+        told = [*before[-1:], *within]
+        if not told or not isinstance(told[0].value, str) or not told[0].value.strip():
+            raise DecodeError("no message says its task")
+        other = next((one for one in told if one.value != told[0].value), None)
+        if other is not None:
+            at_s = (other.log_time_ns - self.start_ns) / 1e9
+            raise DecodeError(f"its task changes at {at_s:.3f} s, from {told[0].value!r} to {other.value!r}")
+        return told[0].value.strip()
+
+
+def pieces(span: Span, max_length_s: float | None, fps: int) -> Iterator[Span]:
+    """Yield an episode in pieces of at most this length, each of whole frames; itself if it is not longer."""
+    if max_length_s is None:
+        yield span
+        return
+    frames = max(1, int(max_length_s * fps))
+    first = 0
+    while (start_ns := span.start_ns + first * 1_000_000_000 // fps) <= span.end_ns:
+        after_ns = span.start_ns + (first + frames) * 1_000_000_000 // fps
+        yield Span(start_ns, min(span.end_ns, after_ns - 1), span.task)
+        first += frames

@@ -1,0 +1,149 @@
+"""The frames of an episode: which values and images each of them gets, or why the episode is left out."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bagassets.base.errors import DecodeError
+from bagassets.formats.lerobot.cuts import Span
+from bagassets.formats.lerobot.grid import Picked, Stamps, grid_ns, pick
+from bagassets.formats.lerobot.settings import MOST_S
+
+LEAST_FRAMES = 2
+
+
+@dataclass(frozen=True)
+class Rule:
+    """The rule of a feature; see `lerobot.features` in the recipe."""
+
+    at: str
+    tolerance_s: float
+    gap: str
+
+
+@dataclass(frozen=True)
+class Source:
+    """A signal or a camera that a feature is made from.
+
+    Attributes:
+        feature: the feature.
+        name: the signal or the camera.
+        rule: how values are picked.
+        stamps_ns: stamps of its values, strictly increasing, (M,), without gaps in them.
+        values: (M, D) of a signal; None of a camera.
+    """
+
+    feature: str
+    name: str
+    rule: Rule
+    stamps_ns: Stamps
+    values: NDArray[np.float64] | None = None
+
+    def __str__(self) -> str:
+        return f"{self.feature} ({self.name})"
+
+    @property
+    def ends_episodes(self) -> bool:
+        """True if an episode cannot outlast it by its rule alone."""
+        return self.rule.gap == "leave_out" and self.rule.at != "hold"
+
+
+@dataclass(frozen=True)
+class Frames:
+    """The frames of an episode.
+
+    Attributes:
+        times_ns: their times, (N,).
+        picked: which of its values they get, for each source.
+        dropped: feature -> values in the episode that no frame has.
+        repeated: feature -> frames with the value of the frame before.
+        held: feature -> frames with the latest value, since none was near.
+    """
+
+    times_ns: Stamps
+    picked: Sequence[Picked]
+    dropped: Mapping[str, int]
+    repeated: Mapping[str, int]
+    held: Mapping[str, int]
+
+
+def whole_span(sources: Sequence[Source]) -> Span:
+    """Return where the first source begins and the last one ends."""
+    return Span(
+        int(min(source.stamps_ns[0] for source in sources)),
+        int(max(source.stamps_ns[-1] for source in sources)),
+    )
+
+
+def frames_of(
+    span: Span, sources: Sequence[Source], fps: int, trim_s: float, least_s: float, start_ns: int
+) -> Frames:
+    """Return the frames of an episode.
+
+    Args:
+        span: where it is.
+        sources: what its features are made from.
+        fps: frames per second.
+        trim_s: what it may lose at either end.
+        least_s: shorter ones are left out.
+        start_ns: where the recording begins, for errors.
+
+    Raises:
+        DecodeError: a rule is broken; a clause that names feature and time.
+    """
+
+    def at_s(time_ns: int) -> str:
+        return f"{(time_ns - start_ns) / 1e9:.3f} s"
+
+    latest = max(sources, key=lambda source: int(source.stamps_ns[0]))
+    begins_ns = max(span.start_ns, int(latest.stamps_ns[0]))
+    if begins_ns - span.start_ns > trim_s * 1e9:
+        raise DecodeError(f"{latest} begins at {at_s(begins_ns)} only, more than {trim_s:g} s after it")
+    ends_ns = span.end_ns
+    if ending := [source for source in sources if source.ends_episodes]:
+        first = min(ending, key=lambda source: int(source.stamps_ns[-1]))
+        ends_ns = min(ends_ns, int(first.stamps_ns[-1]))
+        if span.end_ns - ends_ns > trim_s * 1e9:
+            raise DecodeError(f"{first} ends at {at_s(ends_ns)} already, more than {trim_s:g} s before it")
+    times_ns = grid_ns(begins_ns, ends_ns, fps)
+    picked: list[Picked] = []
+    held: dict[str, int] = {}
+    number = len(times_ns)
+    for source in sources:
+        one = pick(source.stamps_ns, times_ns, source.rule.at, round(source.rule.tolerance_s * 1e9))
+        gaps = np.flatnonzero(~one.has_value)
+        if len(gaps) and source.rule.gap == "hold":
+            one = one.held()
+            held[source.feature] = held.get(source.feature, 0) + len(gaps)
+            gaps = np.flatnonzero(~one.has_value)
+        if len(gaps) and source.rule.gap == "end":
+            number = min(number, int(gaps[0]))
+        elif len(gaps):
+            raise DecodeError(_no_value(source, at_s(int(times_ns[gaps[0]])), fps))
+        picked.append(one)
+    if number < max(LEAST_FRAMES, least_s * fps):
+        raise DecodeError(f"it has {number} frames, and must have {max(LEAST_FRAMES, round(least_s * fps))}")
+    if number >= MOST_S * fps:
+        raise DecodeError(
+            f"it is {number / fps:.0f} s long, and a video ends before {MOST_S} s; set lerobot.episodes.max_length_s"
+        )
+    times_ns, picked = times_ns[:number], [one.cut(number) for one in picked]
+    dropped: dict[str, int] = {}
+    repeated: dict[str, int] = {}
+    for source, one in zip(sources, picked, strict=True):
+        first, after = np.searchsorted(source.stamps_ns, [times_ns[0], times_ns[-1] + 1])
+        within = np.arange(first, after)
+        unused = len(np.setdiff1d(within, np.union1d(one.before, one.after[one.weight > 0])))
+        dropped[source.feature] = max(dropped.get(source.feature, 0), unused)
+        repeated[source.feature] = max(repeated.get(source.feature, 0), one.repeated)
+    return Frames(times_ns, picked, dropped, repeated, held)
+
+
+def _no_value(source: Source, at_s: str, fps: int) -> str:
+    clause = f"{source} has no value within {source.rule.tolerance_s:.3g} s of its frame at {at_s}"
+    period_s = float(np.median(np.diff(source.stamps_ns))) / 1e9 if len(source.stamps_ns) > 1 else 0.0
+    if period_s > source.rule.tolerance_s:
+        clause += f": it comes at {1 / period_s:.3g} Hz and fps is {fps}; lower fps, or raise its tolerance_s"
+    return clause

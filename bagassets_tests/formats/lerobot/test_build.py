@@ -1,0 +1,47 @@
+"""A LeRobot dataset through `bagassets build`: from the recipe to the table, and again with one recording more and less."""
+
+import json
+
+import pytest
+
+from bagassets.propose.project import write_project
+from bagassets_tests.arm_recordings import RECIPE, write_arm
+from bagassets_tests.in_process import build
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("project")
+    for number, name in enumerate("abc"):
+        write_arm(folder, name, seconds=1.0, first=100 * number)
+    write_arm(folder, "stops", seconds=4.0, skip=lambda topic, time: topic == "/wrist" and time > 2)
+    write_project(folder, RECIPE)
+    return folder
+
+
+def info(project):
+    return json.loads((project / "dataset/lerobot/v3.0/meta/info.json").read_text())
+
+
+def test_all_that_keep_the_rules_are_built_and_others_are_named(project, monkeypatch):
+    report, _ = build(project / "recipe.yaml", monkeypatch)
+    assert report.dataset == "updated"
+    assert {key: one.result for key, one in report.outcomes.items()} == dict.fromkeys(
+        ("a.mcap", "b.mcap", "c.mcap", "stops.mcap"), "built"
+    )
+    (remark,) = [one for one in report.remarks if one.check == "episodes_kept"]
+    assert remark.key == "stops.mcap"
+    assert "observation.images.wrist (CAM_WRIST) ends at 2.000 s already" in remark.problem
+    assert (info(project)["total_episodes"], info(project)["total_frames"]) == (3, 3 * 29)
+
+
+def test_nothing_runs_again_and_one_more_runs_alone(project, monkeypatch):
+    report, ran = build(project / "recipe.yaml", monkeypatch)
+    assert (report.dataset, ran) == ("fresh", [])
+    write_arm(project, "b2", seconds=1.0, first=900)
+    report, ran = build(project / "recipe.yaml", monkeypatch)
+    assert [key for key, _ in ran if key] == ["b2.mcap"]
+    assert info(project)["total_episodes"] == 4
+    (project / "bags" / "a.mcap").unlink()
+    build(project / "recipe.yaml", monkeypatch)
+    assert info(project)["total_episodes"] == 3

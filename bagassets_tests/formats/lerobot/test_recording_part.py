@@ -1,0 +1,300 @@
+"""The episodes of one recording: against the truth of its messages, and what becomes of recordings that break a rule."""
+
+import av
+import numpy as np
+import pytest
+
+from bagassets.engine.execute import BuildFailure
+from bagassets_tests.arm_recordings import (
+    RECIPE,
+    arm_messages,
+    joint_state,
+    joints_at,
+    make_project,
+    picture,
+    write_arm,
+)
+from bagassets_tests.painted_numbers import number_in, painted
+from bagassets_tests.recorded_bags import NOON_NS, SECOND, text
+from bagassets_tests.sample_drives import build_recordings
+
+
+def build(folder, recipe=RECIPE, **options):
+    """Build one recording; return the artifact of its episodes."""
+    write_arm(folder, "drive", **options)
+    (made,) = build_recordings(make_project(folder, recipe)).values()
+    return made["lerobot_episodes"].artifact
+
+
+def rows(artifact, name):
+    return np.array(artifact.read_table("rows.parquet").column(name).to_pylist())
+
+
+def numbers(artifact, file):
+    with av.open(str(artifact.path(file))) as container:
+        return [number_in(frame.to_ndarray(format="rgb24")) for frame in container.decode(video=0)]
+
+
+def left_out(artifact):
+    return [one["why"] for one in artifact.read_json("facts.json")["left_out"]]
+
+
+def changed(old, new):
+    assert old in RECIPE
+    return RECIPE.replace(old, new)
+
+
+class TestTruth:
+    def test_every_frame_has_the_values_and_the_image_of_its_time(self, tmp_path):
+        artifact = build(tmp_path, seconds=2.0, first=700)
+        (episode,) = artifact.read_json("episodes.json")
+        assert episode["start_ns"] == NOON_NS
+        times = np.arange(episode["length"]) / 30
+        assert rows(artifact, "observation.state") == pytest.approx(
+            np.stack([joints_at(time) for time in times]), abs=2e-4
+        )
+        before = np.floor(times * 100 + 1e-6) / 100
+        assert rows(artifact, "action") == pytest.approx(
+            np.stack([joints_at(time) for time in before]) + 0.25, abs=1e-6
+        )
+        film = episode["videos"]["observation.images.wrist"]
+        assert numbers(artifact, film["file"]) == [700 + n for n in range(episode["length"])]
+        assert (film["height"], film["width"]) == (64, 64)
+
+    def test_half_the_rate_drops_every_other_image_and_counts_them(self, tmp_path):
+        artifact = build(tmp_path, changed("fps: 30", "fps: 15"), seconds=2.0)
+        (episode,) = artifact.read_json("episodes.json")
+        film = episode["videos"]["observation.images.wrist"]
+        assert numbers(artifact, film["file"]) == list(range(0, 2 * episode["length"], 2))
+        assert episode["dropped"]["observation.images.wrist"] == episode["length"] - 1
+        assert not episode["repeated"].get("observation.images.wrist")
+
+    def test_double_the_rate_repeats_images_if_the_recipe_tolerates_it(self, tmp_path):
+        recipe = changed("fps: 30", "fps: 60").replace(
+            "{camera: CAM_WRIST}", "{camera: CAM_WRIST, tolerance_s: 0.05}"
+        )
+        artifact = build(tmp_path, recipe, seconds=1.0)
+        (episode,) = artifact.read_json("episodes.json")
+        film = episode["videos"]["observation.images.wrist"]
+        shown = numbers(artifact, film["file"])
+        assert shown == [n // 2 for n in range(len(shown))]
+        assert episode["repeated"]["observation.images.wrist"] == len(shown) // 2
+
+    def test_the_next_state_is_the_action_and_the_last_frame_is_dropped(self, tmp_path):
+        recipe = changed("action: {signals: [command]}", "action: {next_of: observation.state}")
+        artifact = build(tmp_path, recipe, seconds=1.0)
+        (episode,) = artifact.read_json("episodes.json")
+        state, action = rows(artifact, "observation.state"), rows(artifact, "action")
+        assert len(state) == len(action) == episode["length"]
+        assert (action[:-1] == state[1:]).all()
+        assert action[-1] == pytest.approx(joints_at(episode["length"] / 30), abs=2e-4)
+        film = episode["videos"]["observation.images.wrist"]
+        assert numbers(artifact, film["file"]) == list(range(episode["length"]))
+
+    def test_several_signals_make_one_feature(self, tmp_path):
+        artifact = build(tmp_path, changed("{signals: [joints], at: linear}", "{signals: [joints, command]}"))
+        names = artifact.read_json("facts.json")["features"]["observation.state"]["names"]
+        assert names == ["joints.elbow", "joints.wrist", "command.elbow", "command.wrist"]
+        state = rows(artifact, "observation.state")
+        assert state[:, 2:] == pytest.approx(state[:, :2] + 0.25)
+
+    def test_a_feature_of_one_element_is_a_column_of_numbers(self, tmp_path):
+        recipe = changed(
+            "command: {topic: /command, field: position, names: [elbow, wrist]}",
+            "command: {topic: /command, field: position, names: [wrist]}",
+        )
+        artifact = build(tmp_path, recipe, seconds=1.0)
+        assert str(artifact.read_table("rows.parquet").schema.field("action").type) == "float"
+        assert artifact.read_json("facts.json")["features"]["action"]["shape"] == [1]
+
+    def test_the_recordings_name_shapes_no_byte(self, tmp_path):
+        one = build(tmp_path / "one")
+        write_arm(tmp_path / "other", "another_name")
+        (made,) = build_recordings(make_project(tmp_path / "other")).values()
+        assert made["lerobot_episodes"].artifact.digest == one.digest
+
+
+def cut(section):
+    return RECIPE + f"  episodes: {section}\n"
+
+
+class TestCuts:
+    def spans(self, artifact):
+        return [
+            (round((one["start_ns"] - NOON_NS) / 1e9, 2), one["length"])
+            for one in artifact.read_json("episodes.json")
+        ]
+
+    def test_by_an_event_topic(self, tmp_path):
+        words = [(1.0, "go"), (2.0, "stop"), (3.0, "go"), (3.5, "go"), (4.0, "noise")]
+        messages = arm_messages(5.0) + [
+            text(NOON_NS + int(time * SECOND), word, "/event") for time, word in words
+        ]
+        recipe = cut("{topic: /event, start: [go], end: [stop]}")
+        artifact = build(tmp_path, recipe, messages=sorted(messages, key=lambda one: one.log_time_ns))
+        assert [start for start, _ in self.spans(artifact)] == [1.0, 3.0, 3.5]
+        assert [length for _, length in self.spans(artifact)] == [30, 15, pytest.approx(44, abs=1)]
+        assert left_out(artifact) == []
+
+    def test_by_a_signal(self, tmp_path):
+        flags = [
+            joint_state(NOON_NS + n * SECOND // 10, "/flag", ["on"], [float(10 <= n < 20)]) for n in range(40)
+        ]
+        messages = sorted(arm_messages(4.0) + flags, key=lambda one: one.log_time_ns)
+        recipe = cut("{signal: flag}").replace(
+            "    signals:\n", "    signals:\n      flag: {topic: /flag, field: position}\n"
+        )
+        artifact = build(tmp_path, recipe, messages=messages)
+        assert self.spans(artifact) == [(1.0, 30)]
+
+    def test_by_a_file_with_tasks(self, tmp_path):
+        (tmp_path / "ranges.csv").write_text(
+            "recording,start_s,end_s,task\ndrive.mcap,2,2.5,Turn it.\nother,0,1,No.\ndrive.mcap,0.5,1.5,\n"
+        )
+        artifact = build(tmp_path, cut("{ranges: ranges.csv}"), seconds=3.0)
+        assert self.spans(artifact) == [(0.5, 31), (2.0, 16)]
+        assert [one["task"] for one in artifact.read_json("episodes.json")] == [None, "Turn it."]
+
+    def test_a_file_that_does_not_name_the_recording_makes_no_episode(self, tmp_path):
+        (tmp_path / "ranges.csv").write_text("recording,start_s,end_s\nother,0,1\n")
+        artifact = build(tmp_path, cut("{ranges: ranges.csv}"), seconds=1.0)
+        assert artifact.read_json("facts.json")["episodes"] == 0
+
+    @pytest.mark.parametrize(
+        ("content", "sentence"),
+        [
+            ("recording,begin\ndrive.mcap,1\n", "expected the columns recording, start_s and end_s"),
+            (
+                "recording,start_s,end_s\ndrive.mcap,2,1\n",
+                r"ranges\.csv:2: the episode ends before it begins",
+            ),
+            (
+                "recording,start_s,end_s\ndrive.mcap,x,1\n",
+                r"ranges\.csv:2: start_s and end_s must be numbers",
+            ),
+        ],
+    )
+    def test_a_wrong_file_is_named_with_its_line(self, tmp_path, content, sentence):
+        (tmp_path / "ranges.csv").write_text(content)
+        with pytest.raises(BuildFailure, match=sentence):
+            build(tmp_path, cut("{ranges: ranges.csv}"), seconds=1.0)
+
+    def test_long_episodes_are_cut(self, tmp_path):
+        artifact = build(tmp_path, cut("{max_length_s: 0.5}"), seconds=2.0)
+        assert [length for _, length in self.spans(artifact)] == [15, 15, 15, 14]
+        film = [
+            one["videos"]["observation.images.wrist"]["file"] for one in artifact.read_json("episodes.json")
+        ]
+        assert [n for file in film for n in numbers(artifact, file)] == list(range(59))
+
+    def test_short_ones_are_left_out(self, tmp_path):
+        artifact = build(tmp_path, cut("{min_length_s: 3}"), seconds=2.0)
+        assert left_out(artifact) == ["it has 59 frames, and must have 90"]
+
+    def test_a_task_from_a_topic_holds_for_the_episodes_after_it(self, tmp_path):
+        messages = [*arm_messages(2.0), text(NOON_NS - SECOND // 2, "Push it.", "/task")]
+        recipe = changed("task: Lift the cube.", "task: {topic: /task}")
+        artifact = build(tmp_path, recipe, messages=sorted(messages, key=lambda one: one.log_time_ns))
+        assert [one["task"] for one in artifact.read_json("episodes.json")] == ["Push it."]
+
+
+class TestBrokenRules:
+    """Each leaves its episode out, with a clause that names feature and time."""
+
+    def test_a_camera_that_stops(self, tmp_path):
+        artifact = build(tmp_path, seconds=4.0, skip=lambda topic, time: topic == "/wrist" and time > 2)
+        assert left_out(artifact) == [
+            "observation.images.wrist (CAM_WRIST) ends at 2.000 s already, more than 1 s before it"
+        ]
+        assert artifact.read_json("facts.json")["episodes"] == 0
+
+    def test_a_camera_that_pauses(self, tmp_path):
+        artifact = build(tmp_path, seconds=3.0, skip=lambda topic, time: topic == "/wrist" and 1 < time < 1.5)
+        assert left_out(artifact) == [
+            "observation.images.wrist (CAM_WRIST) has no value within 0.05 s of its frame at 1.067 s"
+        ]
+
+    @pytest.mark.parametrize(("gap", "length"), [("hold", 90), ("end", 32)])
+    def test_a_pause_that_the_recipe_provides_for(self, tmp_path, gap, length):
+        recipe = changed("{camera: CAM_WRIST}", f"{{camera: CAM_WRIST, gap: {gap}}}")
+        artifact = build(
+            tmp_path, recipe, seconds=3.0, skip=lambda topic, time: topic == "/wrist" and 1 < time < 1.5
+        )
+        (episode,) = artifact.read_json("episodes.json")
+        assert episode["length"] == length
+        shown = numbers(artifact, episode["videos"]["observation.images.wrist"]["file"])
+        assert shown[:32] == [min(n, 30) for n in range(32)]
+        if gap == "hold":
+            assert shown[32:46] == [30] * 13 + [45]
+            assert episode["held"] == {"observation.images.wrist": 13}
+
+    def test_an_action_that_begins_late(self, tmp_path):
+        artifact = build(tmp_path, seconds=4.0, skip=lambda topic, time: topic == "/command" and time < 2)
+        assert left_out(artifact) == ["action (command) begins at 2.000 s only, more than 1 s after it"]
+
+    def test_an_action_that_begins_a_little_late_trims_the_episode(self, tmp_path):
+        artifact = build(tmp_path, seconds=2.0, skip=lambda topic, time: topic == "/command" and time < 0.5)
+        (episode,) = artifact.read_json("episodes.json")
+        assert episode["start_ns"] == NOON_NS + SECOND // 2
+
+    def test_more_frames_a_second_than_the_camera_has(self, tmp_path):
+        artifact = build(tmp_path, seconds=2.0, camera_hz=10)
+        (why,) = left_out(artifact)
+        assert why.startswith(
+            "observation.images.wrist (CAM_WRIST) has no value within 0.05 s of its frame at 0.067 s"
+        )
+        assert why.endswith("it comes at 10 Hz and fps is 30; lower fps, or raise its tolerance_s")
+
+    def test_joints_that_vanish(self, tmp_path):
+        messages = [
+            one
+            for one in arm_messages(2.0)
+            if not (one.topic == "/joint_states" and one.log_time_ns > NOON_NS + SECOND)
+        ]
+        messages += [
+            joint_state(NOON_NS + SECOND + n * SECOND // 100, "/joint_states", ["elbow"], [0.0])
+            for n in range(1, 100)
+        ]
+        artifact = build(tmp_path, messages=sorted(messages, key=lambda one: one.log_time_ns))
+        (episode,) = artifact.read_json("episodes.json")
+        assert episode["length"] == 31  # it ends with them, within trim_s
+
+    def test_images_that_change_their_size(self, tmp_path):
+        messages = [
+            one
+            for one in arm_messages(2.0)
+            if not (one.topic == "/wrist" and one.log_time_ns >= NOON_NS + SECOND)
+        ]
+        messages += [
+            picture(NOON_NS + SECOND + n * SECOND // 30, "/wrist", painted(n, (96, 64))) for n in range(30)
+        ]
+        artifact = build(tmp_path, messages=sorted(messages, key=lambda one: one.log_time_ns))
+        assert left_out(artifact) == [
+            "the images of observation.images.wrist are 64 x 96 from 1.000 s on, and 64 x 64 before"
+        ]
+
+    def test_a_task_that_changes(self, tmp_path):
+        messages = arm_messages(2.0) + [
+            text(NOON_NS + int(at * SECOND), said, "/task") for at, said in ((0, "Push it."), (1, "Pull it."))
+        ]
+        recipe = changed("task: Lift the cube.", "task: {topic: /task}")
+        artifact = build(tmp_path, recipe, messages=sorted(messages, key=lambda one: one.log_time_ns))
+        assert left_out(artifact) == ["its task changes at 1.000 s, from 'Push it.' to 'Pull it.'"]
+
+    def test_a_recording_without_the_signal_fails_with_its_name(self, tmp_path):
+        with pytest.raises(
+            BuildFailure, match=r"drive\.mcap: action needs command, of which this recording has no messages"
+        ):
+            build(tmp_path, seconds=1.0, skip=lambda topic, _: topic == "/command")
+
+    def test_what_was_lost_is_counted(self, tmp_path):
+        artifact = build(
+            tmp_path,
+            cut("{max_length_s: 1}"),
+            seconds=3.0,
+            skip=lambda topic, time: topic == "/wrist" and 1.2 < time < 1.5,
+        )
+        facts = artifact.read_json("facts.json")
+        assert facts["episodes"] == 2
+        assert [one["at_s"] for one in facts["left_out"]] == [1.0]
+        assert artifact.summary()["left_out"] == facts["left_out"]

@@ -1,0 +1,233 @@
+"""LeRobot datasets beside lerobot's own loop, on the same images: `make bench-lerobot`.
+
+    python -m benchmarks.lerobot [--seconds 10] [--recordings 2] [--episodes 1000] [--trials 3] [--json FILE]
+
+Ours reads and decodes the images from the store, encodes, computes statistics and joins; the library's `add_frame` and
+`save_episode` are given the decoded images in memory. Both encode with the same codec, quality, preset and key frames.
+Then our encoder beside a bare loop of PyAV, and one more recording in a dataset of many. lerobot is that of
+`make test-lerobot`, or of the environment that BAGASSETS_LEROBOT_PYTHON names.
+"""
+
+import argparse
+import io
+import json
+import os
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from bagassets.formats.assembly import assemble
+from bagassets.formats.format import Part
+from bagassets.formats.lerobot import video
+from bagassets.formats.lerobot.format import LEROBOT
+from bagassets.recipe.model_splits import Splits
+from bagassets.recordings.digest import recording_digest, recording_stat
+from bagassets.recordings.discover import discover
+from bagassets.store.store import Store
+from bagassets_tests.arm_recordings import RECIPE, make_project, write_arm
+from bagassets_tests.recording_build import RecordingBuild
+from benchmarks.common import ROOT, machine, markdown, median
+
+__all__ = ["lerobot_table"]
+
+SIZE = (480, 640)
+SETTINGS = {"av1": ("libsvtav1", 30, "12"), "h264": ("h264", 30, "medium")}
+_THEIRS = """
+import json, sys, time, warnings
+import torch
+operators = torch.library.Library("torchvision", "DEF")
+if not hasattr(torch.ops.torchvision, "nms"):
+    operators.define("nms(Tensor dets, Tensor scores, float iou_threshold) -> Tensor")
+warnings.filterwarnings("ignore")
+import numpy as np
+from PIL import Image
+import lerobot
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
+files, root, codec = json.loads(open(sys.argv[1]).read()), sys.argv[2], sys.argv[3]
+images = [[np.array(Image.open(path).convert("RGB")) for path in some] for some in files]
+joints = {"dtype": "float32", "shape": (2,), "names": ["elbow", "wrist"]}
+camera = {"dtype": "video", "shape": images[0][0].shape, "names": ["height", "width", "channels"]}
+features = {"observation.state": joints, "action": joints, "observation.images.wrist": camera}
+started = time.perf_counter()
+made = LeRobotDataset.create("me/x", 30, features, root=root, vcodec=codec, image_writer_threads=4)
+for episode in images:
+    for image in episode:
+        value = np.zeros(2, np.float32)
+        made.add_frame({"observation.state": value, "action": value, "observation.images.wrist": image, "task": "Lift."})
+    made.save_episode()
+made.finalize()
+print(json.dumps({"seconds": time.perf_counter() - started, "lerobot": lerobot.__version__}))
+"""
+
+
+def main() -> None:
+    """Measure, print the table, and keep the figures."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--seconds", type=float, default=10.0, help="length of a recording")
+    parser.add_argument("--recordings", type=int, default=2)
+    parser.add_argument(
+        "--episodes", type=int, default=1000, help="in the dataset that one recording is added to"
+    )
+    parser.add_argument("--trials", type=int, default=3)
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        found = measure(Path(folder), options)
+    print(lerobot_table(found))
+    if options.json:
+        options.json.write_text(json.dumps(found, indent=1) + "\n")
+
+
+def measure(folder: Path, options: argparse.Namespace) -> dict[str, Any]:
+    """Return all figures."""
+    found: dict[str, Any] = {
+        "machine": machine(),
+        "seconds": options.seconds,
+        "recordings": options.recordings,
+    }
+    for number in range(options.recordings):
+        write_arm(folder, f"r{number}", seconds=options.seconds, first=1000 * number, size=SIZE)
+    for codec, (theirs, crf, preset) in SETTINGS.items():
+        recipe = make_project(
+            folder, RECIPE + f"  video: {{codec: {codec}, crf: {crf}, preset: '{preset}', keyframes: 2}}\n"
+        )
+        builds = [_build(recipe, one) for one in discover(recipe.bags).recordings.values()]
+        parts, files = [], []
+        for build in builds:  # all but the episodes: what both begin with
+            made = {one.asset: one for one in build.build()}
+            channels = made["frames"].artifact.read_json("channels.json")
+            artifact = build.facts[0].artifact(channels["CAM_WRIST"]["artifact"])
+            names = artifact.read_table("index.parquet").column("file").to_pylist()
+            files.append([str(artifact.path(name)) for name in names])
+        (folder / "files.json").write_text(json.dumps(files))
+        ours, other = [], []
+        for trial in range(options.trials):
+            store = Store(recipe.store_path)
+            for path in store.root.glob("actions/*/*.json"):
+                if '"lerobot_episodes"' in path.read_text():
+                    path.unlink()
+            started = time.perf_counter()
+            parts = []
+            for build in builds:
+                made = {one.asset: one for one in _build(recipe, build.facts[1]).build()}
+                key = build.facts[1].key
+                parts.append(Part(key, key, made["lerobot_episodes"].artifact.digest))
+            _assemble(recipe, parts, folder / f"ours_{codec}_{trial}")
+            ours.append(time.perf_counter() - started)
+            told = _theirs(folder / "files.json", folder / f"theirs_{codec}_{trial}", theirs)
+            other.append(told["seconds"])
+            found["lerobot"] = told["lerobot"]
+        found[codec] = {
+            "ours_s": ours,
+            "theirs_s": other,
+            "ours_bytes": _bytes(folder / f"ours_{codec}_0"),
+            "theirs_bytes": _bytes(folder / f"theirs_{codec}_0"),
+            **_encoders(files[0], codec, crf, preset, options.trials),
+        }
+    found["one_more"] = _one_more(recipe, parts[0], folder / "many", options.episodes)
+    return found
+
+
+def _build(recipe: Any, recording: Any) -> Any:
+    digest = recording_digest(recording).digest
+    return RecordingBuild(recipe, Store(recipe.store_path), recording, digest, recording_stat(recording))
+
+
+def _assemble(recipe: Any, parts: list[Part], output: Path, **options: Any) -> None:
+    splits = Splits(shares={"train": 1.0})
+    assemble(LEROBOT, parts, recipe.lerobot, Store(recipe.store_path), output, splits=splits, **options)
+
+
+def _theirs(files: Path, root: Path, codec: str) -> dict[str, Any]:
+    python = os.environ.get("BAGASSETS_LEROBOT_PYTHON", str(ROOT / ".lerobot-venv/bin/python"))
+    done = subprocess.run(
+        [python, "-c", _THEIRS, files, root, codec],
+        capture_output=True, text=True, check=True, env={**os.environ, "HF_HUB_OFFLINE": "1"},
+    )  # fmt: skip
+    told: dict[str, Any] = json.loads(done.stdout.strip().splitlines()[-1])
+    return told
+
+
+def _bytes(folder: Path) -> int:
+    return sum(path.stat().st_size for path in folder.rglob("*.mp4"))
+
+
+def _encoders(files: list[str], codec: str, crf: int, preset: str, trials: int) -> dict[str, list[float]]:
+    """Return the seconds of our encoder and of a bare loop, by turns, on decoded images."""
+    import av
+    import cv2
+
+    images = [cv2.imread(path) for path in files]
+    encoder = {"av1": "libsvtav1", "h264": "libx264"}[codec]
+    settings = video.EncoderSettings.of(codec, crf, preset, 2, "crop")
+    ours, bare = [], []
+    for _ in range(trials):
+        started = time.perf_counter()
+        video.encode(images, 30, settings)
+        ours.append(time.perf_counter() - started)
+        started = time.perf_counter()
+        options = {"crf": str(crf), "preset": preset, "g": "2", "threads": "1"}
+        options |= {"svtav1-params": "lp=1:pred-struct=1"} if codec == "av1" else {"bf": "0"}
+        with av.open(io.BytesIO(), "w", format="mp4") as container:
+            stream = container.add_stream(encoder, 30, options=options)
+            stream.height, stream.width, stream.pix_fmt = *SIZE, "yuv420p"
+            for image in images:
+                container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="bgr24")))
+            container.mux(stream.encode())
+        bare.append(time.perf_counter() - started)
+    return {"encoder_s": ours, "bare_s": bare}
+
+
+def _one_more(recipe: Any, part: Part, output: Path, episodes: int) -> dict[str, Any]:
+    """Return the seconds of joining a dataset of many episodes, and of one more at the end and in the middle."""
+    parts = [Part(f"r{number:05d}", f"r{number:05d}", part.artifact) for number in range(0, 2 * episodes, 2)]
+    found: dict[str, Any] = {"episodes": episodes}
+    started = time.perf_counter()
+    _assemble(recipe, parts, output)
+    found["first_s"] = time.perf_counter() - started
+    more = {"end": "r99999", "middle": f"r{episodes + 1:05d}"}
+    for where, key in more.items():
+        before = {path.stat().st_ino for path in output.rglob("*.mp4")}
+        parts = [*parts, Part(key, key, part.artifact)]
+        started = time.perf_counter()
+        _assemble(recipe, parts, output, suspects=frozenset())
+        found[f"{where}_s"] = time.perf_counter() - started
+        found[f"{where}_files"] = len({path.stat().st_ino for path in output.rglob("*.mp4")} - before)
+    found["files"] = len(list(output.rglob("*.mp4")))
+    return found
+
+
+def lerobot_table(found: dict[str, Any]) -> str:
+    """Return the figures as Markdown."""
+    rows = []
+    for codec in SETTINGS:
+        one = found[codec]
+        ours, theirs = median(one["ours_s"]), median(one["theirs_s"])
+        encoder, bare = median(one["encoder_s"]), median(one["bare_s"])
+        rows.append(
+            [codec, f"{ours:.1f} s", f"{theirs:.1f} s", f"{theirs / ours:.1f}", f"{one['ours_bytes'] / 1e6:.1f} MB",
+             f"{one['theirs_bytes'] / 1e6:.1f} MB", f"{encoder / bare:.2f}"]
+        )  # fmt: skip
+    header = [
+        "codec",
+        "ours",
+        f"lerobot {found['lerobot']}",
+        "ratio",
+        "our videos",
+        "its videos",
+        "encoder / bare PyAV",
+    ]
+    more = found["one_more"]
+    return markdown(header, rows) + (
+        f"\nJoining {more['episodes']:,} episodes of {found['seconds']:g} s takes {more['first_s']:.1f} s. One recording more costs, beyond its "
+        f"own encoding, {more['end_s']:.1f} s at the end and {more['middle_s']:.1f} s in the middle, and writes {more['end_files']} and "
+        f"{more['middle_files']} of {more['files']} videos.\n"
+    )
+
+
+if __name__ == "__main__":
+    main()
