@@ -133,6 +133,28 @@ def test_without_its_index_a_recording_is_complete(tmp_path, sound, kind):
         ]  # fmt: skip
 
 
+@pytest.mark.parametrize("damage", ["4 KB of noise in the middle", "30 KB of noise"])
+@pytest.mark.parametrize("kind", [kind for kind in SOUND if kind.startswith(("ros1", "mcap"))])
+def test_what_follows_a_hole_is_found(tmp_path, sound, kind, damage):
+    path = damaged(tmp_path, kind, damage, sound[kind])
+    found, _ = saved(path)
+    assert found.total() > 0.55 * TOTAL
+    last_ns = max(time_ns for _, time_ns, _ in truth(kind))
+    assert last_ns == max(time_ns for _, time_ns, _ in found)
+
+
+def test_a_chain_of_pages_that_goes_on_costs_its_message(tmp_path, sound):
+    data = bytearray(sound["db3"].read_bytes())
+    pages = range(4096, len(data), 4096)
+    ends = [at for at in pages if data[at : at + 4] == bytes(4) and any(data[at + 4 : at + 4096])]
+    for at in ends:
+        data[at : at + 4] = (2).to_bytes(4, "big")
+    (tmp_path / "a.db3").write_bytes(data)
+    found, damage = saved(tmp_path / "a.db3")
+    assert damage.lost == {"/camera": len(ends)}
+    assert found.total() + len(ends) == TOTAL
+
+
 def test_a_hole_says_where_when_and_what(tmp_path, sound):
     path = damaged(tmp_path, "mcap", "a bit at 70 %", sound["mcap"])
     found, damage = saved(path)

@@ -69,6 +69,7 @@ class SalvagedDatabase:
         self.topics: dict[int, TopicRow] = {}
         self._definitions: dict[str, Definition] = {}
         self._pages: dict[int, bytes] = {}
+        self._buffer = bytearray(_SCANNED_BYTES)  # used again and again: it stays in the processor's cache
         self._file = self._opened()
         try:
             self._size = os.fstat(self._file).st_size
@@ -131,7 +132,7 @@ class SalvagedDatabase:
         found: list[tuple[int, int, int, int, int, int]] = []
         rows: list[NDArray[np.int64]] = []
         per_block = _SCANNED_BYTES // self._page_bytes
-        buffer = bytearray(_SCANNED_BYTES)  # used again and again: it stays in the processor's cache
+        buffer = bytearray(_SCANNED_BYTES)  # not that of chains, which are read meanwhile
         for first in range(0, -(-self._size // self._page_bytes), per_block):
             whole = os.preadv(self._file, [buffer], first * self._page_bytes) // self._page_bytes
             self._tell((first + per_block) * self._page_bytes)
@@ -166,20 +167,21 @@ class SalvagedDatabase:
         broken = _Broken()
         begin = _HEADER_BYTES if number == 0 else 0
         for cell in _cells(page, begin, self._usable, broken):
-            kinds = [kind for kind, _, _ in cell.values]
-            if (
-                len(kinds) == 4
-                and kinds[0] <= 9
-                and max(kinds[1:3]) <= 9
-                and (kinds[3] >= 12 or not kinds[3])
-            ):
-                if not 0 < cell.rowid <= self._size:  # more than a file of this size can hold
+            values = cell.values
+            if len(values) == 4 and values[2][0] <= 9 and values[1][0] <= 9 and values[0][0] <= 9:
+                if (
+                    not 0 < cell.rowid <= self._size or 0 < values[3][0] < 12
+                ):  # more than a file of this size can hold
                     broken.number += 1
                     continue
-                topic, time_ns = _integer(page, *cell.values[1]), _integer(page, *cell.values[2])
-                place = cell.begin | cell.local << 17 | cell.values[3][1] - cell.begin << 34
+                topic, time_ns = _integer(page, *values[1]), _integer(page, *values[2])
+                place = cell.begin | cell.local << 17 | values[3][1] - cell.begin << 34
                 yield time_ns, cell.rowid, topic, number, place, cell.size
-            elif len(kinds) >= 4 and kinds[0] <= 9 and all(kind >= 13 and kind % 2 for kind in kinds[1:4]):
+            elif (
+                len(values) >= 4
+                and values[0][0] <= 9
+                and all(kind >= 13 and kind % 2 for kind, _, _ in values[1:4])
+            ):
                 self._take_texts(cell, self._content(page, cell.begin, cell.local, cell.size))
         if broken.number:
             begin = number * self._page_bytes
@@ -253,12 +255,15 @@ class SalvagedDatabase:
         while left > 0:
             if not 2 <= following <= self._written:
                 return None
-            number = min(-(-left // room), _BLOCK_BYTES // self._page_bytes)
-            block = os.pread(self._file, number * self._page_bytes, (following - 1) * self._page_bytes)
-            whole = len(block) // self._page_bytes
+            number = min(-(-left // room), _SCANNED_BYTES // self._page_bytes)
+            into, at = (
+                memoryview(self._buffer)[: number * self._page_bytes],
+                (following - 1) * self._page_bytes,
+            )
+            whole = os.preadv(self._file, [into], at) // self._page_bytes
             if not whole:
                 return None
-            pages = np.frombuffer(block, np.uint8, whole * self._page_bytes).reshape(whole, -1)
+            pages = np.frombuffer(into, np.uint8, whole * self._page_bytes).reshape(whole, -1)
             links = pages[:, : _NEXT.size].copy().view(">u4")[:, 0].astype(np.int64)
             apart = np.flatnonzero(links != np.arange(following + 1, following + whole + 1))
             run = int(apart[0]) + 1 if len(apart) else whole
@@ -305,7 +310,7 @@ class SalvagedDatabase:
         """Return first and last log time; None without messages."""
         return (int(self._rows[0, 0]), int(self._rows[-1, 0])) if len(self._rows) else None
 
-    def messages(self, topics: Collection[int]) -> Iterator[tuple[int, int, bytes]]:
+    def messages(self, topics: Collection[int]) -> Iterator[tuple[int, int, bytes | memoryview]]:
         """Yield topic id, log time and payload in order of log time."""
         rows = self._rows[np.isin(self._rows[:, 2], list(topics))]
         for time_ns, rowid, topic, number, place, size in _listed(rows):
@@ -315,7 +320,7 @@ class SalvagedDatabase:
                 continue
             content = self._content(self._page(number), begin, size_here, size)
             if content is not None:
-                yield topic, time_ns, content[head:]
+                yield topic, time_ns, memoryview(content)[head:]
                 continue
             at = number * self._page_bytes + begin
             reason = f"the pages of message {rowid} are gone or torn"
@@ -369,7 +374,7 @@ def _cell(page: bytes, at: int, usable: int) -> _Cell:
         DamageError: there is none.
         IndexError: likewise.
     """
-    size, at = _varint(page, at)
+    size, at = (page[at], at + 1) if page[at] < 0x80 else _varint(page, at)
     rowid, begin = _varint(page, at)
     most = usable - 35
     local = size
@@ -379,7 +384,7 @@ def _cell(page: bytes, at: int, usable: int) -> _Cell:
         local = local if local <= most else least
     if not size > 0 or begin + local + (4 if local < size else 0) > usable:
         raise DamageError("cell")
-    head_bytes, at = _varint(page, begin)
+    head_bytes, at = (page[begin], begin + 1) if page[begin] < 0x80 else _varint(page, begin)
     values, value_at, head_end = [], begin + head_bytes, begin + head_bytes
     if head_end > begin + local:
         raise DamageError("cell")
