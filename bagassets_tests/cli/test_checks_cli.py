@@ -9,15 +9,18 @@ from click.testing import CliRunner
 
 from bagassets.cli.main import root
 from bagassets.formats import checking
+from bagassets.formats.catalogue import recording_assets
 from bagassets.formats.nuscenes.dataset_checks import CHECKS as DATASET_CHECKS
-from bagassets.recipe import load_recipe
+from bagassets.recipe import load_recipe, parse_recipe
 from bagassets.store.store import Store
 from bagassets_tests.checks import RECORDING_CHECKS
 from bagassets_tests.in_process import QUICK, build, make_project
 
 GOOD, SHORT = "a.mcap", "b.mcap"
 PASSED, USAGE, FOUND = 0, 2, 3
-ALL = {check.name for check in (*RECORDING_CHECKS, *DATASET_CHECKS)}
+# Of the assets that this recipe asks for: not of signals, for one.
+ASSETS = recording_assets(parse_recipe(QUICK.format(name="test", root="."), Path("recipe.yaml")))
+ALL = {check.name for asset in ASSETS for check in asset.checks} | {check.name for check in DATASET_CHECKS}
 
 
 @pytest.fixture(scope="module")
