@@ -22,7 +22,7 @@ from dagster._core.workspace.load_target import ModuleTarget
 from dagster._daemon.run_coordinator.queued_run_coordinator_daemon import QueuedRunCoordinatorDaemon
 from dagster_graphql.test.utils import execute_dagster_graphql
 
-from bagassets.defs.launchers.launcher import BagAssetsRunLauncher
+from bagassets.defs.launchers.launcher import BagAssetsRunLauncher, Settings
 from bagassets.defs.records.instances import open_instance
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.runs.execution import CodeLocation, create_run
@@ -270,7 +270,7 @@ def test_the_daemons_queue_launches_too(place, workspace):
 def test_without_a_server_dagsters_own_launcher_takes_over(workspace, instance, steering, monkeypatch):
     recipe = steering / "recipe.yaml"
     recipe.write_text("nonsense: true\n", "utf-8")
-    monkeypatch.setattr(instance.run_launcher, "_state_folder", None)
+    monkeypatch.setattr(instance.run_launcher, "settings", Settings())
     monkeypatch.setenv("BAGASSETS_RECIPE", str(recipe))
     run_id = click(workspace, "whole", key=None)
     assert ended(instance, run_id) == "SUCCESS"
