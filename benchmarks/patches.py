@@ -76,34 +76,23 @@ class Patch:
 
 _STORAGE = "defs/records/sqlite_storage.py"
 PATCHES = {
-    "storage": Patch(
-        "storages of our own for SQLite, all that they do",
-        (
-            (
-                "propose/project.py",
-                "  custom:\n    module: bagassets.defs.sqlite_storage\n    class: ProjectStorage\n    config:\n      base_dir: {storage}",
-                "  sqlite:\n    base_dir: {storage}",
-            ),
-            ("defs/records/databases.py", "storage is not None and storage.class_name", "storage is None and storage"),
-        ),
-    ),
     "connections": Patch(
-        "of that: connections to SQLite that stay open",
+        "connections to SQLite that stay open",
         (
             (_STORAGE, "with _transaction(self._conn_string) as", "with super().connect() as"),
             (_STORAGE, "with _transaction(self.conn_string_for_shard(shard)) as", "with super()._connect(shard) as"),
         ),
     ),
     "one_file": Patch(
-        "of that: the events of all runs in one file",
+        "the events of all runs in one file",
         ((_STORAGE, "_events: type[SqliteEventLogStorage] = ProjectEventLogStorage", "_events: type[SqliteEventLogStorage] = _EventLogStorage"),),
     ),
     "event_id": Patch(
-        "of that: the id of the event just recorded is not looked up",
+        "the id of the event just recorded is not looked up",
         ((_STORAGE, 'return getattr(self._thread, "event_id", None)', "return None"),),
     ),
     "alembic": Patch(
-        "of that: Alembic is not asked whether a database is new",
+        "Alembic is not asked whether a database is new",
         (
             (_STORAGE, 'self._run_storage = _RunStorage(f"sqlite:///{runs}")', "self._run_storage = _RunStorage.from_local(str(runs.parent))"),
             (_STORAGE, 'self._schedule_storage = _ScheduleStorage(f"sqlite:///{schedules}")', "self._schedule_storage = _ScheduleStorage.from_local(str(schedules.parent))"),
