@@ -43,6 +43,9 @@ NOT_MEASURED = {
         "the 15 seconds",
         "1.7 s off",
         "ahead by 0.1 s",
+        "camera stops after 2 s",
+        "after 2 s, `joint_7`",
+        "begin after 1 s",
     ],
     "ui.md": ["looks every 30 seconds, that of `bagassets ui` every 2 seconds"],
 }
