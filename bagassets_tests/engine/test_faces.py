@@ -108,8 +108,8 @@ def test_a_build_has_a_column_of_what_it_counts_and_says_what_it_lost(made, asse
 
 def test_status_has_a_short_heading_for_it(monkeypatch):
     monkeypatch.setattr(catalogue, "known_assets", lambda: (*catalogue.OUR_ASSETS, DOORS))
-    states = {"a": {"inventory": "fresh", "ego_poses": "fresh", DOORS.name: "fresh"}}
-    assert [str(one.header) for one in _table(states, short=True).columns][1:] == ["invent.", "poses", "door"]
+    rows = [("a", {"inventory": "fresh", "ego_poses": "fresh", DOORS.name: "fresh"})]
+    assert [str(one.header) for one in _table(rows, short=True).columns][1:] == ["invent.", "poses", "door"]
 
 
 def test_a_report_counts_it_and_shows_what_it_lost_and_its_pictures(made, assets, tmp_path):

@@ -8,8 +8,8 @@ import pytest
 from bagassets.assets.frames import FrameExtractor
 from bagassets.base.errors import DecodeError
 from bagassets.defs.builds import pending_work
-from bagassets.defs.graph import batch_job
 from bagassets.defs.graph import checks as graph_checks
+from bagassets.defs.graph import several
 from bagassets.defs.graph.location import build_definitions
 from bagassets.defs.records.batches import batch_config
 from bagassets.defs.records.instances import open_instance
@@ -84,7 +84,7 @@ def test_a_worker_whose_run_was_given_up_leaves_no_note(tmp_path, monkeypatch):
     def given_up(instance, run_id, *_):
         instance.report_run_failed(instance.get_run_by_id(run_id), "Its node failed.")
 
-    monkeypatch.setattr(batch_job, "note_begun", given_up)
+    monkeypatch.setattr(several, "note_begun", given_up)
     names = Naming(load_recipe(recipe_file).name)
     with open_instance(str(tmp_path)) as instance:
         job = build_definitions(recipe_file).resolve_job_def(names.batch_job)

@@ -14,7 +14,6 @@ from bagassets.formats.dataset_build import DatasetInputs, deal_contents
 from bagassets.formats.format import Part
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model_splits import Splits
-from bagassets.store.store import Store
 from bagassets_tests.in_process import QUICK, build, make_project
 from bagassets_tests.small_drive import write_drive
 
@@ -133,4 +132,5 @@ def test_all_datasets_have_the_same_splits_even_if_one_lacks_a_recording(tmp_pat
         },
         failed={"nuscenes": {keys[0]: "why"}},
     )
-    assert inputs.dealt(Splits(), Store(tmp_path)) == deal(keys, Splits())
+    recipe = load_recipe(make_project(tmp_path, []))
+    assert inputs.dealt(recipe) == deal(keys, Splits())
