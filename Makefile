@@ -118,6 +118,7 @@ bench-all: bench-peers $(DEVKIT)/.made
 	$(BIN)/python benchmarks/plan.py --recordings 2000 --json benchmarks/results/plan.json
 	$(BIN)/python benchmarks/launch.py --times 3 --json benchmarks/results/launch.json
 	$(BIN)/python -m benchmarks.kernels --trials 3 --json benchmarks/results/kernels.json
+	$(BIN)/python -m benchmarks.damaged --json benchmarks/results/damaged.json
 	$(BIN)/python -m benchmarks.reader --json benchmarks/results/reader.json
 	$(BIN)/python -m benchmarks.scale --json benchmarks/results/scale.json
 	$(BIN)/python -m benchmarks.pages

@@ -11,7 +11,7 @@ from bagassets.sample.recipe import sample_recipe
 
 UPSTREAM = {asset.name: tuple(one.name for one in asset.reads) for asset in known_assets()}
 ASSETS = recording_assets(Recipe.model_validate(yaml.safe_load(sample_recipe())))
-RECORDING_ASSETS = ("bag", *(asset.name for asset in known_assets() if not asset.optional))
+RECORDING_ASSETS = ("bag", *(name for name in ASSETS.names if name not in ASSETS.optional))
 
 
 class RecordingBuild:

@@ -33,7 +33,17 @@ def number_in(picture):
 
 
 def encode(
-    codec="libx264", number=40, *, gop=10, b_frames=0, matrix=None, full=False, options=None, size=None
+    codec="libx264",
+    number=40,
+    *,
+    gop=10,
+    b_frames=0,
+    matrix=None,
+    full=False,
+    options=None,
+    size=None,
+    noise=False,
+    pixels="yuv420p",
 ):
     """Return the packets of a stream, in the order in which they must be decoded, with their number in time.
 
@@ -46,10 +56,12 @@ def encode(
         full: whether the range is full, tagged.
         options: of the encoder.
         size: width and height; else `SIZE`, with numbers.
+        noise: pictures are noise.
+        pixels: format of the pixels.
     """
     context = av.CodecContext.create(codec, "w")
     context.width, context.height = size or SIZE
-    context.pix_fmt, context.gop_size, context.max_b_frames = "yuv420p", gop, b_frames
+    context.pix_fmt, context.gop_size, context.max_b_frames = pixels, gop, b_frames
     context.time_base, context.framerate = Fraction(1, 20), Fraction(20)
     context.options = options if options is not None else (X265 if codec == "libx265" else X264)
     if matrix is not None:
@@ -58,8 +70,10 @@ def encode(
     packets = []
     for at in range(number):
         picture = painted(at) if size is None else np.zeros((*size[::-1], 3), np.uint8)
+        if noise:
+            picture = np.random.default_rng(at).integers(0, 256, picture.shape, np.uint8)
         frame = av.VideoFrame.from_ndarray(picture, format="rgb24").reformat(
-            format="yuv420p", dst_colorspace=Colorspace[matrix or "ITU601"],
+            format=pixels, dst_colorspace=Colorspace[matrix or "ITU601"],
             dst_color_range=ColorRange.JPEG if full else ColorRange.MPEG,
         )  # fmt: skip
         frame.pts = at

@@ -19,6 +19,7 @@ from benchmarks.chaos import chaos_table
 from benchmarks.clicks import clicks_table
 from benchmarks.cold import cold_table
 from benchmarks.common import ROOT, median
+from benchmarks.damaged import damaged_table
 from benchmarks.doors import doors_table, tiny_table
 from benchmarks.first_contact import first_contact_table
 from benchmarks.floor import floor_table
@@ -26,6 +27,7 @@ from benchmarks.incremental import incremental_table
 from benchmarks.kernels import kernels_table
 from benchmarks.launch import DEFAULT, SHIPPED, launch_table
 from benchmarks.lerobot import lerobot_table
+from benchmarks.patches import patches_table
 from benchmarks.peers import peers_table
 from benchmarks.plan import plan_table
 from benchmarks.reader import reader_table
@@ -62,6 +64,7 @@ FIGURES: dict[str, tuple[str, Callable[[Any], str]]] = {
     "clicks": ("clicks", clicks_table),
     "code size": ("code_size", code_size_table),
     "cold": ("cold", cold_table),
+    "damaged": ("damaged", damaged_table),
     "doors": ("doors", doors_table),
     "doors tiny": ("doors", tiny_table),
     "first contact": ("first_contact", first_contact_table),
@@ -72,6 +75,7 @@ FIGURES: dict[str, tuple[str, Callable[[Any], str]]] = {
     "launch default": ("launch", _step(DEFAULT)),
     "launch shipped": ("launch", _step(SHIPPED)),
     "lerobot": ("lerobot", lerobot_table),
+    "patches": ("patches", patches_table),
     "peers": ("peers", peers_table),
     "plan": ("plan", plan_table),
     "reader": ("reader", reader_table),

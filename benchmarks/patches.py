@@ -9,7 +9,8 @@ processor seconds, with all servers and workers, of three things:
 - warm: a build of one recording that has changed, with a server that is up;
 - tick: a scan by the sensor that remembers nothing.
 
-The gain is the quotient without / with, of the least of several times: whatever else the machine does only adds to them.
+Also how much room Dagster's records take then. The gain is the quotient without / with, of two builds one after the other, since
+the processors of a shared machine are now faster, now slower; the median of several pairs.
 """
 
 import argparse
@@ -17,6 +18,7 @@ import json
 import os
 import resource
 import shutil
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -31,10 +33,9 @@ from bagassets.sample.drive import Target, write_recordings
 from bagassets.sample.recipe import sample_recipe
 from benchmarks.common import ROOT, machine
 
-CASES = ("cold", "warm", "tick")
+CASES = ("cold", "warm", "tick", "room")
 WORTH = 1.03
 """A patch that gains no more than this in any of the cases is not worth its lines."""
-_OURS = "ours"
 _RECORDINGS, _DURATION_S, _TICKS = 12, 1.5, 40
 _ENDING_S = 0.5  # workers give back their memory
 _IDLE_S = 3.0
@@ -75,34 +76,23 @@ class Patch:
 
 _STORAGE = "defs/records/sqlite_storage.py"
 PATCHES = {
-    "storage": Patch(
-        "storages of our own for SQLite, all that they do",
-        (
-            (
-                "propose/project.py",
-                "  custom:\n    module: bagassets.defs.sqlite_storage\n    class: ProjectStorage\n    config:\n      base_dir: {storage}",
-                "  sqlite:\n    base_dir: {storage}",
-            ),
-            ("defs/records/databases.py", "storage is not None and storage.class_name", "storage is None and storage"),
-        ),
-    ),
     "connections": Patch(
-        "of that: connections to SQLite that stay open",
+        "connections to SQLite that stay open",
         (
             (_STORAGE, "with _transaction(self._conn_string) as", "with super().connect() as"),
             (_STORAGE, "with _transaction(self.conn_string_for_shard(shard)) as", "with super()._connect(shard) as"),
         ),
     ),
     "one_file": Patch(
-        "of that: the events of all runs in one file",
+        "the events of all runs in one file",
         ((_STORAGE, "_events: type[SqliteEventLogStorage] = ProjectEventLogStorage", "_events: type[SqliteEventLogStorage] = _EventLogStorage"),),
     ),
     "event_id": Patch(
-        "of that: the id of the event just recorded is not looked up",
+        "the id of the event just recorded is not looked up",
         ((_STORAGE, 'return getattr(self._thread, "event_id", None)', "return None"),),
     ),
     "alembic": Patch(
-        "of that: Alembic is not asked whether a database is new",
+        "Alembic is not asked whether a database is new",
         (
             (_STORAGE, 'self._run_storage = _RunStorage(f"sqlite:///{runs}")', "self._run_storage = _RunStorage.from_local(str(runs.parent))"),
             (_STORAGE, 'self._schedule_storage = _ScheduleStorage(f"sqlite:///{schedules}")', "self._schedule_storage = _ScheduleStorage.from_local(str(schedules.parent))"),
@@ -115,10 +105,6 @@ PATCHES = {
     "tails": Patch(
         "no `tail` processes for the output of steps",
         (("defs/runs/execution.py", "with capture_interrupts(), _compute_logs_without_tails():", "with capture_interrupts():"),),
-    ),
-    "commits": Patch(
-        "SQLite is asked whether anything was committed before records are read",
-        (("defs/records/connections.py", "return bool(self._files)", "return False"), ("defs/records/connections.py", "        before, self._seen = self._seen, versions\n", "        return True\n        before, self._seen = self._seen, versions\n")),
     ),
     "rehearsal": Patch(
         "the server asks the project's database what plans ask, before it forks",
@@ -142,44 +128,45 @@ def main() -> None:
         found = measure(Path(folder), arguments.patch, arguments.times)
     if arguments.json:
         before = json.loads(arguments.json.read_text("utf-8")) if arguments.json.exists() else {}
-        kept = before.get("cpu_s", {}) | found
-        arguments.json.write_text(json.dumps({"machine": machine(), "cpu_s": kept}, indent=1) + "\n", "utf-8")
-    print(patches_table({"cpu_s": found}))
+        kept = before.get("pairs", {}) | found
+        ordered = {name: kept[name] for name in PATCHES if name in kept}
+        arguments.json.write_text(
+            json.dumps({"machine": machine(), "pairs": ordered}, indent=1) + "\n", "utf-8"
+        )
+    print(patches_table({"pairs": found}))
 
 
 def patches_table(figures: dict[str, Any]) -> str:
     """Return the gains as Markdown."""
-    measured = figures["cpu_s"]
     rows = [
-        f"| {PATCHES[name].what} | {' | '.join(f'{gain:.2f}' for gain in gains(measured, name).values())} |"
-        for name in PATCHES
-        if name in measured
+        f"| {PATCHES[name].what} | {' | '.join(f'{gain:.2f}' for gain in gains(pairs).values())} |"
+        for name, pairs in figures["pairs"].items()
     ]
     return "\n".join([f"| gain | {' | '.join(CASES)} |", f"|---|{'--:|' * len(CASES)}", *rows])
 
 
-def gains(measured: dict[str, dict[str, list[float]]], name: str) -> dict[str, float]:
+def gains(pairs: list[dict[str, list[float]]]) -> dict[str, float]:
     """Return case -> what a patch gains in it."""
-    return {case: min(measured[name][case]) / min(measured[_OURS][case]) for case in CASES}
+    return {
+        case: statistics.median(without / ours for ours, without in (one[case] for one in pairs))
+        for case in CASES
+    }
 
 
-def measure(folder: Path, names: list[str], times: int) -> dict[str, dict[str, list[float]]]:
-    """Return patch, or `ours` for all of them -> case -> processor seconds without it, each time."""
+def measure(folder: Path, names: list[str], times: int) -> dict[str, list[dict[str, list[float]]]]:
+    """Return patch -> for each time, case -> what it takes with all patches, and without this one."""
     recordings = folder / "recordings"
     for seed in range(_RECORDINGS):
         _write(recordings / f"d{seed:02}.bag", seed)
-    code = {name: _code(folder / name, PATCHES.get(name)) for name in (_OURS, *names)}
-    found: dict[str, dict[str, list[float]]] = {name: {case: [] for case in CASES} for name in code}
+    ours = _code(folder / "ours", None)
+    code = {name: _code(folder / name, PATCHES[name]) for name in names}
+    found: dict[str, list[dict[str, list[float]]]] = {name: [] for name in names}
     seeds = count(_RECORDINGS)  # each time another recording comes
     for _ in range(times):
         for name, place in code.items():
-            seconds = _once(folder / "project", recordings, place, next(seeds))
-            print(
-                f"{name:12} {', '.join(f'{case} {value:.2f} s' for case, value in seconds.items())}",
-                flush=True,
-            )
-            for case, value in seconds.items():
-                found[name][case].append(value)
+            both = [_once(folder / "project", recordings, each, next(seeds)) for each in (ours, place)]
+            found[name].append({case: [one[case] for one in both] for case in CASES})
+            print(f"{name:12} {found[name][-1]}", flush=True)
     return found
 
 
@@ -196,7 +183,7 @@ def _code(folder: Path, patch: Patch | None) -> Path:
 
 
 def _once(project: Path, recordings: Path, code: Path, seed: int) -> dict[str, float]:
-    """Return case -> processor seconds, in a new project."""
+    """Return case -> processor seconds, or bytes, in a new project."""
     shutil.rmtree(project, ignore_errors=True)
     env = {**os.environ, "PYTHONPATH": str(code), "BAGASSETS_RECIPE": str(project / "recipe.yaml")}
     arguments = [str(project), sample_recipe(root=str(recordings))]
@@ -212,7 +199,10 @@ def _once(project: Path, recordings: Path, code: Path, seed: int) -> dict[str, f
     tick = subprocess.run(
         [sys.executable, "-c", _TICK], cwd=project, env=env, check=True, capture_output=True, text=True
     )
-    return {"cold": cold, "warm": warm, "tick": float(tick.stdout.split()[-1])}
+    room = sum(
+        path.stat().st_size for path in (project / ".bagassets" / "dagster").rglob("*") if path.is_file()
+    )
+    return {"cold": cold, "warm": warm, "tick": float(tick.stdout.split()[-1]), "room": float(room)}
 
 
 def _build_cpu_s(project: Path, env: dict[str, str]) -> float:

@@ -10,6 +10,7 @@ Growth is the exponent b of a power law, number^b, fitted to the numbers from 1,
 """
 
 import argparse
+import io
 import json
 import math
 import shutil
@@ -19,7 +20,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -124,14 +125,15 @@ def main() -> None:
 
 def scale_table(found: dict[str, Any]) -> str:
     """Return the table of `scale.json`, with the growth of each row."""
-    copied = [f"{number:,} (copies)" for number in found["replicated"]]
-    numbers = found["built"]["numbers"]
-    heads = [f"{number:,}" for number in numbers if number not in found["replicated"]]
-    return _table(found["built"], [*heads, *copied])
+    copied = found["replicated"]
+    heads = [f"{number:,}{' (copies)' if number in copied else ''}" for number in found["built"]["numbers"]]
+    return _table(found["built"], heads)
 
 
 def unbuilt_table(found: dict[str, Any]) -> str:
     """Return the table of recordings that are only registered."""
+    if not found["unbuilt"]["numbers"]:
+        return "not measured yet"
     return _table(found["unbuilt"], [f"{number:,}" for number in found["unbuilt"]["numbers"]])
 
 
@@ -240,7 +242,8 @@ def measure_unbuilt(recipe_file: Path, number: int, _: int, times: int) -> dict[
 
 def watched(command: list[str], folder: Path, *, failing: bool = False) -> Used:
     """Run a command, which must succeed, and return what it used."""
-    used = run_watched(command, cwd=folder)
+    with redirect_stdout(io.StringIO() if failing else sys.stdout):
+        used = run_watched(command, cwd=folder)
     if used.code and not failing:
         raise SystemExit(f"{' '.join(command)}: ended with status {used.code}")
     return used

@@ -37,7 +37,8 @@ _LONGEST = 40  # of a field that names a licence; longer ones are its text
 _GCC = "`libgfortran`: GPL-3.0-or-later WITH GCC-exception-3.1, `libquadmath`: LGPL-2.1-or-later"
 # What is copyleft of the wheel of a package.
 COPYLEFT = {
-    "av": "shared libraries: FFmpeg with x264 and x265 (`libav…`, `libx26…`): GPL-2.0-or-later; only with the extra `video`",
+    "av": "shared libraries: FFmpeg as built with x264 and x265: GPL-2.0-or-later, and others under the LGPL; only with the extra "
+    "`video`",
     "certifi": "all: MPL-2.0",
     "grpcio": "`roots.pem`, a list of certificates: MPL-2.0",
     "grpcio-health-checking": "as `grpcio`, whose licence file it has; of its files none",

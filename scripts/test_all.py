@@ -184,6 +184,7 @@ def _requirements() -> list[str]:
     return [
         *project["project"]["dependencies"],
         *project["project"]["optional-dependencies"]["postgres"],
+        *project["project"]["optional-dependencies"]["video"],
         *project["dependency-groups"]["dev"],
     ]
 

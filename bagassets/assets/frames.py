@@ -105,7 +105,7 @@ def _use_of_camera(facts: Facts, name: str, settings: CameraSettings) -> Use[Cam
         decoder=decoder.key,
         camera=lens,
         camera_from="" if camera is None else camera.source,
-        video=decoder_version() if is_video else None,
+        video=decoder_version(f"{name} ({settings.topic})") if is_video else None,
         period_ns=topic.period_ns if is_video else None,
     )
     if lens is not None and lens.width * lens.height > settings.image_pixels:

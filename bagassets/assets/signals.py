@@ -16,8 +16,9 @@ from bagassets.assets.asset import Asset, Facts, Use, inlined, omitted, uses_of
 from bagassets.assets.channel import Counts
 from bagassets.assets.face import Face, Loss, Table, losses_of
 from bagassets.assets.inventory import INVENTORY
+from bagassets.assets.quality.channel_rules import channels_complete
 from bagassets.assets.quality.check import RecordingCheck
-from bagassets.assets.quality.signal_rules import signal_values, signals_complete
+from bagassets.assets.quality.signal_rules import signal_values
 from bagassets.base.errors import DecodeError, LossLimitError, UnsetError
 from bagassets.base.json_types import Json, JsonMapping, JsonObject
 from bagassets.decode.numeric_fields import Numbers, numbers_at, own_stamp_ns
@@ -31,7 +32,7 @@ from bagassets.store.artifact import Artifact, ArtifactWriter
 __all__ = ["FACTS", "SIGNALS", "TABLE", "SignalExtractor"]
 
 TABLE, FACTS = "signal.parquet", "signal.json"
-REPEATED, OTHER_NUMBER = "repeated stamp", "another number of elements than before"
+REPEATED, OTHER_NUMBER = "repeated stamp", "it has another number of elements than before"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -377,15 +378,15 @@ message lacks, is null.""",
             "Every message read was written or counted as lost, and every signal has values.",
             "counts do not add up; more than `limits.reported_losses` (5 %) of the messages of a signal were lost, for whatever "
             "reason (section `channels_present`, whose `max_lost` takes precedence)",
-            lambda e: signals_complete(e.channels("signals"), e.max_lost),
+            lambda e: channels_complete(e.channels("signals"), e.max_lost, e.clock_of),
             quick=True,
         ),
         RecordingCheck(
             "signal_values",
             "signal_values",
-            "Elements of signals have values all the time, at the expected rate and in the expected range.",
+            "Elements of signals have values all the time, and in the expected range.",
             "an element has no value for more than `max_gap_s` (1 s), or in more than `max_empty` (1 %) of the messages; stamps go "
-            "back by more than `max_backward_s` (1 s); a rate or a value is outside its `limits`",
+            "back by more than `max_backward_s` (1 s); a value is outside its `limits`; rates are those of topics (`topic_rates`)",
             lambda e: signal_values(e.parts("signals"), e.checks.signal_values),
         ),
     ),

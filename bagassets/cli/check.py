@@ -42,11 +42,11 @@ def check(recipe: Path, bags: tuple[str, ...], as_json: bool) -> int:
     These are the asset checks of the web UI, with the current thresholds of the recipe. Nothing is built, and nothing
     is recorded in Dagster.
     """
-    from bagassets.cli.progress import planning_shown
+    from bagassets.cli.progress import bar_shown, planning_shown
     from bagassets.defs.builds.pending_work import find_pending_work, open_project
     from bagassets.engine.build_report import BuildOptions
     from bagassets.engine.choose import SelectionError
-    from bagassets.formats.checking import check_bag, check_datasets
+    from bagassets.formats.checking import check_bags, check_datasets
 
     try:
         with planning_shown() as on_planned, open_project(recipe) as (instance, workspace):
@@ -54,11 +54,12 @@ def check(recipe: Path, bags: tuple[str, ...], as_json: bool) -> int:
     except SelectionError as err:
         raise click.UsageError(str(err)) from err
     loaded, store = workspace.recipe, workspace.store
-    verdicts = [
-        verdict
-        for key in sorted(pending.asked.chosen)
-        for verdict in check_bag(loaded, store, pending.plan.discovery, pending.plan.bags[key])
-    ]
+    bags_chosen = [pending.plan.bags[key] for key in sorted(pending.asked.chosen)]
+    verdicts: list[Verdict] = []
+    with bar_shown("Checking recordings", len(bags_chosen)) as on_checked:
+        for _, found in check_bags(loaded, store, pending.plan.discovery, bags_chosen):
+            verdicts += found
+            on_checked(1)
     if not bags:
         verdicts += check_datasets(loaded)
     if as_json:

@@ -66,7 +66,7 @@ def _print(found: "Examined", copy: Path | None, written: int | None) -> None:
         echo_lines(f"{path}\n\nWhat is wrong\n  {found.problem.removeprefix(f'{found.path}: ')}")
     damage = found.damage
     if damage is not None:
-        lines = [f"{line[:1].upper()}{line[1:]}." for line in damage.findings]
+        lines = list(damage.findings)
         lines += [
             f"{hole.file}, bytes {hole.begin} to {hole.end}{_between(hole.start_ns, hole.end_ns)}: {hole.reason}"
             for hole in damage.holes[:_SHOWN]
@@ -76,10 +76,9 @@ def _print(found: "Examined", copy: Path | None, written: int | None) -> None:
         if lines:
             echo_lines("\nWhere\n" + "\n".join(f"  {line}" for line in lines))
         width = max(map(len, found.topics), default=0)
-        rows = [
-            f"  {name:{width}}  {count:>8}  {damage.lost.get(name, 0):>6} lost"
-            for name, (_, count) in found.topics.items()
-        ]
+        rows = [f"  {name:{width}}  {count:>8}" for name, (_, count) in found.topics.items()]
+        losses = [damage.lost.get(name, 0) for name in found.topics]
+        rows = [f"{row}  {lost:>6} lost" if lost else row for row, lost in zip(rows, losses, strict=True)]
         if "" in damage.lost:
             rows.append(f"  {'of unknown topics':{width}}  {'':>8}  {damage.lost['']:>6} lost")
         share = damage.share()

@@ -171,6 +171,16 @@ def planning_shown() -> Iterator[Callable[[int, int], None]]:
         yield lambda done, total: display()(Event.planning(done, total))
 
 
+@contextmanager
+def bar_shown(label: str, length: int) -> Iterator[Callable[[int], None]]:
+    """Show a bar on a terminal; call what is yielded with how much more is done."""
+    import click
+
+    hidden = not sys.stderr.isatty()
+    with click.progressbar(length=length, label=label, file=sys.stderr, hidden=hidden) as bar:
+        yield bar.update
+
+
 def progress_for() -> SilentProgress:
     """Return the display for standard error: live on a terminal, lines in a log."""
     return LiveProgress() if sys.stderr.isatty() else LinesProgress()

@@ -1,6 +1,5 @@
 """`bagassets report`: one page about the whole dataset."""
 
-import sys
 from pathlib import Path
 
 import click
@@ -37,22 +36,18 @@ def report(recipe: Path, output: Path | None, no_checks: bool, as_json: bool) ->
 
     The page is self-contained, pictures included, and loads nothing. Nothing is built: the page shows the present state.
     """
+    from bagassets.cli.progress import bar_shown, planning_shown
     from bagassets.defs.builds.pending_work import open_project
-    from bagassets.defs.records.instance_plan import plan_instance
+    from bagassets.defs.records.instance_plan import planner_of
     from bagassets.formats.report_data import report_data
     from bagassets.report.page import report_json, report_page
     from bagassets.report.write import write_page
 
-    with open_project(recipe) as (instance, workspace):
-        plan = plan_instance(instance, workspace)
-        checked = None if no_checks else plan.discovery
-        with click.progressbar(
-            length=len(plan.bags),
-            label="Reading recordings",
-            file=sys.stderr,
-            hidden=not sys.stderr.isatty(),
-        ) as bar:
-            data = report_data(workspace.recipe, workspace.store, plan, checked, bar.update)
+    with planning_shown() as on_planned, open_project(recipe) as (instance, workspace):
+        plan = planner_of(instance, workspace).plan(on_planned)
+    checked = None if no_checks else plan.discovery
+    with bar_shown("Reading recordings", len(plan.bags)) as on_read:
+        data = report_data(workspace.recipe, workspace.store, plan, checked, on_read)
     if as_json:
         echo_json(report_json(data))
         return

@@ -6,6 +6,7 @@ Texts of errors contain no values, because steps count lost messages by them.
 import re
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
+from math import inf
 from numbers import Real
 from types import SimpleNamespace
 from typing import Any, NamedTuple, TypeGuard
@@ -66,7 +67,7 @@ def numbers_at(message: Message, path: str) -> Numbers:
         else:
             value = _member(value, step, path)
     if isinstance(value, _NUMBER):
-        return Numbers((path,), (float(value),), named=False)
+        return Numbers((path,), (_float(value),), named=False)
     if _is_array(value) and not (len(value) and _members(value[0])):
         return _array(value, path, labels, around)
     found = list(_inside(value, path))
@@ -127,6 +128,13 @@ def _members(value: Message) -> tuple[str, ...]:
     return members(value) if descriptor is None else tuple(field.name for field in descriptor.fields)
 
 
+def _float(value: Any) -> float:  # noqa: ANN401  (any number)
+    try:
+        return float(value)
+    except OverflowError:  # integers of JSON may be of any size
+        return inf
+
+
 def _is_array(value: object) -> TypeGuard[Sequence[Message]]:
     return isinstance(value, np.ndarray) or (isinstance(value, Sequence) and not isinstance(value, str))
 
@@ -138,8 +146,10 @@ def _array(value: Sequence[Any], path: str, labels: tuple[str, ...], around: Seq
         raise UnsetError(f"{path} is empty")
     try:
         values = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise DecodeError(f"{path} does not hold numbers") from None
+    if values.ndim != 1:
+        raise DecodeError(f"{path} is an array of arrays; name one of them, as in {path}[0]")
     lists = (getattr(message, name, None) for message in reversed(around) for name in _NAMES)
     for texts in (labels, *lists):
         if _is_array(texts) and len(texts) == len(value):
@@ -157,7 +167,7 @@ def _numbered(path: str, number: int) -> tuple[str, ...]:
 def _inside(value: Message, path: str) -> Iterator[tuple[str, float]]:
     """Yield the path of each number in a message, or in a list of messages, and the number."""
     if isinstance(value, _NUMBER):
-        yield path, float(value)
+        yield path, _float(value)
     elif names := _members(value):
         for name in names:
             yield from _inside(getattr(value, name), f"{path}.{name}")

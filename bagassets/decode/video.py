@@ -90,8 +90,11 @@ def decode_video_packet(message: Message) -> VideoPacket:
     return VideoPacket(stamp_ns, frame_id, codec, byte_array(message.data).tobytes())
 
 
-def decoder_version() -> str:
+def decoder_version(where: str) -> str:
     """Return what decodes video, for the keys of actions; wheels of PyAV bring their own ffmpeg.
+
+    Args:
+        where: what has video, for the error.
 
     Raises:
         DecodeError: it is not installed.
@@ -99,7 +102,9 @@ def decoder_version() -> str:
     try:
         return f"av {version('av')}"
     except PackageNotFoundError:
-        raise DecodeError("its video needs PyAV: install it with `pip install 'bagassets[video]'`") from None
+        raise DecodeError(
+            f"{where}: PyAV decodes its video, and is not installed; `pip install 'bagassets[video]'`."
+        ) from None
 
 
 class VideoStream:
@@ -117,7 +122,7 @@ class VideoStream:
         self._period_ns = period_ns
         self._context: VideoCodecContext | None = None
         self._codec = ""
-        self._waiting: dict[int, tuple[VideoPacket, int, bool]] = {}
+        self._waiting: dict[int, tuple[VideoPacket, int]] = {}
         self._number = 0
         self._parameters = b""
         self._broken = BEFORE_KEY
@@ -158,7 +163,7 @@ class VideoStream:
             yield Picture(packet, log_time_ns, reason=self._broken)
             return
         number, self._number = self._number, self._number + 1
-        self._waiting[number] = packet, log_time_ns, is_key
+        self._waiting[number] = packet, log_time_ns
         data, self._parameters = self._parameters + packet.data, b""
         yield from self._decoded(data, number)
 
@@ -218,12 +223,11 @@ class VideoStream:
             number = int(frame.pts or 0)
             if number not in self._waiting:
                 continue  # given up
-            packet, log_time_ns, is_key = self._waiting.pop(number)
-            # Without B-frames pictures come in order: of those that are missing now, there will be none.
-            missing = [one for one in self._waiting if one < number]
-            if frame.is_corrupt or (missing and not is_key):
-                self._broken = self._broken or AFTER_ERROR
-            yield from self._given_up(missing, REFUSED)
+            packet, log_time_ns = self._waiting.pop(number)
+            # Without B-frames pictures come in order: of packets before this one, there will be none.
+            yield from self._given_up([one for one in self._waiting if one < number], REFUSED)
+            if frame.is_corrupt:
+                self._broken = AFTER_ERROR
             if not self._broken:
                 yield Picture(packet, log_time_ns, _bgr(frame))
             else:
@@ -233,7 +237,7 @@ class VideoStream:
 
     def _given_up(self, numbers: Iterable[int], reason: str) -> Iterator[Picture]:
         for number in numbers:
-            packet, log_time_ns, _ = self._waiting.pop(number)
+            packet, log_time_ns = self._waiting.pop(number)
             yield Picture(packet, log_time_ns, reason=reason, is_damage=True)
 
     def _refuse_reordering(self) -> None:

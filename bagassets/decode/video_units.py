@@ -67,14 +67,14 @@ class UnitReader:
     def _slice(self, codec: Codec, unit: int, data: bytes) -> tuple[int, int | None]:
         """Return type and frame number in the header of a slice; -1 and None if they are not there.
 
-        In H.265 a flag or two come first, and it is read of the first slice of a picture without extensions only.
+        In H.265 a flag comes first, and it is read of the first slice of a picture without extensions only; key frames have no
+        other slices than those without references.
         """
         bits = _Bits(data[1 if codec == "h264" else 2 :])
         try:
             if codec == "hevc":
-                if not bits.number(1):
+                if unit in KEY[codec] or not bits.number(1):
                     return -1, None
-                bits.number(1 if unit in KEY[codec] else 0)
                 bits.golomb()
                 return bits.golomb(), None
             if unit not in {1, 5}:

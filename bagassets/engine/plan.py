@@ -3,6 +3,7 @@
 import json
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -211,7 +212,12 @@ def _line(number: int) -> Any:  # noqa: ANN401  (of whatever type)
 
 
 def _of_rest(name: str) -> Any:  # noqa: ANN401  (likewise)
-    return property(lambda kept: getattr(BagPlan.from_row(kept.key, kept.row), name))
+    return property(lambda kept: getattr(_decoded(kept.key, kept.row), name))
+
+
+@lru_cache(maxsize=8)  # whoever asks for more asks again
+def _decoded(key: str, row: bytes) -> BagPlan:
+    return BagPlan.from_row(key, row)
 
 
 class KeptPlan(BagPlan):
@@ -221,10 +227,12 @@ class KeptPlan(BagPlan):
         key: partition key.
         row: see `BagPlan.as_row`.
         made: digests of its artifacts, 32 bytes each.
+        mark: changes with whatever the plan rests on; see `CachedPlan`.
     """
 
     row: bytes
     made: bytes
+    mark: bytes
     skipped, names, recorded = map(_line, range(3))
     assets, format, channels, optional, rig = map(
         _of_rest, ("assets", "format", "channels", "optional", "rig")
@@ -232,8 +240,8 @@ class KeptPlan(BagPlan):
     failed = unusable = None
     settled, can_be_retried = True, False
 
-    def __init__(self, key: str, row: bytes, made: bytes) -> None:
-        vars(self).update(key=key, row=row, made=made)
+    def __init__(self, key: str, row: bytes, made: bytes, mark: bytes) -> None:
+        vars(self).update(key=key, row=row, made=made, mark=mark)
 
     __hash__ = None  # type: ignore[assignment]  # as that of a plan, which has mappings
 

@@ -286,7 +286,7 @@ class Planner:
         for key, (entry, now) in self._last.items():
             if entry.fingerprint != now:
                 continue
-            bag = KeptPlan(key, entry.row, entry.made)
+            bag = KeptPlan(key, entry.row, entry.made, entry.mark)
             if self._cache.holds(entry):
                 found[key] = bag
             else:

@@ -1,5 +1,7 @@
 """Running checks on the artifacts on record, without a Dagster run."""
 
+import json
+import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
@@ -10,11 +12,13 @@ from bagassets.assets.quality.check import severity_of
 from bagassets.assets.quality.evidence import Evidence
 from bagassets.assets.quality.finding import Finding
 from bagassets.assets.selection import choose_rig
+from bagassets.base.cache import Cache, Changes
 from bagassets.base.errors import PluginError, StoreError
+from bagassets.base.fingerprints import PlanNeeded
 from bagassets.base.json_types import JsonObject
 from bagassets.engine.build_report import Remark
 from bagassets.engine.freshness.published import Publication
-from bagassets.engine.plan import BagPlan
+from bagassets.engine.plan import BagPlan, KeptPlan
 from bagassets.formats.catalogue import known_assets, recording_assets
 from bagassets.formats.dataset_build import Dataset, datasets_of
 from bagassets.formats.dataset_lock import LOCK
@@ -24,6 +28,9 @@ from bagassets.recipe.model_checks import Checks, Severity
 from bagassets.recordings.discover import Discovery
 from bagassets.store.artifact import Artifact
 from bagassets.store.store import Store
+
+_VERDICTS = "verdicts"
+_BATCH_BYTES = 1 << 20  # verdicts are kept whenever there are so many
 
 
 @dataclass(frozen=True)
@@ -105,6 +112,46 @@ def check_bag(
                 except (StoreError, PluginError) as err:
                     finding = Finding([str(err)])
             yield Verdict(bag.key, asset.name, check.name, severity, finding)
+
+
+def check_bags(
+    recipe: Recipe, store: Store, discovery: Discovery, bags: Iterable[BagPlan]
+) -> Iterator[tuple[str, list[Verdict]]]:
+    """Yield key and verdicts of recordings; of those that have not changed since they were checked, as they were then."""
+    cache, changes = Cache(recipe.state), Changes()
+    with cache.kept_open():
+        for bag in bags:
+            found = _kept(cache, bag)
+            if found is None:
+                found = [*check_bag(recipe, store, discovery, bag)]
+                if isinstance(bag, KeptPlan):
+                    rows = [
+                        [one.asset, one.check, one.severity, one.finding and vars(one.finding)]
+                        for one in found
+                    ]
+                    changes.put(_VERDICTS, bag.key, bag.mark + zlib.compress(json.dumps(rows).encode(), 1))
+            yield bag.key, found
+            if changes.size > _BATCH_BYTES:
+                cache.write(changes)
+                changes = Changes()
+    cache.write(changes)
+
+
+def _kept(cache: Cache, bag: BagPlan) -> list[Verdict] | None:
+    """Return the verdicts of a recording if it, its artifacts, the recipe and the code are as they were then."""
+    if not isinstance(bag, KeptPlan):
+        return None
+    try:
+        (content,) = cache.get(_VERDICTS, bag.key)
+    except PlanNeeded:
+        return None
+    if not content.startswith(bag.mark):
+        return None
+    rows = json.loads(zlib.decompress(content[len(bag.mark) :]))
+    return [
+        Verdict(bag.key, asset, check, severity, None if found is None else Finding(**found))
+        for asset, check, severity, found in rows
+    ]
 
 
 def remarks_on_record(

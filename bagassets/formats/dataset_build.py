@@ -5,15 +5,18 @@ from collections.abc import Callable, Iterable, Mapping
 from collections.abc import Set as AbstractSet
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 from bagassets.assets.ego_poses import EGO_POSES
 from bagassets.assets.inventory import INVENTORY
+from bagassets.base.alike import told_once
 from bagassets.base.errors import BagAssetsError, DatasetError
 from bagassets.base.json_types import JsonObject
 from bagassets.base.trace import span
 from bagassets.engine.freshness.published import Publication
 from bagassets.engine.plan import BagPlan, Plan
+from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.engine.splits import Ties, deal
 from bagassets.formats import trajectory_map
 from bagassets.formats.assembly import DatasetSummary, assemble, without_copies
@@ -154,7 +157,7 @@ class DatasetInputs:
     failed: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     ties: Ties = field(default_factory=Ties)
 
-    @property
+    @cached_property
     def digest(self) -> str:
         """Digest of everything that shapes the datasets except the recipe."""
         value: JsonObject = {"parts": [], "skipped": dict(self.skipped), "failed": {}}
@@ -305,6 +308,33 @@ def _damaged(plan: Plan, store: Store, parts: Iterable[Part]) -> dict[str, str]:
     return {key: share for key, share in shares if share is not None}
 
 
+def results_to_come(assets: RecordingAssets, plan: Plan, todo: Iterable[str], *, retry_failed: bool) -> str:
+    """Return the results that datasets are made from and that are yet to come.
+
+    All datasets rest on one digest, so the results for all formats count.
+
+    Args:
+        assets: the assets of recordings.
+        plan: states of all recordings.
+        todo: recordings that need a run.
+        retry_failed: what failed before is made again.
+    """
+    parts = [kind.part for kind in formats() if kind.part in assets.names]
+    read = assets.with_upstream(parts)
+    found = []
+    for key in todo:
+        bag = plan.bags[key]
+        to_come = [
+            name
+            for name in ("bag", *parts)
+            if bag.assets[name].state != "skipped"
+            and (bag.assets[name].data_version or "") != bag.recorded.get(name)
+        ]
+        if to_come and bag.to_run(retry_failed=retry_failed, select=read):
+            found.append(((), key, ", ".join(to_come[-len(parts) :])))
+    return "; ".join(f"{told.text} of {told.title}" for told in told_once(found, fewest=2))
+
+
 @dataclass(frozen=True)
 class DatasetContents:
     """The recordings of a dataset.
@@ -364,7 +394,7 @@ def what_changed(recipe: Recipe, inputs: DatasetInputs, asset: str) -> str:
     with suppress(DatasetError):  # its lock cannot be read
         if isinstance(made, Dataset) and made.selection is None:
             contents = dataset_contents(recipe, inputs, asset)
-            if contents.last == contents.now:
+            if contents.last == contents.now and not contents.returned:
                 return "only what is left out, or in other datasets, changed since it was made"
     return "its recordings changed since it was made"
 

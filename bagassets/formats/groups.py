@@ -2,8 +2,8 @@
 
 A group is a run of recordings in the order of their keys. Whether a key begins one, its digest decides, so a recording that
 comes or goes changes its own group, or that before it, and no other. On record are, for each group, what it was made from,
-how many bytes each joined file has of it, and what the format has to know of it for files that exist once. Copied bytes are
-hashed while they are read: if the file is not the one on record, everything is joined again from the store.
+how many bytes each joined file has of it, and what the format has to know of it for files that exist once. A file is hashed
+before it is copied from: if it is not the one on record, everything is joined again from the store.
 """
 
 import os
@@ -13,7 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple, Self
+from typing import BinaryIO, NamedTuple
 
 from blake3 import blake3
 
@@ -182,132 +182,51 @@ def read_rows(path: Path, record: GroupsRecord, groups: AbstractSet[str]) -> byt
     return b"[%b]" % SEPARATOR.join(texts)
 
 
-class RowsOnDisk:
-    """The rows of a joined file on disk, read once in their order.
+def rows_on_disk(file: BinaryIO, start: int, size: int) -> Iterator[bytes]:
+    """Yield rows of a joined file, a block at a time.
 
     Raises:
-        OSError: it cannot be read.
+        TornError: it is too short.
     """
-
-    def __init__(self, path: Path, record: GroupsRecord) -> None:
-        self._file = path.open("rb", buffering=0)
-        self._digest = record.files[path.name][0]
-        self._where = {digest: (start, rows.size) for digest, start, rows in record.starts(path.name)}
-        self._hasher = blake3()
-        self._at = 0
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._file.close()
-
-    def of(self, groups: Sequence[str]) -> Iterator[bytes]:
-        """Yield the rows of groups that follow each other, with what stands between them.
-
-        Raises:
-            TornError: the file is too short.
-        """
-        start, _ = self._where[groups[0]]
-        end = sum(self._where[groups[-1]])
-        for _ in self._read(start):
-            pass
-        yield from self._read(end)
-
-    def follow_each_other(self, one: str, other: str) -> bool:
-        """Tell whether no other rows are between those of two groups."""
-        return sum(self._where[one]) + len(SEPARATOR) == self._where[other][0]
-
-    def finish(self) -> None:
-        """Read what is left.
-
-        Raises:
-            TornError: it is not the file on record.
-        """
-        while block := self._file.read(_BLOCK_BYTES):
-            self._hasher.update(block)
-        if self._hasher.hexdigest() != self._digest:
+    file.seek(start)
+    while size:
+        block = file.read(min(_BLOCK_BYTES, size))
+        if not block:
             raise TornError
-
-    def _read(self, end: int) -> Iterator[bytes]:
-        while self._at < end:
-            block = self._file.read(min(_BLOCK_BYTES, end - self._at))
-            if not block:
-                raise TornError
-            self._hasher.update(block)
-            self._at += len(block)
-            yield block
+        size -= len(block)
+        yield block
 
 
 class Piece(NamedTuple):
     """The rows of one group in a file that is written.
 
     Attributes:
-        group: its digest.
         known: what the file on disk has of it; None if it is joined.
-        texts: otherwise the rows of each of its recordings.
+        texts: of a known group blocks of its rows, else the rows of each recording.
     """
 
-    group: str
     known: Rows | None
     texts: Iterable[bytes]
 
 
-def write_rows(
-    path: Path, frame: Frame, pieces: Sequence[Piece], on_disk: RowsOnDisk | None = None
-) -> tuple[str, list[Rows]]:
-    """Write a joined file; return its digest, and what it has of each group.
-
-    Args:
-        path: the file.
-        frame: what stands around its rows.
-        pieces: the rows.
-        on_disk: the file that has those that are known.
-
-    Raises:
-        TornError: that is not the file on record.
-    """
-    hasher, found = blake3(), []
+def write_rows(path: Path, frame: Frame, pieces: Iterable[Piece]) -> tuple[str, list[Rows]]:
+    """Write a joined file; return its digest, and what it has of each group."""
+    hasher, found, before = blake3(), [], frame.head
     with path.open("wb", buffering=1 << 20) as file:
 
         def write(data: bytes) -> None:
             file.write(data)
             hasher.update(data)
 
-        is_first = True
-
-        def begin() -> None:
-            nonlocal is_first
-            write(frame.head if is_first else SEPARATOR)
-            is_first = False
-
-        run: list[str] = []  # known groups that follow each other
-
-        def end_run() -> None:
-            if run and on_disk is not None:
-                begin()
-                for block in on_disk.of(run):
-                    write(block)
-                run.clear()
-
-        for piece in pieces:
-            if piece.known is not None and on_disk is not None:
-                if piece.known.size:
-                    if run and not on_disk.follow_each_other(run[-1], piece.group):
-                        end_run()
-                    run.append(piece.group)
-                found.append(piece.known)
-                continue
+        for known, texts in pieces:
             size = number = 0
-            for text in filter(None, piece.texts):
-                end_run()
-                begin()
+            for text in filter(None, texts):
+                if known is None or not size:
+                    write(before)
+                    before = SEPARATOR
                 write(text)
-                size += len(text) + len(SEPARATOR) * bool(number)
-                number += text.count(b"\n") + 1
-            found.append(Rows(size, number))
-        end_run()
-        write(frame.empty if is_first else frame.tail)
-    if on_disk is not None:
-        on_disk.finish()
+                size += len(text) + len(SEPARATOR) * (known is None and number > 0)
+                number += known is not None or text.count(b"\n") + 1
+            found.append(known or Rows(size, number))
+        write(frame.empty if before is frame.head else frame.tail)
     return hasher.hexdigest(), found

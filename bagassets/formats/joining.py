@@ -3,9 +3,10 @@
 import json
 from collections.abc import Callable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
-from contextlib import nullcontext
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Generic, TypeVar
 
@@ -15,21 +16,20 @@ from bagassets.engine.splits import SplitShare, shares_of
 from bagassets.formats.dataset_lock import FORMAT, LOCK, LockedBag, locked_bag
 from bagassets.formats.format import FACTS, ByGroups, Format, Joined, Kept, Member, Part
 from bagassets.formats.groups import (
-    Group,
     GroupRecord,
     GroupsRecord,
     Piece,
     Rows,
-    RowsOnDisk,
     TornError,
     cut,
     read_rows,
+    rows_on_disk,
     write_rows,
 )
 from bagassets.formats.json_files import Frame, framed, framed_row, write_hashed
 from bagassets.recipe.model_base import DatasetSettings
 from bagassets.recipe.model_splits import Splits
-from bagassets.store.canonical import digest_json
+from bagassets.store.canonical import digest_file, digest_json
 from bagassets.store.store import Store
 
 S = TypeVar("S", bound=DatasetSettings)
@@ -112,83 +112,71 @@ def join_into(new: Path, joint: Joint[S], on_disk: Path, record: GroupsRecord | 
         TornError: the folder on disk is not the one on record.
     """
     kind, how = joint.kind, joint.kind.join
-    groups = cut(joint.parts, joint.dealt)
-    known = {} if record is None else record.groups
-    members = {
-        group.digest: [joint.member(part, group.first + number) for number, part in enumerate(group.parts)]
-        for group in groups
-        if group.digest not in known
-    }
-    again = [member for some in members.values() for member in some]
-    before: Mapping[str, LockedBag] = {}
-    if record is not None:
+    groups, before = cut(joint.parts, joint.dealt), {}
+    if record is None:
+        record = GroupsRecord(joint.made_by)
+    else:
         before = _rows_gone(on_disk / LOCK, record, frozenset(group.digest for group in groups))
+    known = record.groups
+    members = {
+        group.digest: None
+        if group.digest in known
+        else [joint.member(part, group.first + number) for number, part in enumerate(group.parts)]
+        for group in groups
+    }
+    again = [member for some in members.values() for member in some or ()]
     durations_s = {
-        digest: [kind.duration_s(member.facts) for member in some] for digest, some in members.items()
-    } | {digest: one.durations_s for digest, one in known.items()}
-    shares = shares_of(
-        (
-            (part.key, duration_s)
-            for group in groups
-            for part, duration_s in zip(group.parts, durations_s[group.digest], strict=True)
-        ),
-        joint.splits,
-        joint.dealt,
-    )
-    files = _Files(new, groups, members, on_disk, record)
-    facts: list[JsonObject] = []
+        digest: known[digest].durations_s
+        if some is None
+        else [kind.duration_s(member.facts) for member in some]
+        for digest, some in members.items()
+    }
+    keys = (part.key for part in joint.parts)
+    shares = shares_of(zip(keys, chain(*durations_s.values()), strict=True), joint.splits, joint.dealt)
+    files, facts = _Files(new, members, on_disk, record), {}
     if isinstance(how, ByGroups):
-        facts = [
-            known[group.digest].facts
-            if group.digest in known
-            else how.facts(members[group.digest], joint.settings)
-            for group in groups
-        ]
-        names = how.files(joint.settings, [share.name for share in shares])
-        for name in names:
-            rows = partial(how.rows, joint.settings, name)
-            files.write(name, how.frame(name, facts, shares), rows)
-        finished = how.finish(facts, joint.settings, shares, files.numbers)
-        digests = files.digests | {
-            name: write_hashed(new / name, content) for name, content in finished.files.items()
+        facts = {
+            digest: known[digest].facts if some is None else how.facts(some, joint.settings)
+            for digest, some in members.items()
         }
+        of_all = list(facts.values())
+        for name in how.files(joint.settings, [share.name for share in shares]):
+            files.write(name, how.frame(name, of_all, shares), partial(how.rows, joint.settings, name))
+        finished = how.finish(of_all, joint.settings, shares, files.numbers)
+        digests = {name: digest for name, (digest, _) in files.digests.items()}
+        for name, content in finished.files.items():
+            digests[name] = write_hashed(new / name, content)
         joined = Joined(dict(sorted(digests.items())), finished.facts, finished.beside)
     elif kind.rejoin is not None:
         joined = kind.rejoin(again, joint.settings, shares, new, joint.kept)
     else:
         joined = how(again, joint.settings, shares, new)
     needs = _needs(kind, again, before)
-    files.write(
-        LOCK,
-        framed(_lock(joint, shares, joined), "bags"),
-        lambda member: framed_row(_lock_row(kind, member, needs[member.part.artifact])),
-    )
-    found = files.record(joint.made_by, durations_s, facts) if isinstance(how, ByGroups) else None
-    return JoinedFolder(joined, files.digests[LOCK], shares, again, before, found)
+    row = partial(_lock_row, kind, needs)
+    files.write(LOCK, framed(_lock(joint, shares, joined), "bags"), row)
+    found = {
+        digest: GroupRecord(files.rows[digest], its, durations_s[digest]) for digest, its in facts.items()
+    }
+    now = GroupsRecord(joint.made_by, files.digests, found) if isinstance(how, ByGroups) else None
+    return JoinedFolder(joined, files.digests[LOCK][0], shares, again, before, now)
 
 
 class _Files:
     """Files with rows of recordings, written one after the other.
 
     Attributes:
-        digests: file -> digest.
         numbers: file -> number of rows.
+        digests: file -> its digest, and the size of what stands before its rows.
+        rows: digest of a group -> file -> what it has of the group.
     """
 
     def __init__(
-        self,
-        new: Path,
-        groups: Sequence[Group],
-        members: Mapping[str, Sequence[Member]],
-        on_disk: Path,
-        record: GroupsRecord | None,
+        self, new: Path, members: Mapping[str, Sequence[Member] | None], on_disk: Path, record: GroupsRecord
     ) -> None:
-        self.digests: dict[str, str] = {}
         self.numbers: dict[str, int] = {}
-        self._new, self._on_disk, self._record = new, on_disk, record
-        self._groups, self._members = groups, members
-        self._heads: dict[str, int] = {}
-        self._rows: dict[str, dict[str, Rows]] = {group.digest: {} for group in groups}
+        self.digests: dict[str, tuple[str, int]] = {}
+        self.rows: dict[str, dict[str, Rows]] = {digest: {} for digest in members}
+        self._new, self._members, self._on_disk, self._record = new, members, on_disk, record
 
     def write(self, name: str, frame: Frame, rows: Callable[[Member], bytes]) -> None:
         """Write a file; `rows` returns those of a recording.
@@ -196,39 +184,29 @@ class _Files:
         Raises:
             TornError: the file on disk is not the one on record.
         """
-        record = self._record
-        pieces = [
-            Piece(group.digest, None, map(rows, self._members[group.digest]))
-            if record is None or group.digest in self._members
-            else Piece(group.digest, record.groups[group.digest].rows[name], ())
-            for group in self._groups
-        ]
-        with nullcontext() if record is None else _opened(self._on_disk / name, record) as on_disk:
-            self.digests[name], found = write_rows(self._new / name, frame, pieces, on_disk)
-        self._heads[name] = len(frame.head)
+        with ExitStack() as stack:
+            file, starts = None, {}
+            if self._record.groups:
+                try:
+                    starts = {digest: start for digest, start, _ in self._record.starts(name)}
+                    file = stack.enter_context((self._on_disk / name).open("rb", buffering=0))
+                    if digest_file(self._on_disk / name) != self._record.files[name][0]:
+                        raise TornError
+                except (OSError, KeyError) as err:
+                    raise TornError from err
+
+            def piece(digest: str, members: Sequence[Member] | None) -> Piece:
+                if members is not None or file is None:
+                    return Piece(None, map(rows, members or ()))
+                known = self._record.groups[digest].rows[name]
+                return Piece(known, rows_on_disk(file, starts.get(digest, 0), known.size))
+
+            pieces = (piece(digest, some) for digest, some in self._members.items())
+            digest, found = write_rows(self._new / name, frame, pieces)
+        self.digests[name] = digest, len(frame.head)
         self.numbers[name] = sum(one.number for one in found)
-        for group, one in zip(self._groups, found, strict=True):
-            self._rows[group.digest][name] = one
-
-    def record(
-        self, made_by: str, durations_s: Mapping[str, Sequence[float]], facts: Sequence[JsonObject]
-    ) -> GroupsRecord:
-        """Return what is to be put on record of the groups."""
-        return GroupsRecord(
-            made_by,
-            {name: (digest, self._heads[name]) for name, digest in self.digests.items()},
-            {
-                group.digest: GroupRecord(self._rows[group.digest], its, durations_s[group.digest])
-                for group, its in zip(self._groups, facts, strict=True)
-            },
-        )
-
-
-def _opened(path: Path, record: GroupsRecord) -> RowsOnDisk:
-    try:
-        return RowsOnDisk(path, record)
-    except (OSError, KeyError) as err:
-        raise TornError from err
+        for its, one in zip(self.rows.values(), found, strict=True):
+            its[name] = one
 
 
 def _rows_gone(path: Path, record: GroupsRecord, groups: AbstractSet[str]) -> dict[str, LockedBag]:
@@ -271,12 +249,13 @@ def _lock(joint: Joint[S], shares: Sequence[SplitShare], joined: Joined) -> Json
     }
 
 
-def _lock_row(kind: Format[S], member: Member, needs: Sequence[str]) -> JsonObject:
-    return {
+def _lock_row(kind: Format[S], needs: Mapping[str, Sequence[str]], member: Member) -> bytes:
+    row = {
         **member.row,
         "key": member.part.key,
         "content": member.part.content,
         "split": member.split,
         "counts": dict(kind.counts(member.facts)),
-        "artifacts": list(needs),
+        "artifacts": list(needs[member.part.artifact]),
     }
+    return framed_row(row)

@@ -17,7 +17,7 @@ from bagassets.engine.splits import shares_of
 from bagassets.engine.track import track_on_record
 from bagassets.formats import trajectory_map
 from bagassets.formats.catalogue import formats, recording_assets
-from bagassets.formats.checking import Verdict, check_bag, check_datasets
+from bagassets.formats.checking import Verdict, check_bags, check_datasets
 from bagassets.formats.dataset_build import (
     DatasetInputs,
     dataset_contents,
@@ -62,12 +62,14 @@ def report_data(
     dealt, copies = _dealt(recipe, plan), _copies(plan)
     assets = recording_assets(recipe)
     recordings = []
-    for key, bag in sorted(plan.bags.items()):
+    bags = dict(sorted(plan.bags.items()))
+    checked = None if discovery is None else check_bags(recipe, store, discovery, bags.values())
+    for key, bag in bags.items():
         facts = _facts(recipe, assets, store, bag, dealt.get(key, ""))
         if key in copies:
             facts = replace(facts, state="copy", reason=f"the same content as {copies[key]}")
-        if discovery is not None:
-            found, number = _outcome(check_bag(recipe, store, discovery, bag))
+        if checked is not None:
+            found, number = _outcome(next(checked)[1])
             facts = replace(facts, problems=found, checks_passed=number)
         recordings.append(facts)
         on_recording(1)

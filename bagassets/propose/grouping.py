@@ -9,6 +9,7 @@ from itertools import accumulate
 from bagassets.propose.frames import propose_ego_frame
 from bagassets.propose.poses import SourceKey, odometry_of, pose_candidates
 from bagassets.propose.sensors import find_sensors, modality_of
+from bagassets.propose.signals import find_signals
 from bagassets.propose.summary import RecordingSummary, merge_recordings
 from bagassets.recordings.globs import literal_glob, matches
 
@@ -48,10 +49,12 @@ class _Traits:
 
     @classmethod
     def of(cls, summary: RecordingSummary) -> "_Traits":
-        """Return the traits of one recording; without any if it has no usable sensor."""
+        """Return the traits of one recording; without any if it has neither a usable sensor nor signals."""
         sensors, _ = find_sensors(summary)
         if not sensors:
-            return cls({})
+            return cls(
+                {one.topic.name: one.topic.msgtype for one in find_signals(summary) if one.role != "episode"}
+            )
         topics = [t for t in summary.topics.values() if t.count > 0 and modality_of(t) is not None]
         odometry = odometry_of(summary)
         ego = propose_ego_frame(summary, sensors, odometry).name

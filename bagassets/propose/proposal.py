@@ -14,6 +14,7 @@ from bagassets.propose.poses import PoseProposal, pose_candidates
 from bagassets.propose.rig_text import urdf_name, write_rig
 from bagassets.propose.rigs import RigProposal, propose_rig, uses_of
 from bagassets.propose.sensors import find_sensors, lacks_definition, shown_type
+from bagassets.propose.signals import write_lerobot
 from bagassets.propose.summary import RecordingSummary, TopicUse
 from bagassets.recipe.model import Scenes
 
@@ -129,13 +130,16 @@ def propose_recipe(
         write_rig(sheet, rig, calibrations, clock=rig.clock.clock != usual)
     if not rigs:
         _no_rig(sheet, bare, unreadable)
-    _scenes(sheet, rigs)
-    sheet.field(
-        0, "splits:", "of whole recordings; nuscenes-devkit knows these as custom_train and custom_val"
-    )
-    sheet.field(1, "shares: {train: 0.8, val: 0.2}")
-    sheet.field(0, "nuscenes:")
-    sheet.field(1, f"version: {yaml_scalar(f'v1.0-{_slug(name)}')}")
+    if any(rig.signals for rig in rigs):
+        write_lerobot(sheet, rigs)
+    if not rigs or not all(rig.is_arm for rig in rigs):
+        _scenes(sheet, [rig for rig in rigs if rig.channels])
+        sheet.field(
+            0, "splits:", "of whole recordings; nuscenes-devkit knows these as custom_train and custom_val"
+        )
+        sheet.field(1, "shares: {train: 0.8, val: 0.2}")
+        sheet.field(0, "nuscenes:")
+        sheet.field(1, f"version: {yaml_scalar(f'v1.0-{_slug(name)}')}")
     files = {urdf_name(rig): rig.urdf.topic.urdf for rig in rigs if rig.urdf is not None}
     return Proposal(sheet.text(), rigs, bare, sheet.guesses, sheet.questions, files)
 

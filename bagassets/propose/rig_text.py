@@ -10,6 +10,7 @@ from bagassets.propose.naming import PREFIX
 from bagassets.propose.poses import lonely_poses
 from bagassets.propose.rigs import RigProposal
 from bagassets.propose.sensors import Sensor
+from bagassets.propose.signals import write_signals
 from bagassets.propose.summary import transform_topics
 from bagassets.recipe.model import Rig
 from bagassets.recordings.globs import literal_glob
@@ -31,10 +32,39 @@ def write_rig(
     sheet.rig, number = rig.name, len(rig.recordings)
     sheet.field(1, f"- name: {yaml_scalar(rig.name)}", f"{number} recording{'s' if number != 1 else ''}")
     _write_match(sheet, rig)
-    reason = rig.ego.reason or "the usual name; the recordings suggest no other"
-    sheet.guess(2, f"ego_frame: {yaml_scalar(rig.ego.name)}", reason)
+    if not rig.is_arm:
+        reason = rig.ego.reason or "the usual name; the recordings suggest no other"
+        sheet.guess(2, f"ego_frame: {yaml_scalar(rig.ego.name)}", reason)
     if clock:
         sheet.guess(2, f"clock: {rig.clock.clock}", rig.clock.reason or "its header stamps can be used")
+    if not rig.is_arm:
+        _write_placement(sheet, rig)
+    if rig.channels:
+        sheet.field(2, "channels:")
+    for name, sensor in rig.channels.items():
+        _write_channel(sheet, rig, name, sensor, calibrations)
+    write_signals(sheet, rig.signals)
+    if rig.annotations and not rig.is_arm:
+        sheet.field(2, "annotations:")
+        sheet.guess(3, f"- topic: {yaml_scalar(rig.annotations[0])}", "boxes by its type and name")
+        for other in rig.annotations[1:]:
+            sheet.off(3, f"- topic: {yaml_scalar(other)}")
+    for frame, channels in [] if rig.is_arm else _shared_frames(rig):
+        sheet.guess_note(
+            2,
+            f"{', '.join(channels)} all name the frame {frame}, so they get one pose; give each its own `frame` or "
+            "`extrinsics` if they are not at one place.",
+        )
+    for left in rig.left_out:
+        sheet.note(2, f"left out: {left.topic.name} ({left.text})")
+    for robot in list(rig.summary.robots)[1:]:
+        sheet.note(2, f"left out: all below {robot} (another robot)")
+    sheet.blank()
+    sheet.rig = ""
+
+
+def _write_placement(sheet: Sheet, rig: RigProposal) -> None:
+    """Write how the frames of the rig hang together, and where it is."""
     _write_transforms(sheet, rig)
     if rig.urdf is not None:
         line = f"urdf: {yaml_scalar(urdf_name(rig))}"
@@ -47,26 +77,6 @@ def write_rig(
             )
             sheet.off(2, line)
     _write_pose(sheet, rig)
-    sheet.field(2, "channels:")
-    for name, sensor in rig.channels.items():
-        _write_channel(sheet, rig, name, sensor, calibrations)
-    if rig.annotations:
-        sheet.field(2, "annotations:")
-        sheet.guess(3, f"- topic: {yaml_scalar(rig.annotations[0])}", "boxes by its type and name")
-        for other in rig.annotations[1:]:
-            sheet.off(3, f"- topic: {yaml_scalar(other)}")
-    for frame, channels in _shared_frames(rig):
-        sheet.guess_note(
-            2,
-            f"{', '.join(channels)} all name the frame {frame}, so they get one pose; give each its own `frame` or "
-            "`extrinsics` if they are not at one place.",
-        )
-    for left in rig.left_out:
-        sheet.note(2, f"left out: {left.topic.name} ({left.text})")
-    for robot in list(rig.summary.robots)[1:]:
-        sheet.note(2, f"left out: all below {robot} (another robot)")
-    sheet.blank()
-    sheet.rig = ""
 
 
 def urdf_name(rig: RigProposal) -> str:
@@ -190,7 +200,8 @@ def _write_channel(
         text = "the recordings do not show whether velocities are relative to the radar, so that they must be compensated for its "
         text += "motion, or over_ground; write which, or remove the field to keep them as recorded"
         sheet.ask(5, name, text, below=True)
-    _write_place(sheet, rig, name, sensor, file)
+    if not rig.is_arm:
+        _write_place(sheet, rig, name, sensor, file)
 
 
 def _write_place(

@@ -13,6 +13,7 @@ from bagassets.propose.grouping import Group
 from bagassets.propose.naming import channel_name, free_name, tokens, word_set
 from bagassets.propose.poses import PoseProposal, odometry_of, propose_pose
 from bagassets.propose.sensors import Sensor, find_sensors
+from bagassets.propose.signals import SignalProposal, find_signals, said_in
 from bagassets.propose.summary import USES, RecordingSummary, TopicUse, transform_topics
 
 _LARGE_OFFSET_S = 1.0
@@ -45,6 +46,7 @@ class RigProposal:
         left_out: topics that could be a sensor's.
         summary: what the recordings hold, with the joints of the URDF.
         urdf: a robot description that is used as the rig's URDF, or left out as it places no sensor; None if TF places all.
+        signals: its signals, if it has no lidar or radar.
     """
 
     name: str
@@ -59,11 +61,20 @@ class RigProposal:
     left_out: list[TopicUse]
     summary: RecordingSummary
     urdf: TopicUse | None = None
+    signals: Sequence[SignalProposal] = ()
+
+    @property
+    def is_arm(self) -> bool:
+        """True if it has signals and no poses of its own, so that only its signals and images make a dataset."""
+        return bool(self.signals) and self.pose.fields.get("source") in {None, "tf"}
 
     @property
     def topic_uses(self) -> list[TopicUse]:
         """What becomes of each topic."""
-        return uses_of(self.summary, self.channels, self.pose, self.annotations, self.left_out, self.urdf)
+        pose = PoseProposal() if self.is_arm else self.pose
+        return uses_of(
+            self.summary, self.channels, pose, self.annotations, self.left_out, self.urdf, self.signals
+        )
 
 
 def propose_rig(
@@ -115,6 +126,9 @@ def propose_rig(
         left_out=left_out,
         summary=summary,
         urdf=urdf,
+        signals=find_signals(summary, cameras=bool(sensors))
+        if all(one.modality == "camera" for one in sensors)
+        else (),
     )
 
 
@@ -197,6 +211,7 @@ def uses_of(
     annotations: list[str],
     left_out: list[TopicUse],
     urdf: TopicUse | None = None,
+    signals: Sequence[SignalProposal] = (),
 ) -> list[TopicUse]:
     """Return what becomes of each topic: used as what, not decodable and why, or not needed; those that are used first.
 
@@ -207,6 +222,7 @@ def uses_of(
         annotations: topics with boxes, the one that is used first.
         left_out: topics that could be a sensor's.
         urdf: what becomes of a robot description.
+        signals: the signals.
     """
     used: dict[str, list[str]] = {}
     for name, sensor in channels.items():
@@ -216,6 +232,10 @@ def uses_of(
     for field, what in (("topic", "poses"), ("imu", "orientation")):
         if field in pose.fields:
             used.setdefault(pose.fields[field], []).append(what)
+    for signal in signals:
+        used.setdefault(signal.topic.name, []).append(f"signal {signal.name}")
+    for name, what in said_in(summary).items() if signals else ():
+        used.setdefault(name, []).append(what)
     for name in annotations[:1]:
         used.setdefault(name, []).append("boxes")
     for name in transform_topics(summary):

@@ -6,7 +6,7 @@ Messages are decoded as a build decodes them, by plug-ins, too: what a build wou
 """
 
 import re
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from math import isfinite
 from statistics import median
@@ -31,6 +31,7 @@ from bagassets.propose.naming import is_radar_list
 from bagassets.propose.poses import propose_pose
 from bagassets.propose.radar_velocities import velocities_of
 from bagassets.propose.sensors import find_sensors, modality_of
+from bagassets.propose.signals import elements_of, text_in
 from bagassets.propose.summary import Edge, RecordingSummary, TopicSummary, merge_topics, transform_topics
 from bagassets.recipe.model import Limits, Scenes
 from bagassets.recordings.heads import head_of
@@ -131,6 +132,7 @@ def _read(
         if isinstance(message.data, ForeignBytes):
             scan.misfit = scan.misfit or message.data.reason
             continue
+        scan.own_times_ns.append(message.log_time_ns)
         if until_ns is None and seconds is not None:
             until_ns = message.log_time_ns + seconds * 1e9
         if until_ns is not None and message.log_time_ns > until_ns:
@@ -153,6 +155,7 @@ class _TopicScan:
         count: messages decoded or tried, but for those of another type than the topic.
         transforms: edge -> the values that it had.
         length_s: time between the first and the last message that were read.
+        own_times_ns: log times of its own messages.
     """
 
     def __init__(self, topic: Topic) -> None:
@@ -160,6 +163,7 @@ class _TopicScan:
         self.misfit: str | None = None
         self.count = self._decoded = self._seen = self._first_ns = 0
         self.length_s = 0.0
+        self.own_times_ns: list[int] = []
         self._summary = _summary_of(topic)
         self.transforms: dict[Edge, list[SE3]] = {}
         self._takers = {**_FACTS, "cloud": self._take_cloud, "transforms": self._take_transforms}
@@ -204,6 +208,9 @@ class _TopicScan:
         self._decoded += 1
         if message.msgtype == _STRING and _URDF_BEGINS.match(value.data):
             self._add({"urdf": value.data})
+        elements, text = elements_of(value, message.msgtype), text_in(value, message.msgtype)
+        if elements or text:
+            self._add({"elements": (elements,) if elements else (), "texts": (text,) if text else ()})
         if (found := head_of(value)) is not None:
             self._take_head(message, *found)
         reasons = []
@@ -229,6 +236,7 @@ class _TopicScan:
             problem=self.problem or (None if self._decoded else self.misfit),
             offset_s=median(self._offsets_s) if self._offsets_s else None,
             unstamped=self._has_unset_stamps and not self._offsets_s,
+            rate_hz=_rate_hz(self.own_times_ns),
             refusal=None if self._usable else self._refusal,
         )
 
@@ -284,6 +292,11 @@ class _TopicScan:
             self.transforms.setdefault(edge, []).append(reading.parent_SE3_child)
 
 
+def _rate_hz(times_ns: Sequence[int]) -> float | None:
+    steps_ns = np.diff(sorted(times_ns))
+    return 1e9 / float(np.median(steps_ns)) if len(steps_ns) and np.median(steps_ns) > 0 else None
+
+
 def _summary_of(topic: Topic) -> TopicSummary:
     return TopicSummary(topic.name, topic.msgtype, topic.count, topic.problem)
 
@@ -305,7 +318,7 @@ def _image(facts: Facts, decode: Decode, value: Message, _msgtype: str) -> None:
 def _video(facts: Facts, decode: Decode, value: Message, _msgtype: str) -> None:
     packet: VideoPacket = decode(value)
     facts |= {"frames": (packet.frame_id,), "encoding": packet.codec, "is_16_bit": False}
-    decoder_version()
+    decoder_version("its pictures")
 
 
 def _radar(facts: Facts, decode: Decode, value: Message, msgtype: str) -> None:

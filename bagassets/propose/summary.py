@@ -12,6 +12,8 @@ Edge = tuple[str, str]
 """Parent and child frame, without leading slash."""
 
 Vector = tuple[float, float, float]
+MOST_KEPT = 20
+"""Names and texts of a topic."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,9 @@ class TopicSummary:
         velocities: what the velocities of a radar are, or `undecided`: what each recording says; empty if there is
             nothing to decide.
         urdf: the robot description that it carries, as XML; "" if none.
+        elements: what the numbers of messages are called that may be a signal: each set of names that was seen.
+        texts: short texts that it carries.
+        rate_hz: mean rate by log time in what was read; None if that is too little.
     """
 
     name: str
@@ -66,6 +71,9 @@ class TopicSummary:
     refusal: str | None = None
     velocities: frozenset[str] = frozenset()
     urdf: str = ""
+    elements: tuple[tuple[str, ...], ...] = ()
+    texts: tuple[str, ...] = ()
+    rate_hz: float | None = None
 
 
 Status = Literal["used", "not decodable", "left out", "not needed"]
@@ -170,6 +178,9 @@ def merge_topics(one: TopicSummary, other: TopicSummary) -> TopicSummary:
         refusal=one.refusal and other.refusal,
         velocities=one.velocities | other.velocities,
         urdf=one.urdf or other.urdf,
+        elements=tuple(dict.fromkeys((*one.elements, *other.elements)))[:MOST_KEPT],
+        texts=tuple(dict.fromkeys((*one.texts, *other.texts)))[:MOST_KEPT],
+        rate_hz=other.rate_hz if one.rate_hz is None else one.rate_hz,
     )
 
 

@@ -89,7 +89,7 @@ DEPTH_UNIT_M = 0.001
 
 
 class CameraChannel(_Channel):
-    """A camera: Image or CompressedImage messages become image files."""
+    """A camera: images, or the pictures of a video, become image files."""
 
     modality: Literal["camera"] = "camera"
     camera_info: TopicName | None = Field(

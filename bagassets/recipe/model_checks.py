@@ -77,22 +77,18 @@ class StampsCheck(_Warning):
 
 
 class SignalLimits(Model):
-    """Expected rate, gaps and values of one signal."""
+    """Expected gaps and values of one signal."""
 
     min: float | None = Field(None, description="Smallest value of its elements.")
     max: float | None = Field(None, description="Largest value of its elements.")
-    min_hz: float | None = Field(None, gt=0, description="Lowest mean rate.")
-    max_hz: float | None = Field(None, gt=0, description="Highest mean rate.")
     max_gap_s: float | None = Field(
         None, gt=0, description="Longest time without a value; default: `max_gap_s` of all signals."
     )
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
-        for low, high in ("min", "max"), ("min_hz", "max_hz"):
-            least, most = getattr(self, low), getattr(self, high)
-            if least is not None and most is not None and least > most:
-                raise FieldValueError((low,), f"must not be greater than {high}")
+        if self.min is not None and self.max is not None and self.min > self.max:
+            raise FieldValueError(("min",), "must not be greater than max")
         return self
 
 

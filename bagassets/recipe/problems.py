@@ -22,12 +22,7 @@ _BOUNDS = {
     "less_than": "must be smaller than {lt:g}",
     "less_than_equal": "must not be greater than {le:g}",
 }
-# What there was nothing to propose for: `bagassets init` says so once, and builds say it ever after.
-_EMPTY: Mapping[tuple[str | int, ...], str] = {
-    (
-        "rigs",
-    ): "; `bagassets init` found none in the recordings: describe one, or have it look into others with --bags and --force"
-}
+_NO_RIG = "; `bagassets init` found none: describe one, or have it look into other recordings with --bags and --force"
 
 
 def explain(error: Mapping[str, Any], data: Json) -> Problem:
@@ -67,7 +62,10 @@ def explain(error: Mapping[str, Any], data: Json) -> Problem:
     if kind == "finite_number":
         return at, f"must be a finite number; found {_show(value)}"
     if value is None and kind != "literal_error":
-        return at, f"needs a value: {_purpose(location) or describe(annotation)}{_EMPTY.get(at, '')}"
+        return (
+            at,
+            f"needs a value: {_purpose(location) or describe(annotation)}{_NO_RIG if at == ('rigs',) else ''}",
+        )
     if kind == "literal_error":
         allowed = [str(option) for option in get_args(plain(annotation))]
         return at, f"must be {_either(allowed)}; found {_show(value)}{suggestion(value, allowed)}"

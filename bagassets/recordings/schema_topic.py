@@ -4,15 +4,18 @@ from functools import cached_property
 
 from bagassets.base.errors import DecodeError
 from bagassets.recordings.heads import first_head_of
-from bagassets.recordings.layouts import Layout
-from bagassets.recordings.model import Message, SkimmedPacket
+from bagassets.recordings.layouts import Choice
+from bagassets.recordings.model import Message
 from bagassets.recordings.schemas import Schema, schema_of
-from bagassets.recordings.skim import SkimmedPackets
 from bagassets.recordings.topic import RefusedBytes, Topic
 
 
 class SchemaTopic(Topic):
-    """A topic with a schema; it has one layout, and nothing is read of a message without decoding it."""
+    """A topic with a schema. It has none of ROS's layouts, so nothing is read of a message without decoding it."""
+
+    @cached_property
+    def _layouts(self) -> Choice | str:
+        return "its messages are not those of ROS"
 
     @cached_property
     def _schema(self) -> Schema | str:
@@ -38,36 +41,7 @@ class SchemaTopic(Topic):
         except DecodeError:
             return None
 
-    def unstamped(self, data: bytes | memoryview) -> bytes | None:
-        """Return None: what a stamp takes depends on its value."""
-
-    def packet(self, data: bytes | memoryview, payloads: tuple[str, ...]) -> SkimmedPacket | None:
-        """Return None: its messages must be decoded."""
-
-    def packets(self, messages: object, payloads: tuple[str, ...]) -> SkimmedPackets | None:
-        """Return None: its messages must be decoded."""
-
-    @property
-    def layout(self) -> Layout | None:
-        """None: layouts are those of ROS."""
-        return None
-
     @property
     def layout_digest(self) -> str:
         """Digest of the schema; empty without one."""
         return "" if isinstance(self._schema, str) else self._schema.digest
-
-    @property
-    def is_ambiguous(self) -> bool:
-        """False: a schema is the only one."""
-        return False
-
-    @property
-    def large_bytes(self) -> int:
-        """The message size in bytes from which `refusal` has to be asked."""
-        return self._limits.message_bytes
-
-    def refusal(self, data: bytes | memoryview) -> str | None:
-        """Return why a message exceeds the limits; strings and messages in it are counted where it is decoded."""
-        too_large = len(data) > self._limits.message_bytes
-        return "it is larger than limits.message_bytes in the recipe allows" if too_large else None

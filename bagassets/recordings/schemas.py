@@ -12,7 +12,7 @@ import json
 from collections.abc import Mapping, Sequence
 from functools import cached_property, lru_cache
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, NoReturn, Protocol, cast
+from typing import TYPE_CHECKING, Any, NoReturn, cast
 
 import numpy as np
 
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 FOXGLOVE = "foxglove."
 _ROS_PACKAGE = "foxglove_msgs/msg/"
+_MISSING = object()
+_DEFAULTS = {"object": {}, "array": [], "string": "", "number": 0.0, "integer": 0, "boolean": False}
 _MOST_REFERENCES = 20  # of JSON, one after the other
 
 
@@ -33,27 +35,10 @@ def foxglove_type(name: str) -> str:
     return f"{_ROS_PACKAGE}{name[len(FOXGLOVE) :]}" if name.startswith(FOXGLOVE) else name
 
 
-class Schema(Protocol):
-    """How the messages of one topic are read."""
-
-    @property
-    def digest(self) -> str:
-        """Digest of everything that decides what a payload decodes to; comments do not count."""
-        ...
-
-    def decode(self, data: bytes) -> Message:
-        """Return a message as an object.
-
-        Raises:
-            DecodeError: the bytes do not fit, or hold more than `most_elements` strings and messages.
-        """
-        ...
-
-
 @lru_cache(maxsize=256)
 def schema_of(
     msgtype: str, serialization: Serialization, definition: Definition, most_elements: int
-) -> Schema | str:
+) -> "Schema | str":
     """Return how messages are read, or a clause that says why they cannot be.
 
     Args:
@@ -89,7 +74,11 @@ def schema_definition(encoding: str, name: str, data: bytes) -> Definition | Non
 
 
 class ProtobufSchema:
-    """A `FileDescriptorSet`, and the full name of a message in it."""
+    """A `FileDescriptorSet`, and the full name of a message in it.
+
+    Attributes:
+        digest: of everything that decides what a payload decodes to; comments do not count.
+    """
 
     def __init__(self, msgtype: str, definition: Definition, most_elements: int) -> None:
         from google.protobuf.descriptor_pb2 import FileDescriptorSet  # noqa: PLC0415
@@ -118,7 +107,11 @@ class ProtobufSchema:
         self.digest = digest_json({"type": name, "files": contents})
 
     def decode(self, data: bytes) -> Message:
-        """Return a message; a message in it that was left out has its defaults, and `HasField` tells."""
+        """Return a message; a message in it that was left out has its defaults, and `HasField` tells.
+
+        Raises:
+            DecodeError: the bytes do not fit, or hold more than `most_elements` strings and messages.
+        """
         if len(data) > 2 * self._most:  # each takes a tag and a length at least
             self._check(data)
         try:
@@ -213,14 +206,18 @@ class JsonSchema:
         return digest_json({"type": self._msgtype, "schema": _without_comments(self._schema)})
 
     def decode(self, data: bytes) -> Message:
-        """Return a message; arrays of numbers are numpy arrays, null where a number is due is NaN."""
+        """Return a message; arrays of numbers are numpy arrays, null where a number is due is NaN.
+
+        Raises:
+            DecodeError: as `ProtobufSchema.decode`.
+        """
         if len(data) > 2 * self._most and sum(map(data.count, (b"{", b"[", b'"'))) > 2 * self._most:
             raise DecodeError("its lists hold more than limits.message_elements in the recipe allows")
         try:
             value = self._conform(json.loads(data), self._schema)
             if not isinstance(value, SimpleNamespace):
                 self._refuse()
-        except (ValueError, TypeError, OverflowError, RecursionError, KeyError) as err:
+        except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError) as err:
             raise DecodeError(f"its bytes do not fit {self._msgtype}") from err
         return cast("Message", value)
 
@@ -230,15 +227,20 @@ class JsonSchema:
     def _conform(self, value: Any, schema: Mapping[str, Any]) -> Any:
         """Return a value as its schema has it."""
         schema = self._resolved(schema)
-        kind = schema.get("type")
+        kind = _kind_of(schema)
+        is_missing = value is _MISSING
+        if is_missing:
+            value = _DEFAULTS.get(kind or "", 0)
         if kind == "object" or isinstance(value, dict):
             given = {} if value is None else value
             if not isinstance(given, dict) or kind not in {None, "object"}:
                 self._refuse()
             known: Mapping[str, Any] = schema.get("properties", {})
             fields = {name: self._conform(item, known.get(name, {})) for name, item in given.items()}
-            missing = {name: self._default(one) for name, one in known.items() if name not in given}
-            return SimpleNamespace(**fields, **missing)
+            for name, one in known.items():
+                if name not in fields:  # what is missing may refer to itself
+                    fields[name] = None if is_missing and "$ref" in one else self._conform(_MISSING, one)
+            return SimpleNamespace(**fields)
         if kind == "array" or isinstance(value, list):
             return self._list([] if value is None else value, schema)
         if kind == "number":
@@ -249,6 +251,8 @@ class JsonSchema:
                 if isinstance(value, int | float)
                 else self._refuse()
             )
+        if value is None:
+            return _DEFAULTS.get(kind or "")
         if kind in {"integer", "boolean"}:
             return value if isinstance(value, int) else self._refuse()
         if kind == "string":
@@ -262,28 +266,14 @@ class JsonSchema:
         return value
 
     def _list(self, value: Any, schema: Mapping[str, Any]) -> Any:
-        if not isinstance(value, list) or schema.get("type") not in {None, "array"}:
+        if not isinstance(value, list) or _kind_of(schema) not in {None, "array"}:
             self._refuse()
         items = schema.get("items", {})
-        kind = items.get("type") if isinstance(items, Mapping) else None
+        kind = _kind_of(items) if isinstance(items, Mapping) else None
         if kind in {"number", "integer"} or (value and all(type(one) in {int, float} for one in value)):
             whole = kind == "integer" or (kind is None and all(type(one) is int for one in value))
             return np.array(value, np.int64 if whole else np.float64)
         return [self._conform(one, items if isinstance(items, Mapping) else {}) for one in value]
-
-    def _default(self, schema: Mapping[str, Any]) -> Any:
-        """Return the value of a field that a message leaves out."""
-        schema = self._resolved(schema)
-        if schema.get("type") == "object":
-            known: Mapping[str, Any] = schema.get("properties", {})
-            return SimpleNamespace(
-                **{name: None if "$ref" in one else self._default(one) for name, one in known.items()}
-            )
-        if schema.get("type") == "array":
-            return self._list([], schema)
-        if schema.get("type") == "string":
-            return b"" if schema.get("contentEncoding") == "base64" else ""
-        return {"number": 0.0, "integer": 0, "boolean": False}.get(str(schema.get("type")), 0)
 
     def _resolved(self, schema: Mapping[str, Any]) -> Mapping[str, Any]:
         """Follow references inside of the schema."""
@@ -295,6 +285,17 @@ class JsonSchema:
                 found = found[part]
             schema = found
         raise ValueError("references that do not end")
+
+
+Schema = ProtobufSchema | JsonSchema
+
+
+def _kind_of(schema: Mapping[str, Any]) -> str | None:
+    """Return the type of a value, besides null; None if it may be any."""
+    kinds = schema.get("type")
+    if isinstance(kinds, list):
+        kinds = next(iter(one for one in kinds if one != "null"), None) if len(kinds) < 3 else None
+    return kinds if isinstance(kinds, str) else None
 
 
 def _without_comments(schema: object) -> object:

@@ -1,4 +1,4 @@
-"""The six drives of the demo: two per format, each with its own seed."""
+"""The recordings of the demo, each with its own seed: six drives, two per format; or the arm, one per format of ROS."""
 
 import os
 import shutil
@@ -7,35 +7,48 @@ from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Literal
 
-from bagassets.sample.drive import Target, write_recordings
+from bagassets.sample.drive import Target, write_arm_recordings, write_recordings
 
-# The number of a drive is its seed; compressions are the common ones.
-_TARGETS = (
-    Target(Path("drive_1.bag"), "ros1"),
-    Target(Path("drive_2.bag"), "ros1", "lz4"),
-    Target(Path("drive_3"), "ros2"),
-    Target(Path("drive_4"), "ros2", "zstd"),
-    Target(Path("drive_5.mcap"), "mcap"),
-    Target(Path("drive_6.mcap"), "mcap", "zstd"),
-)
+Robot = Literal["car", "arm"]
+
+# The number of a recording is its seed; compressions are the common ones.
+_TARGETS: dict[Robot, tuple[Target, ...]] = {
+    "car": (
+        Target(Path("drive_1.bag"), "ros1"),
+        Target(Path("drive_2.bag"), "ros1", "lz4"),
+        Target(Path("drive_3"), "ros2"),
+        Target(Path("drive_4"), "ros2", "zstd"),
+        Target(Path("drive_5.mcap"), "mcap"),
+        Target(Path("drive_6.mcap"), "mcap", "zstd"),
+    ),
+    "arm": (
+        Target(Path("arm_1.bag"), "ros1", "lz4"),
+        Target(Path("arm_2"), "ros2"),
+        Target(Path("arm_3.mcap"), "mcap", "zstd"),
+    ),
+}
 
 
-def missing_drives(folder: Path) -> list[Target]:
-    """Return the drives that a folder of recordings lacks."""
-    return [target for target in _TARGETS if not (folder / target.path).exists()]
+def missing_drives(folder: Path, robot: Robot = "car") -> list[Target]:
+    """Return the recordings of a robot that a folder lacks."""
+    return [target for target in _TARGETS[robot] if not (folder / target.path).exists()]
 
 
-def write_drives(folder: Path, targets: list[Target], duration_s: float) -> Iterator[str]:
-    """Write drives in parallel, and yield the name of each finished one.
+def write_drives(
+    folder: Path, targets: list[Target], duration_s: float, robot: Robot = "car"
+) -> Iterator[str]:
+    """Write recordings in parallel, and yield the name of each finished one.
 
     Each is written elsewhere and moved into the folder when it is whole, so that an interrupted demo
     leaves no half recording behind, and begins with what is missing.
 
     Args:
         folder: folder of the recordings.
-        targets: drives to write.
-        duration_s: duration of each drive.
+        targets: recordings to write.
+        duration_s: duration of each.
+        robot: whose.
     """
     folder.mkdir(parents=True, exist_ok=True)
     unfinished = folder.parent / ".writing"
@@ -43,13 +56,14 @@ def write_drives(folder: Path, targets: list[Target], duration_s: float) -> Iter
     unfinished.mkdir()
     # Spawned, because the caller may have threads.
     with ProcessPoolExecutor(os.cpu_count(), get_context("spawn")) as pool:
-        yield from pool.map(partial(_write, unfinished, folder, duration_s), targets)
+        yield from pool.map(partial(_write, unfinished, folder, duration_s, robot), targets)
     unfinished.rmdir()
 
 
-def _write(unfinished: Path, folder: Path, duration_s: float, target: Target) -> str:
+def _write(unfinished: Path, folder: Path, duration_s: float, robot: Robot, target: Target) -> str:
     part = unfinished / target.path
-    seed = _TARGETS.index(target) + 1
-    write_recordings([Target(part, target.format, target.compression)], seed, "drive", duration_s)
+    seed = _TARGETS[robot].index(target) + 1
+    write = write_arm_recordings if robot == "arm" else write_recordings
+    write([Target(part, target.format, target.compression)], seed, "drive", duration_s)
     part.replace(folder / target.path)
     return target.path.name

@@ -36,15 +36,20 @@ class FoxgloveRecorder(Recorder):
         self._writer.start(profile="", library="bagassets sample")
         stack.callback(self._writer.finish)
 
-    def serialize(self, msgtype: str, message: Message) -> bytes:
-        """Return the bytes of a message.
+    @staticmethod
+    def converted(msgtype: str, message: Message) -> Any:  # noqa: ANN401  (a protobuf message, whose fields only its schema knows)
+        """Return the message of Foxglove that says the same as one of ROS.
 
         Raises:
             RecordingError: it is none of the arm.
         """
         if msgtype not in _CONVERTERS:
             raise RecordingError(f"{msgtype}: recordings of the sample without ROS have no such messages.")
-        return bytes(_CONVERTERS[msgtype](message).SerializeToString(deterministic=True))
+        return _CONVERTERS[msgtype](message)
+
+    def serialize(self, msgtype: str, message: Message) -> bytes:
+        """Return the bytes of a message, as `converted`."""
+        return bytes(self.converted(msgtype, message).SerializeToString(deterministic=True))
 
     def _add(self, topic: str, msgtype: str) -> Callable[[int, bytes | bytearray], None]:
         channel = register(self._writer, topic, _DESCRIBED[msgtype]().DESCRIPTOR)

@@ -88,8 +88,8 @@ lerobot:
   features:
     observation.state: {{signals: [arm, gripper], at: linear}}
     action: {{signals: [arm_command, gripper_command]}}
-    observation.images.workspace: {{camera: CAM_WORKSPACE}}
-    observation.images.wrist: {{camera: CAM_WRIST}}
+    observation.images.workspace: {{camera: CAM_WORKSPACE, at: nearest}}
+    observation.images.wrist: {{camera: CAM_WRIST, at: nearest}}
   episodes: {{topic: {EPISODE}, field: {text}, start: [start], end: [end]}}
   task: {{topic: {TASK}, field: {text}}}
 """

@@ -11,6 +11,7 @@ import yaml
 from bagassets.assets.pictures.canvas import colour_of
 from bagassets.assets.pictures.plot import signal_plot
 from bagassets.assets.quality.evidence import Evidence
+from bagassets.assets.quality.topic_rules import channels_present, topic_rates
 from bagassets.assets.signal_plots import SIGNAL_PLOTS
 from bagassets.assets.signals import SIGNALS
 from bagassets.base.errors import BagAssetsError
@@ -19,6 +20,7 @@ from bagassets.engine.graph import Graph
 from bagassets.engine.source import MessageSource
 from bagassets.formats.catalogue import recording_assets
 from bagassets.recipe.load import load_recipe
+from bagassets.recipe.model_checks import ChannelsCheck, TopicLimits, TopicsCheck
 from bagassets.recordings.discover import discover
 from bagassets.store.store import Store
 from bagassets_tests.recorded_bags import NOON_NS, Message, header, write_mcap, write_ros1, write_ros2
@@ -206,7 +208,7 @@ def test_stamps_are_sorted_and_repeated_ones_are_lost(tmp_path):
     assert built.facts("arm")["most_backward_s"] == STEP_NS / 1e9
     assert built.rows("logged") == ([n + 0.1 for n in range(7)], [(float(n),) for n in range(7)])
     assert (
-        "1 of 7 messages (14%) were lost, most often for: repeated stamp"
+        "1 of 7 messages (14%) was lost because of repeated stamps"
         in built.finding("signals_complete").problems[0]
     )
     assert not built.finding("signal_values").problems
@@ -347,7 +349,7 @@ def test_elements_without_names_that_change_number_are_lost(tmp_path):
     for name, columns in (("command", ["data[0]", "data[1]"]), ("named", ["a", "b"])):
         assert built.table(name).column_names[1:] == columns
         assert built.rows(name)[1] == [(n, n) for n in range(6)]
-        assert built.counts(name)["lost"] == {"another number of elements than before": 2}
+        assert built.counts(name)["lost"] == {"it has another number of elements than before": 2}
 
 
 @pytest.mark.parametrize(
@@ -448,18 +450,31 @@ def _noting(function, calls):
     return noted
 
 
-def test_rates_gaps_and_ranges_are_checked(tmp_path):
+def test_gaps_and_ranges_are_checked(tmp_path):
     messages = [joints(n, ABC[:1], [float(n)]) for n in (*range(50), *range(250, 300))]
     built = Built(tmp_path, messages, {"arm": POSITION})
-    finding = built.finding("signal_values", limits={"arm": {"min": 1, "max": 200, "min_hz": 50}})
+    finding = built.finding("signal_values", limits={"arm": {"min": 1, "max": 200}})
     assert [problem.split(" (")[0] for problem in finding.problems] == [
-        "arm: 33.11 Hz, at least 50 Hz expected",
         "arm: elbow has no value for 2.01 s after 2024-06-21T12:00:00.490Z",
         "arm: elbow goes down to 0, at least 1 expected",
         "arm: elbow goes up to 299, at most 200 expected",
     ]
     assert finding.facts == {"rates_hz": {"arm": 33.11}}
     assert not built.finding("signal_values", max_gap_s=3).problems
+    rig, inventory = built.recipe.rigs[0], built.graph.inputs.inventory
+    limits = {"/joint_states": TopicLimits(min_hz=50)}
+    (slow, pause) = topic_rates(rig, inventory, TopicsCheck(limits=limits)).problems
+    assert slow == "/joint_states: 33.11 Hz, at least 50 Hz expected"
+    assert pause.startswith("/joint_states: a pause of 2.01 s")
+
+
+def test_a_signal_that_a_recording_lacks_is_named(tmp_path):
+    other = {**POSITION, "topic": "/other"}
+    built = Built(tmp_path, [joints(0, ABC, [1, 2, 3])], {"arm": POSITION, "more": other})
+    rig, inventory = built.recipe.rigs[0], built.graph.inputs.inventory
+    missing = "more: topic /other is not in the recording, so it has no such signal"
+    assert channels_present(rig, inventory, ChannelsCheck()).problems == [missing]
+    assert not channels_present(rig, inventory, ChannelsCheck(optional=("more",))).problems
 
 
 @pytest.mark.parametrize(

@@ -8,14 +8,18 @@ import pytest
 from click.testing import CliRunner
 
 from bagassets.cli.main import root
+from bagassets.formats import checking
+from bagassets.formats.catalogue import OUR_ASSETS, recording_assets
 from bagassets.formats.nuscenes.dataset_checks import CHECKS as DATASET_CHECKS
-from bagassets.recipe import load_recipe
-from bagassets_tests.checks import RECORDING_CHECKS
+from bagassets.recipe import load_recipe, parse_recipe
+from bagassets.store.store import Store
 from bagassets_tests.in_process import QUICK, build, make_project
 
 GOOD, SHORT = "a.mcap", "b.mcap"
 PASSED, USAGE, FOUND = 0, 2, 3
-ALL = {check.name for check in (*RECORDING_CHECKS, *DATASET_CHECKS)}
+# Of the assets that this recipe asks for: not of signals, for one.
+ASSETS = recording_assets(parse_recipe(QUICK.format(name="test", root="."), Path("recipe.yaml")))
+ALL = {check.name for asset in ASSETS for check in asset.checks} | {check.name for check in DATASET_CHECKS}
 
 
 @pytest.fixture(scope="module")
@@ -71,6 +75,29 @@ def test_what_was_built_passes_every_check(built):
     assert {verdict["passed"] for verdict in verdicts} == {True}
     assert {verdict["recording"] for verdict in verdicts} == {GOOD, None}  # nothing about the skipped one
     assert run(recipe=built).stdout == f"{len(ALL)} checks: {len(ALL)} passed.\n"
+
+
+def test_what_has_not_changed_is_not_checked_again(with_checks, monkeypatch):
+    recipe = with_checks({"topic_rates": {"limits": {"/odom": {"min_hz": 60}}}})
+    checked, check_bag = [], checking.check_bag
+
+    def noted(*args, **options):
+        checked.append(args[3].key)
+        return check_bag(*args, **options)
+
+    monkeypatch.setattr(checking, "check_bag", noted)
+    run(recipe=recipe)  # it is planned anew, as the recipe has changed
+    first, checked[:] = run("--json", recipe=recipe).stdout, []
+    assert run("--json", recipe=recipe).stdout == first
+    assert checked == []
+    assert [one["check"] for one in json.loads(first) if one["passed"] is False] == ["topic_rates"]
+    store = Store(load_recipe(recipe).store_path)
+    poses = next(store.root.glob("artifacts/*/*/files/ego_poses.parquet"))
+    stranger = poses.with_name("stranger")
+    stranger.touch()
+    assert run("--json", recipe=recipe).stdout == first
+    assert GOOD in checked, "somebody was at its artifact"
+    stranger.unlink()
 
 
 def test_a_threshold_counts_at_once_and_an_error_ends_with_status_3(with_checks):
@@ -143,5 +170,5 @@ def test_the_table_of_the_documentation_is_that_of_the_assets():
     text = (Path(__file__).parents[2] / "docs" / "checks.md").read_text(encoding="utf-8")
     assert result.stdout in text, "docs/checks.md is out of date: make docs"
     assert {line.split("`")[1] for line in result.stdout.splitlines()[2:]} == {
-        check.name for check in RECORDING_CHECKS
+        check.name for asset in OUR_ASSETS for check in asset.checks
     }

@@ -6,16 +6,21 @@ import re
 import subprocess
 import sys
 
+import numpy as np
 import pytest
+
+from bagassets import open_dataset
+from bagassets.sample.arm import LEAD_S, ArmTruth, number_in
+from bagassets.sample.drive import drive_start_ns
 
 pytestmark = [pytest.mark.xdist_group("demo"), pytest.mark.once]
 
 NAMES = ["drive_1.bag", "drive_2.bag", "drive_3", "drive_4", "drive_5.mcap", "drive_6.mcap"]
 
 
-def run_demo(folder):
+def run_demo(folder, *options):
     done = subprocess.run(
-        [sys.executable, "-m", "bagassets", "demo", str(folder), "--seconds", "1.5"],
+        [sys.executable, "-m", "bagassets", "demo", str(folder), *(options or ("--seconds", "1.5"))],
         capture_output=True, text=True, timeout=300, check=False, env={**os.environ, "COLUMNS": "120"},
     )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
@@ -59,3 +64,43 @@ def test_again_does_nothing_and_a_lost_drive_comes_back(demo):
     assert not (folder / ".writing").exists()
     assert "6 fresh" in output or "1 hit" in output
     assert "built" not in output
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("arm")
+    return folder, run_demo(folder, "--robot", "arm", "--seconds", "2.2")
+
+
+def test_the_arm_ends_in_a_lerobot_dataset_of_the_truth(arm):
+    folder, output = arm
+    assert f"dataset: {folder}/lerobot" in output
+    dataset = open_dataset(folder / "lerobot")
+    truths = [ArmTruth(seed, drive_start_ns(seed), 640, 400) for seed in (1, 2, 3)]
+    by_task = {truth.episodes(2.2)[0][2]: truth for truth in truths}
+    assert sorted(scene.description for scene in dataset.scenes) == sorted(by_task)
+    for scene in dataset.scenes:
+        truth = by_task[scene.description]
+        shown = [[number_in(frame.image(name)) for name in dataset.channels] for frame in scene]
+        first = shown[0][0]
+        assert shown == [[first + number] * 2 for number in range(len(scene))]
+        # Each image is the latest one at its frame, and so are state and action: at most a period old.
+        times_s = np.array(
+            [truth.seconds(truth.image_stamp_ns(first + number)) for number in range(len(scene))]
+        )
+        for name, lead_s, period_s in (("observation.state", 0.0, 0.01), ("action", LEAD_S, 0.02)):
+            values = np.stack([frame.values[name] for frame in scene])
+            candidates = np.stack(
+                [truth.positions(np.round((times_s + late_s) / period_s) * period_s + lead_s)
+                 for late_s in np.arange(-period_s, 1 / 30, 0.005)]
+            )  # fmt: skip
+            assert np.abs(candidates - values).max(axis=2).min(axis=0).max() < 0.005
+
+
+def test_the_demos_of_two_robots_do_not_mix(arm):
+    folder, _ = arm
+    done = subprocess.run(
+        [sys.executable, "-m", "bagassets", "demo", str(folder)], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2
+    assert "holds another project" in done.stderr

@@ -94,7 +94,7 @@ def test_where_nothing_is_proposed_the_line_is_that_of_the_build_and_the_advice_
     line, text = asked(output)["rigs"]
     assert status == 2
     assert text == f"{said}name another folder with --bags, and --force to replace this recipe"
-    says = rf"recipe\.yaml:{line}: rigs: needs a value: sensor set-ups; .* others with --bags and --force"
+    says = rf"recipe\.yaml:{line}: rigs: needs a value: sensor set-ups; .* other recordings with --bags and --force"
     with pytest.raises(RecipeError, match=says):
         load_recipe(tmp_path / "project" / "recipe.yaml")
     write_drive(tmp_path / "other" / "a.bag", "ros1", duration_s=1.0)

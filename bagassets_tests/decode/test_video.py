@@ -1,6 +1,11 @@
 """Video: each picture stands at the time of its own message, and none that refers to what is missing is ever shown."""
 
+import os
+import pickle
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,9 +22,10 @@ from bagassets.decode.video import (
     VideoStream,
     decode_video_packet,
 )
-from bagassets_tests.video_streams import PATCHES, SIZE, X264, encode, number_in
+from bagassets_tests.video_streams import PATCHES, SIZE, X264, X265, encode, number_in
 
 START_NS, PERIOD_NS = 1_700_000_000_000_000_000, 50_000_000
+ROOT = Path(__file__).parents[2]
 CODECS = {"libx264": "h264", "libx265": "h265"}
 
 
@@ -94,6 +100,16 @@ def test_what_is_missing_is_noticed_without_stamps_too(codec):
     assert all(found[n] == n for n in range(40) if not 14 <= n < 20)
 
 
+def test_pictures_that_the_decoder_holds_back_are_not_lost():
+    """A stream that says that it may have B-frames, and has none: each picture comes two packets late."""
+    options = {"preset": "medium", "x264-params": "bframes=2:b-bias=-100"}
+    some = packets(encode(b_frames=2, options=options))
+    assert shown(some) == {n: n for n in range(40)}
+    assert shown([one for at, one in enumerate(some) if at != 14]) == {
+        n: AFTER_GAP if 15 <= n < 20 else n for n in range(40) if n != 14
+    }
+
+
 def slower(packet, by, since=12):
     """Return a packet of a camera that makes a picture every `by` periods from a number on."""
     number = (packet.stamp_ns - START_NS) // PERIOD_NS
@@ -161,14 +177,16 @@ def test_b_frames_are_refused_in_any_order(codec, order):
         shown(some)
 
 
+@pytest.mark.parametrize("pixels", ["yuv420p", "yuv420p10le"])
 @pytest.mark.parametrize(
     ("matrix", "full"), [(None, False), ("ITU601", False), ("ITU709", False), ("ITU709", True)]
 )
-def test_colours_are_those_of_the_matrix_and_range_that_are_tagged(matrix, full):
-    stream = encode(number=1, matrix=matrix, full=full, options={**X264, "qp": "4"})
-    ((picture,),) = (
-        [one for packet in packets(stream) for one in VideoStream("", 10**6, None).add(packet, 0)],
-    )
+def test_colours_are_those_of_the_matrix_and_range_that_are_tagged(matrix, full, pixels):
+    codec, options = ("libx264", X264) if pixels == "yuv420p" else ("libx265", X265)
+    stream = encode(codec, 1, matrix=matrix, full=full, options={**options, "qp": "4"}, pixels=pixels)
+    video = VideoStream("", 10**6, None)
+    pictures = [one for packet in packets(stream, codec) for one in video.add(packet, 0)]
+    (picture,) = [*pictures, *video.finish()]
     for at, colour in enumerate(PATCHES):
         mean = picture.pixels[24:56, 20 + 44 * at : 32 + 44 * at].reshape(-1, 3).mean(axis=0)
         assert np.abs(mean[::-1] - colour).max() < 3.5
@@ -211,5 +229,48 @@ def test_without_pyav_the_command_that_installs_it_is_said(monkeypatch):
         raise video.PackageNotFoundError
 
     monkeypatch.setattr(video, "version", nothing)
-    with pytest.raises(DecodeError, match=r"pip install 'bagassets\[video\]'"):
-        video.decoder_version()
+    with pytest.raises(DecodeError, match=r"^CAM \(/cam\): .*`pip install 'bagassets\[video\]'`"):
+        video.decoder_version("CAM (/cam)")
+
+
+MASKED = """
+import ctypes, hashlib, pickle, sys
+import av
+from bagassets.decode.video import VideoStream
+path, mask = sys.argv[1:]
+if mask != "none":
+    # The library that PyAV has loaded already.
+    (library,) = {line.split()[-1] for line in open("/proc/self/maps") if "libavutil" in line}
+    library = ctypes.CDLL(library)
+    before = library.av_get_cpu_flags()
+    library.av_force_cpu_flags(int(mask))
+    assert library.av_get_cpu_flags() != before
+for stream in pickle.load(open(path, "rb")):
+    video, digest = VideoStream("", 10**6, None), hashlib.sha256()
+    for picture in [*(one for packet in stream for one in video.add(packet, 0)), *video.finish()]:
+        digest.update(picture.pixels.tobytes())
+    print(digest.hexdigest())
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="finds the library in /proc")
+def test_pictures_are_the_same_bytes_whatever_the_processor_can_do(tmp_path):
+    """Of noise, and of a width that is no multiple of what vectors hold."""
+    script, streams = tmp_path / "masked.py", tmp_path / "streams"
+    script.write_text(MASKED)
+    noise = {"number": 8, "noise": True, "size": (198, 114)}
+    some = [
+        packets(encode(codec, matrix=matrix, **noise), codec)
+        for codec in CODECS
+        for matrix in (None, "ITU709")
+    ]
+    streams.write_bytes(pickle.dumps(some))
+    digests = [
+        subprocess.run(
+            [sys.executable, script, streams, mask], capture_output=True, text=True, check=True,
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
+        ).stdout.split()
+        for mask in ("none", "0")
+    ]  # fmt: skip
+    assert len(digests[0]) == len(some)
+    assert digests[0] == digests[1]

@@ -92,7 +92,7 @@ def test_a_build_measures_what_is_built_and_says_so(tmp_path, monkeypatch, capsy
     size = (tmp_path / "bags" / "a.bag").stat().st_size
     write_drive(tmp_path / "bags" / "b.bag", "ros1", 2.0)
     pending = survey(recipe)
-    sizes = {key: one.size for key, one in pending.discovery.recordings.items()}
+    sizes = {key: one.size for key, one in pending.plan.discovery.recordings.items()}
     store = Store(tmp_path / ".bagassets" / "store")
     needed = space_needed(pending.plan, sizes, pending.todo, store, ASSETS)
     assert needed.is_measured

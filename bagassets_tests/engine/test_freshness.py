@@ -401,7 +401,7 @@ class TestPlanCache:
     def test_a_kept_plan_is_the_plan(self):
         whole = replace(PLAN, findings=(("warn", "check", "problem"),))
         for plan in (PLAN, whole):
-            kept = KeptPlan(plan.key, plan.as_row(), packed(plan.artifacts))
+            kept = KeptPlan(plan.key, plan.as_row(), packed(plan.artifacts), b"")
             assert kept == plan
             assert plan == kept
             assert kept != replace(plan, rig="another")

@@ -247,7 +247,7 @@ def full_plan(recipe):
     found = survey(recipe)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(PlanCache, "load", lambda _self: {})
-        patch.setattr(PlanCache, "save", lambda *_args: None)
+        patch.setattr(PlanCache, "save", lambda *_args, **_options: None)
         anew = survey(recipe)
     assert found.plan == anew.plan, "cached plans of recordings are those found when they are examined"
     return found

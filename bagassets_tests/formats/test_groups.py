@@ -394,6 +394,26 @@ class TestTorn:
         assert dataset.content == clean(tmp_path, store, wanted, name)
         assert not list(dataset.output.rglob("*.tmp-*"))
 
+    def test_files_that_a_killed_join_shares_with_the_dataset_stay(
+        self, versions, store, dataset, parts, tmp_path, monkeypatch
+    ):
+        """Only the rows of the recording had changed: its files have the same names."""
+        dataset.build(parts)
+        before = store.artifact(parts[2].artifact)
+        pending = store.begin(Step("made_up", 1).action({"of": before.digest}, {}))
+        for entry in before.entries():
+            content = before.path(entry.path).read_bytes()
+            pending.out.write(entry.path, content.replace(b'"vehicle":"van"', b'"vehicle":"bus"'))
+        other = Part(parts[2].key, "other", pending.commit({}).artifact.digest)
+        assert other.artifact != parts[2].artifact
+        with monkeypatch.context() as patch:
+            patch.setattr(assembly, "swap_in", kill)
+            with pytest.raises(KilledError):
+                dataset.build([*parts[:2], other, *parts[3:]])
+        wanted = [*parts[:9], versions["nuscenes"][9][1], *parts[10:]]
+        dataset.build(wanted)
+        assert dataset.content == clean(tmp_path, store, wanted)
+
     def test_killed_before_it_is_recorded_the_next_build_joins_everything(
         self, versions, store, dataset, parts, tmp_path, read, monkeypatch
     ):

@@ -190,7 +190,7 @@ class TestTables:
         for number in (2, 0, 1):
             (tmp_path / "sample.json").write_bytes(table_bytes("sample", [SAMPLE] * number))
             texts.append(rows_text(tmp_path / "sample.json"))
-        _, found = write_rows(tmp_path / "joined.json", TABLE, [Piece("", None, texts)])
+        _, found = write_rows(tmp_path / "joined.json", TABLE, [Piece(None, texts)])
         assert [one.number for one in found] == [3]
         assert (tmp_path / "joined.json").read_bytes() == table_bytes("sample", [SAMPLE] * 3)
 

@@ -79,7 +79,7 @@ class TestTableFiles:
             (folder / f"{number}.json").write_bytes(table_bytes("category", rows[number::3]))
         ordered = [row for number in range(3) for row in rows[number::3]]
         texts = (rows_text(folder / f"{number}.json") for number in range(3))
-        _, found = write_rows(folder / "category.json", TABLE, [Piece("", None, texts)])
+        _, found = write_rows(folder / "category.json", TABLE, [Piece(None, texts)])
         copied = [
             json.loads(line)
             for number in range(3)

@@ -16,7 +16,7 @@ from benchmarks.launch import launch_table
 from benchmarks.peers import BAGASSETS, BAZEL, LOOP
 from benchmarks.reader import reader_table
 from benchmarks.reads import reads_table
-from benchmarks.scale import scale_table
+from benchmarks.scale import scale_table, unbuilt_table
 from benchmarks.series import series_table
 from benchmarks.slurm import scaling_table, slurm_table
 
@@ -80,10 +80,17 @@ def test_plan(tmp_path):
 
 def test_scale(tmp_path):
     result = tmp_path / "scale.json"
-    printed = run("-m", "benchmarks.scale", "--numbers", "2", "4", "--times", "1", "--json", result)
+    numbers = ("--numbers", "3", "--replicated", "8", "--base", "4", "--unbuilt", "10")
+    printed = run("-m", "benchmarks.scale", *numbers, "--times", "1", "--json", result)
     found = json.loads(result.read_text("utf-8"))
     assert scale_table(found) in printed
-    assert all(len(values) == 2 and min(values) > 0 for values in found["costs"].values())
+    assert unbuilt_table(found) in printed
+    costs = found["built"]["costs"]
+    assert [name for name, (_, copied) in costs.items() if copied is None] == [
+        name for name in costs if name.startswith("first build")
+    ]
+    assert min(built for built, _ in costs.values()) > 0
+    assert min(value for (value,) in found["unbuilt"]["costs"].values()) > 0
 
 
 def test_series(tmp_path):

@@ -509,7 +509,7 @@ def test_what_is_left_out_beside_a_rig_blocks_nothing():
         "rslidar_msgs/msg/rslidarScan",
         "sensor_msgs/msg/MultiEchoLaserScan",
         "theora_image_transport/msg/Packet",
-        "foxglove_msgs/msg/CompressedVideo",
+        "foxglove_msgs/msg/CompressedPointCloud",
     ],
 )
 def test_a_sensor_that_nothing_decodes_is_named_with_its_type(msgtype):

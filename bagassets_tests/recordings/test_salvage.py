@@ -17,6 +17,8 @@ from bagassets.recordings.salvage.open import open_salvaged, read_as_far
 from bagassets.store.canonical import digest_file
 from bagassets_tests import damaged_files
 from bagassets_tests.damaged_files import DAMAGES, SOUND, damaged, entries, halves, oracle, truth
+from bagassets_tests.killed_recorder import leave_log
+from bagassets_tests.reindexed_bag import CHUNK, records
 from bagassets_tests.tree_memory import run_measured
 
 TOTAL = truth("ros1").total()
@@ -131,6 +133,28 @@ def test_without_its_index_a_recording_is_complete(tmp_path, sound, kind):
         ]  # fmt: skip
 
 
+@pytest.mark.parametrize("damage", ["4 KB of noise in the middle", "30 KB of noise"])
+@pytest.mark.parametrize("kind", [kind for kind in SOUND if kind.startswith(("ros1", "mcap"))])
+def test_what_follows_a_hole_is_found(tmp_path, sound, kind, damage):
+    path = damaged(tmp_path, kind, damage, sound[kind])
+    found, _ = saved(path)
+    assert found.total() > 0.55 * TOTAL
+    last_ns = max(time_ns for _, time_ns, _ in truth(kind))
+    assert last_ns == max(time_ns for _, time_ns, _ in found)
+
+
+def test_a_chain_of_pages_that_goes_on_costs_its_message(tmp_path, sound):
+    data = bytearray(sound["db3"].read_bytes())
+    pages = range(4096, len(data), 4096)
+    ends = [at for at in pages if data[at : at + 4] == bytes(4) and any(data[at + 4 : at + 4096])]
+    for at in ends:
+        data[at : at + 4] = (2).to_bytes(4, "big")
+    (tmp_path / "a.db3").write_bytes(data)
+    found, damage = saved(tmp_path / "a.db3")
+    assert damage.lost == {"/camera": len(ends)}
+    assert found.total() + len(ends) == TOTAL
+
+
 def test_a_hole_says_where_when_and_what(tmp_path, sound):
     path = damaged(tmp_path, "mcap", "a bit at 70 %", sound["mcap"])
     found, damage = saved(path)
@@ -196,6 +220,34 @@ def test_without_its_metadata_a_folder_is_read_by_its_files(tmp_path, sound, tex
     assert found == truth("folder split")
     assert damage.is_complete
     assert not damage.is_total_known
+
+
+def as_left_by_a_recorder(bag, cut=0):
+    """Return a bag whose recorder was killed: without index, and the last chunk, whose length is not filled in, has `cut` bytes less."""
+    data = bag.read_bytes()
+    at = data.index(b"index_pos=") + 10
+    end = int.from_bytes(data[at : at + 8], "little")
+    found = list(records(data[:end], len(b"#ROSBAG V2.0\n")))
+    _, body, begin, _ = next(one for one in reversed(found) if one[0]["op"][0] == CHUNK)
+    head = bytearray(data[begin : data.index(body, begin)])
+    head[-4:] = bytes(4)
+    size = head.index(b"size=") + 5
+    head[size : size + 4] = bytes(4)
+    return data[:at] + bytes(8) + data[at + 8 : begin] + head + body[: len(body) - cut]
+
+
+@pytest.mark.parametrize("kind", ["ros1", "ros1 lz4"])
+def test_the_chunk_that_a_killed_recorder_was_writing_is_read(tmp_path, sound, kind):
+    path = tmp_path / "a.bag.active"
+    path.write_bytes(as_left_by_a_recorder(sound[kind]))
+    found, damage = saved(path)
+    assert found == truth(kind)
+    assert "a.bag.active: its last chunk was being written" in damage.findings
+    assert damage.is_complete == (kind == "ros1")  # packed, nothing tells whether more was to come
+    path.write_bytes(as_left_by_a_recorder(sound[kind], cut=30))
+    found, damage = saved(path)
+    assert truth(kind) - found
+    assert not damage.is_complete
 
 
 class TestSeries:
@@ -332,3 +384,19 @@ def test_a_bag_whose_index_contradicts_its_records_gives_all_of_them(tmp_path, s
 
 def test_bags_of_the_recipe_decide(tmp_path):
     assert Bags(root=tmp_path).recover == "complete"
+
+
+class TestLogs:
+    """What a killed recorder left beside a database is applied first, as for a sound one."""
+
+    def test_a_log_beside_a_damaged_database(self, tmp_path, sound):
+        path = shutil.copy2(sound["db3"], tmp_path / "a.db3")
+        leave_log(path, 20)
+        with path.open("r+b") as file:
+            file.seek(3)
+            file.write(b"\0")
+        before = sorted((one.name, digest_file(one)) for one in tmp_path.iterdir())
+        with open_salvaged(path) as opened:
+            number = sum(1 for _ in opened.messages(list(opened.topics)))
+        assert number >= TOTAL - 20
+        assert sorted((one.name, digest_file(one)) for one in tmp_path.iterdir()) == before

@@ -9,6 +9,7 @@ from mcap.writer import Writer
 
 from bagassets.assets.inventory import make_inventory
 from bagassets.base.errors import DecodeError
+from bagassets.decode.numeric_fields import numbers_at
 from bagassets.recipe.model import Limits
 from bagassets.recordings.open import open_recording
 from bagassets.recordings.pack import PackedRecording
@@ -259,11 +260,46 @@ def test_json_that_does_not_fit_its_schema_is_lost(tmp_path, wrong):
         messages(write(tmp_path / "a.mcap", of_json(wrong, SPEED)))
 
 
+def test_json_of_several_types_and_null(tmp_path):
+    schema = {
+        "type": "object",
+        "properties": {
+            "maybe": {"type": ["number", "null"]}, "any": {"type": ["number", "string", "null"]},
+            "union": {"anyOf": [{"type": "number"}, {"type": "null"}]}, "text": {"type": ["null", "string"]},
+        },
+    }  # fmt: skip
+    value = {"maybe": None, "any": "a", "union": 2, "text": None}
+    found = messages(write(tmp_path / "a.mcap", of_json(value, schema)))["/json"]
+    assert np.isnan(found.maybe)
+    assert (found.any, found.union, found.text) == ("a", 2, "")
+
+
+def test_a_schema_that_contains_itself_has_defaults_of_one_level(tmp_path):
+    node = {"type": "object", "properties": {"x": {"type": "number"}, "next": {"$ref": "#"}}}
+    found = messages(write(tmp_path / "a.mcap", of_json({"next": {"x": 2}}, node)))["/json"]
+    assert (found.x, found.next.x, found.next.next.x, found.next.next.next) == (0.0, 2.0, 0.0, None)
+
+
+def test_signals_reach_any_number(tmp_path):
+    found = messages(write(tmp_path / "a.mcap", arm(), of_json({"list": [1, 2], "inner": {"x": 3}}, SPEED)))
+    assert numbers_at(found["/arm"], "joints.position")[:2] == (("j0", "j1"), pytest.approx([0.25, -0.5]))
+    assert list(numbers_at(found["/arm"], "effort[1]").values) == [1.5]
+    assert list(numbers_at(found["/json"], "list").values) == [1.0, 2.0]
+    assert list(numbers_at(found["/json"], "inner.x").values) == [3.0]
+
+
 @pytest.mark.parametrize("reference", ["#", "#/$defs/a", "#/nowhere"])
 def test_references_without_an_end_or_aim_are_no_hang(tmp_path, reference):
     schema = {"$ref": reference, "$defs": {"a": {"$ref": "#/$defs/a"}}}
     with pytest.raises(DecodeError):
         messages(write(tmp_path / "a.mcap", of_json({}, schema)))
+
+
+@pytest.mark.parametrize("schema", [{"properties": []}, {"properties": {"a": 3}}], ids=str)
+def test_schemas_that_are_none_lose_messages_and_nothing_more(tmp_path, schema):
+    path = write(tmp_path / "a.mcap", of_json({"a": [1]}, schema))
+    with pytest.raises(DecodeError, match=r"do not fit acme\.Speed"):
+        messages(path)
 
 
 def test_lists_of_many_strings_and_messages_are_not_made_objects_of(tmp_path):

@@ -11,7 +11,7 @@ from bagassets_tests.facts import MadeUpFacts, calibrated, use_of
 from bagassets_tests.sweep_run import inventory, lidar, request
 
 EXPECTED = {
-    "camera": "expected sensor_msgs/Image, CompressedImage, foxglove_msgs/RawImage or CompressedImage; ",
+    "camera": "expected sensor_msgs/Image, CompressedImage, foxglove_msgs/RawImage, CompressedImage, or video (",
     "lidar": "expected sensor_msgs/PointCloud2, LaserScan, foxglove_msgs/PointCloud, LaserScan, or Velodyne packets",
     "radar": "expected sensor_msgs/PointCloud2, foxglove_msgs/PointCloud, or the targets of a radar",
 }

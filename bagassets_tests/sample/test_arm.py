@@ -53,11 +53,7 @@ def bags(tmp_path_factory):
 def built(folder, kind):
     """Build signals and images of the recordings in a folder: (store, asset -> channel -> artifact)."""
     recipe = yaml.safe_load(arm_recipe(root="bags", foxglove=kind == "foxglove"))
-    recipe.pop("lerobot")
-    recipe |= {"vision": {"output": "out", "trajectories": []}, "preview": {"enabled": False}}
     recipe["bags"]["settle_s"] = 0
-    for channel in recipe["rigs"][0]["channels"].values():
-        channel["extrinsics"] = {"translation": [0, 0, 0]}
     (folder / "recipe.yaml").write_text(yaml.safe_dump(recipe))
     loaded = load_recipe(folder / "recipe.yaml")
     store = Store(loaded.store_path)

@@ -122,8 +122,11 @@ def _actions(name, assets, drive):
 
 
 def _digest(asset, use, drive):
-    """Return the digest of an action, or `refused` if it cannot be."""
-    return "refused" if isinstance(use, BagAssetsError) else asset.action(use, drive.facts.inventory).digest
+    """Return the digest of an action and of what is tried where it failed, or `refused` if it cannot be."""
+    if isinstance(use, BagAssetsError):
+        return "refused"
+    instead = None if asset.fallback is None else asset.fallback(use, "it is damaged.")
+    return [asset.action(one, drive.facts.inventory).digest for one in (use, instead) if one is not None]
 
 
 def test_every_field_of_the_recipe_is_changed(steps):

@@ -323,7 +323,9 @@ def remake(folder, asset):
     for action_digest, action in actions(store).items():
         if label(action).split(":")[0].removesuffix("_index") == asset:
             store.forget(action_digest)
-    upstream = {name: made[name].artifact for name in UPSTREAM[asset]}
+    upstream = {
+        name: made[name].artifact for name in {*UPSTREAM[asset], "inventory"}
+    }  # which says whether it takes part
     again = RecordingBuild(recipe, store, recording, digest, stat, upstream)
     with confined(
         made["inventory"].artifact.digest, recording.path, [folder / "recipe.yaml", folder / "back.yaml"]

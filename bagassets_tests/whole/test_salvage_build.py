@@ -14,11 +14,13 @@ from bagassets.formats.catalogue import recording_assets
 from bagassets.formats.dataset_lock import load_lock
 from bagassets.propose.project import write_project
 from bagassets.recipe import load_recipe
+from bagassets.recipe.model import Bags
 from bagassets.recordings.discover import discover
 from bagassets.store.integrity import check_store
 from bagassets.store.store import Store
 from bagassets_tests import in_process
 from bagassets_tests.nuscenes_checks import check_dataset
+from bagassets_tests.recorded_bags import NOON_NS, text, write_ros1
 from bagassets_tests.small_drive import RECIPE, write_drive
 from bagassets_tests.whole.test_end_to_end import build_of
 
@@ -142,6 +144,65 @@ def test_what_failed_before_salvage_existed_is_tried_once_more_and_then_no_more(
     assert (state(recipe).state, state(recipe).reason) == ("failed", told)
 
 
+def test_init_looks_into_damaged_recordings_and_lists_what_recorders_left(tmp_path, drives):
+    (tmp_path / "bags").mkdir()
+    without_end(drives["ros1"], tmp_path / "bags" / "cut.bag")
+    (tmp_path / "bags" / "gone.db3-wal").write_bytes(bytes(100))
+    done = CliRunner().invoke(root, ["init", str(tmp_path / "project"), "--bags", str(tmp_path / "bags")])
+    assert done.exit_code == 0, done.output
+    assert "CAM_FRONT" in (tmp_path / "project" / "recipe.yaml").read_text()
+    assert "gone.db3-wal: the last messages of gone.db3" in done.output
+
+
+class TestSeries:
+    def parts(self, tmp_path):
+        some = [text(NOON_NS + i * 10**8, f"{i}" * 500) for i in range(600)]
+        return [write_ros1(tmp_path / f"d_{n}.bag", some[n * 200 : (n + 1) * 200]) for n in range(3)]
+
+    def keys(self, tmp_path, recover="complete"):
+        return list(discover(Bags(root=tmp_path, recover=recover, settle_s=0)).recordings)
+
+    def test_a_part_without_index_stays_in_its_drive(self, tmp_path):
+        parts = self.parts(tmp_path)
+        without_index(parts[1], parts[1])
+        assert self.keys(tmp_path) == ["d.bag"]
+        assert self.keys(tmp_path, "refuse") != ["d.bag"]
+        recipe = project(tmp_path)
+        for part in parts:
+            part.rename(recipe.bags.root / part.name)
+        inventory = next(iter(build_of(recipe, "d.bag").build(["inventory"]))).artifact
+        assert inventory.summary()["messages"] == 600
+        assert "messages can be read" in inventory.summary()["damage"]
+
+    def test_a_part_that_is_cut_leaves_its_drive_unless_everything_is_wanted(self, tmp_path):
+        parts = self.parts(tmp_path)
+        without_end(parts[2], parts[2])
+
+        def names(recover):
+            found = discover(Bags(root=tmp_path, recover=recover, settle_s=0)).recordings
+            return [[part.key for part in one.parts] or one.key for one in found.values()]
+
+        assert names("complete") == [["d_0.bag", "d_1.bag"], "d_2.bag"]
+        assert names("all") == [["d_0.bag", "d_1.bag", "d_2.bag"]]
+
+    def test_a_part_in_the_middle_costs_itself_where_the_recipe_says_that_it_is_one_drive(self, tmp_path):
+        project(tmp_path)
+        for part in self.parts(tmp_path):
+            part.rename(tmp_path / "bags" / part.name)
+        middle = tmp_path / "bags" / "d_1.bag"
+        without_end(middle, middle)
+        file = tmp_path / "recipe.yaml"
+        file.write_text(file.read_text().replace("root: bags", "root: bags, series: {d.bag: true}"))
+        told = error_of(load_recipe(file), "d.bag")
+        assert "d_1.bag" in told
+        assert "recover: all" in told
+        file.write_text(file.read_text().replace("root: bags", "root: bags, recover: all"))
+        inventory = next(iter(build_of(load_recipe(file), "d.bag").build(["inventory"]))).artifact
+        assert 500 < inventory.summary()["messages"] < 560
+        damage = inventory.read_json("inventory.json")["damage"]
+        assert {hole["file"] for hole in damage["holes"]} == {"d_1.bag"}
+
+
 def test_a_whole_build_tells_of_the_damage_everywhere(tmp_path, drives, monkeypatch):
     recipe = project(tmp_path, "all")
     shutil.copy(drives["mcap"], recipe.bags.root / "whole.mcap")
@@ -149,6 +210,8 @@ def test_a_whole_build_tells_of_the_damage_everywhere(tmp_path, drives, monkeypa
     shutil.copytree(drives["ros2"], recipe.bags.root / "torn")
     (database,) = (recipe.bags.root / "torn").glob("*.db3")
     without_end(database, database, 0.7)
+    (recipe.bags.root / "gone.db3-wal").write_bytes(bytes(100))
+    (recipe.bags.root / "half.db3.zstd").write_bytes(bytes(100))
     write_project(tmp_path, (tmp_path / "recipe.yaml").read_text())
     report, _ = in_process.build(tmp_path / "recipe.yaml", monkeypatch)
     assert {outcome.result for outcome in report.outcomes.values()} == {"built"}
@@ -161,6 +224,9 @@ def test_a_whole_build_tells_of_the_damage_everywhere(tmp_path, drives, monkeypa
     )
     found = {one["recording"]: one["passed"] for one in verdicts if one["check"] == "recording_whole"}
     assert found == {"cut.bag": False, "torn": False, "whole.mcap": True}
+    status = CliRunner().invoke(root, ["status", "--recipe", str(tmp_path / "recipe.yaml")]).output
+    assert "gone.db3-wal: left out: the last messages of gone.db3" in status
+    assert "half.db3.zstd: left out: packed by a recorder" in status
     page = tmp_path / "report.html"
     CliRunner().invoke(root, ["report", "--recipe", str(tmp_path / "recipe.yaml"), "--output", str(page)])
     assert "lost, in damaged parts of the recording" in page.read_text()

@@ -12,6 +12,7 @@ _DUPLICATE = "duplicate stamp"
 # Reasons that are not clauses, as texts after `because`; messages of errors are clauses.
 _BECAUSE = {
     _DUPLICATE: "of duplicate stamps",
+    "repeated stamp": "of repeated stamps",
     "zero stamp": "their header stamps are zero",
     "incomplete revolution": "they belong to incomplete revolutions",
     "position packet": "they are position packets",

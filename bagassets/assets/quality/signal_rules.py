@@ -1,4 +1,4 @@
-"""Rules about signals: they have values, at their rates, without gaps, in their ranges."""
+"""The rule about signals: their elements have values, without gaps, in their ranges."""
 
 from collections.abc import Mapping
 
@@ -6,42 +6,14 @@ import numpy as np
 import pyarrow as pa
 
 from bagassets.assets.quality.finding import Finding, clock
-from bagassets.base.json_types import JsonMapping, JsonObject
+from bagassets.base.json_types import JsonObject
 from bagassets.recipe.model_checks import SignalLimits, SignalsCheck
 from bagassets.recipe.model_signals import STAMP
 from bagassets.store.artifact import Artifact
 
 
-def signals_complete(signals: JsonMapping, max_lost: float) -> Finding:
-    """Check the counts of signals.
-
-    Args:
-        signals: content of `channels.json`: signal -> `counts`.
-        max_lost: share of a signal's messages that may be lost.
-    """
-    problems = []
-    lost: dict[str, int] = {}
-    for name, entry in sorted(signals.items()):
-        counts = entry["counts"]
-        number = sum(counts["lost"].values())
-        if number:
-            lost[name] = number
-        if counts["read"] != counts["written"] + number:
-            problems.append(
-                f"{name}: {counts['read']} messages were read, but {counts['written']} values written and {number} lost"
-            )
-        elif number > max_lost * counts["read"]:
-            reason = max(sorted(counts["lost"]), key=lambda text: counts["lost"][text])
-            problems.append(
-                f"{name}: {number} of {counts['read']} messages ({number / counts['read']:.0%}) were lost, most often for: {reason}. "
-                f"If that is acceptable, raise limits.reported_losses in the recipe; else correct rigs[].signals.{name}"
-            )
-    written = {name: entry["counts"]["written"] for name, entry in sorted(signals.items())}
-    return Finding(problems, {"values": written, "lost": lost})
-
-
 def signal_values(signals: Mapping[str, Artifact], check: SignalsCheck) -> Finding:
-    """Check rates, gaps, empty values and ranges of signals.
+    """Check gaps, empty values and ranges of signals.
 
     Args:
         signals: signal -> its artifact.
@@ -55,7 +27,6 @@ def signal_values(signals: Mapping[str, Artifact], check: SignalsCheck) -> Findi
         stamps_ns = table.column(STAMP).to_numpy()
         if len(stamps_ns) > 1:
             rates[name] = round((len(stamps_ns) - 1) * 1e9 / float(stamps_ns[-1] - stamps_ns[0]), 3)
-        problems += _rate_problems(name, rates.get(name), limits)
         max_gap_s = check.max_gap_s if limits.max_gap_s is None else limits.max_gap_s
         problems += _gap_problems(name, table, max_gap_s)
         for element in facts["elements"]:
@@ -66,15 +37,6 @@ def signal_values(signals: Mapping[str, Artifact], check: SignalsCheck) -> Findi
                 "expected; its values are sorted by stamp"
             )
     return Finding(problems, {"rates_hz": rates})
-
-
-def _rate_problems(name: str, rate_hz: float | None, limits: SignalLimits) -> list[str]:
-    if limits.min_hz is not None and (rate_hz is None or rate_hz < limits.min_hz):
-        found = "a single value" if rate_hz is None else f"{rate_hz:g} Hz"
-        return [f"{name}: {found}, at least {limits.min_hz:g} Hz expected"]
-    if limits.max_hz is not None and rate_hz is not None and rate_hz > limits.max_hz:
-        return [f"{name}: {rate_hz:g} Hz, at most {limits.max_hz:g} Hz expected"]
-    return []
 
 
 def _gap_problems(name: str, table: pa.Table, max_gap_s: float) -> list[str]:

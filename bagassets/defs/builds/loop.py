@@ -56,10 +56,13 @@ class BuildLoop:
         self._instance, self._own, self._options, self._on_event = instance, own, options, on_event
         self._workspace = own.workspace
         asked, planner = self._begin_look()
-        recordings = planner.discovery.recordings
         touched = {} if asked.assets == () else planner.touched()
-        chosen = {key: recorded for key, recorded in touched.items() if key in asked.chosen}
-        self.unchanged = record_touched(instance, self._workspace, recordings, chosen, options.jobs, on_event)
+        chosen = {
+            planner.discovery.recordings[key]: recorded
+            for key, recorded in touched.items()
+            if key in asked.chosen
+        }
+        self.unchanged = record_touched(instance, self._workspace, chosen, options.jobs, on_event)
         self.before = self.now = self.look() if self.unchanged else self._end_look(asked, planner)
 
     def look(self) -> PendingWork:

@@ -27,6 +27,7 @@ from bagassets.forkserver.client import Client, ServerRefusedError
 from bagassets.forkserver.server_files import ServerFiles
 from bagassets.forkserver.tasks import find_server
 from bagassets.forkserver.worker import note
+from bagassets.propose.project import dagster_home
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Recipe
 from bagassets.recordings.digest import DigestIndex, recording_stat, stored_digest
@@ -131,11 +132,12 @@ def make_first_inventories(recipe: Recipe, bags: Collection[str]) -> None:
 
 def _executes_runs_here(recipe_file: Path) -> bool:
     """Return whether the runs of a project are executed on this machine, as far as its launcher says so."""
-    from bagassets.defs.runs.launching import executes_here  # noqa: PLC0415  (with Dagster; `make_inventories` does without)
+    from bagassets.defs.runs.launching import launching_at  # noqa: PLC0415  (with Dagster; `make_inventories` does without)
 
-    with suppress(BagAssetsError):  # the build meets it, too, and reports it
-        return executes_here(recipe_file, load_recipe(recipe_file))
-    return False
+    try:
+        return launching_at(dagster_home(recipe_file, load_recipe(recipe_file))).executes_here
+    except Exception:  # noqa: BLE001  (whatever it is, the build meets it, too, and reports it)
+        return False
 
 
 def _submit(recipe_file: Path, options: BuildOptions) -> Client | None:

@@ -60,7 +60,7 @@ class OwnBuild:
             to_make = work.having(*TO_MAKE)
             # Other runs are about to make some, as those of a sensor.
             runs = self.instance.get_runs(dg.RunsFilter(statuses=ACTIVE)) if to_make else ()
-            keys_of = recordings_of(self.instance, self.project.workspace.names)
+            keys_of = recordings_of(self.instance, self.project.workspace.names, of_ours=False)
             settled = self._tried.keys() | {
                 (asset.to_user_string(), partition)
                 for run in runs

@@ -1,7 +1,7 @@
 """What a build has to do, as the plan of the instance says; the commands of a project start here."""
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import dagster as dg
 
-from bagassets.base.alike import told_once
 from bagassets.defs.graph.dataset import dataset_states
 from bagassets.defs.records.databases import are_files, database_errors_explained
 from bagassets.defs.records.events import all_assets, fetch_recorded, latest_ids, live_partitions
@@ -25,11 +24,11 @@ from bagassets.engine.made_again import made_again
 from bagassets.engine.plan import AssetState, Plan
 from bagassets.engine.splits import moves
 from bagassets.engine.targets import TO_MAKE
-from bagassets.formats.catalogue import formats
 from bagassets.formats.dataset_build import (
     DatasetInputs,
     dataset_code_versions,
     made_once,
+    results_to_come,
     select_inputs,
     split_on_disk,
 )
@@ -171,31 +170,10 @@ def work_of(instance: dg.DagsterInstance, workspace: Workspace, plan: Plan, aske
         and (assets := bag.to_run(retry_failed=asked.retry_failed, select=asked.assets))
     }
     inputs = select_inputs(plan)
-    waits_for = _waits_for(workspace, plan, todo, retry_failed=asked.retry_failed)
+    waits_for = results_to_come(workspace.assets, plan, todo, retry_failed=asked.retry_failed)
     states = dataset_states(instance, workspace, inputs, waits_for)
     held = held_by_backfills(instance, frozenset(plan.removed))
     return PendingWork(plan, asked, inputs, states, todo, held)
-
-
-def _waits_for(workspace: Workspace, plan: Plan, todo: Iterable[str], *, retry_failed: bool) -> str:
-    """Return the results that datasets are made from and that are yet to come.
-
-    All datasets rest on one digest, so the results for all formats count.
-    """
-    parts = [kind.part for kind in formats() if kind.part in workspace.assets.names]
-    read = workspace.assets.with_upstream(parts)
-    found = []
-    for key in todo:
-        bag = plan.bags[key]
-        to_come = [
-            name
-            for name in ("bag", *parts)
-            if bag.assets[name].state != "skipped"
-            and (bag.assets[name].data_version or "") != bag.recorded.get(name)
-        ]
-        if to_come and bag.to_run(retry_failed=retry_failed, select=read):
-            found.append(((), key, ", ".join(to_come[-len(parts) :])))
-    return "; ".join(f"{told.text} of {told.title}" for told in told_once(found, fewest=2))
 
 
 def expected_moves(pending: PendingWork, recipe: Recipe) -> dict[str, tuple[str, str]]:

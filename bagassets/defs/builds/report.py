@@ -19,7 +19,7 @@ from bagassets.engine.splits import SplitShare, moves
 from bagassets.engine.targets import TO_MAKE
 from bagassets.formats.catalogue import problems_of
 from bagassets.formats.checking import remarks_on_record
-from bagassets.formats.dataset_build import dataset_folders, datasets_of, first_lock, split_on_disk
+from bagassets.formats.dataset_build import dataset_folders, datasets_of, first_lock
 from bagassets.formats.emptiness import left_behind, why_empty
 from bagassets.recipe.model import Recipe
 
@@ -48,7 +48,7 @@ def report_of(
     locked: JsonMapping = {} if lock is None else lock.value
     left_out = locked.get("failed", {})
     misfits = _misfits(recipe, now)
-    moved = moves(split_before, split_on_disk(recipe))
+    moved = moves(split_before, {} if lock is None else lock.splits)
     dataset, problem = _of_datasets(build.ended.get(DATASET))
     if not before.asked.datasets:
         dataset = "not selected"

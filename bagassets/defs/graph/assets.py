@@ -1,7 +1,6 @@
 """The assets of a recording as Dagster assets: `bag`, those extracted from it, and those made from these."""
 
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 
 import dagster as dg
 import pyarrow as pa
@@ -11,7 +10,7 @@ from bagassets.base.alike import names_text
 from bagassets.base.errors import StoreError
 from bagassets.defs.graph.checks import check_recording
 from bagassets.defs.graph.making import dependencies, make_recording, read_bag
-from bagassets.defs.graph.several import describe, make_side_by_side
+from bagassets.defs.graph.several import failure_text, make_side_by_side
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.records.partitions import recording_partitions
 from bagassets.defs.records.recorder import Recorder
@@ -34,15 +33,8 @@ Its data version is the digest of its content; each file is hashed once. Touchin
 def recording_definitions(
     recipe: Recipe, names: Naming, *, shares_runs: bool = False
 ) -> list[dg.AssetsDefinition]:
-    """Return the assets that exist once per recording.
-
-    Args:
-        recipe: the recipe.
-        names: of the project.
-        shares_runs: a backfill has runs about several recordings.
-    """
+    """Return the assets that exist once per recording; with `shares_runs`, a backfill has runs about several of them."""
     assets = recording_assets(recipe)
-    # Dagster takes it as a part of the definition of an asset, and has a run for each partition without it.
     policy = dg.BackfillPolicy.multi_run(MOST_RECORDINGS) if shares_runs else None
     bag = dg.AssetSpec(
         names.key("bag"),
@@ -97,7 +89,7 @@ def _definition(
                 if not selected or names.key(name) in selected
             ]
             if context.has_partition_key_range:
-                _make_range(context, workspace, Path(lock.folder), wanted)
+                _make_range(context, workspace, lock, wanted)
                 return
             key = context.partition_key
             recorder = Recorder(context.instance, workspace, key, context, wanted)
@@ -115,16 +107,12 @@ def _definition(
 
 
 def _make_range(
-    context: dg.AssetExecutionContext, workspace: Workspace, locks: Path, wanted: Sequence[str]
+    context: dg.AssetExecutionContext, workspace: Workspace, lock: RecordingLock, wanted: Sequence[str]
 ) -> None:
     """Make all that a run about several recordings is to make of them, in the first of its steps.
 
     It yields nothing, so Dagster skips the steps that read it: of the results of a step it would record that all these
     recordings have them, with the same version.
-
-    Raises:
-        Failure: some could not be made.
-        StoreError: the run has assets of somebody else, which would be skipped, too.
     """
     this = object()
     if workspace.once_in_run(context.run.run_id, lambda: this) is not this:
@@ -136,9 +124,9 @@ def _make_range(
             "makes nothing else; choose another, or none."
         )
     batch = dict.fromkeys(context.partition_keys, wanted)
-    failed = make_side_by_side(RunStep.of(context, is_planned=True), workspace, locks, batch)
-    if failed:
-        raise dg.Failure(describe(failed, len(batch)), allow_retries=False)
+    ended = make_side_by_side(RunStep.of(context, is_planned=True), workspace, lock, batch)
+    if problem := failure_text(ended):
+        raise dg.Failure(problem, allow_retries=False)
 
 
 def _make_not_begun(recorder: Recorder, recording: RecordingFiles, own: set[str], err: BuildFailure) -> None:

@@ -3,14 +3,12 @@
 Each recording is recorded as its own partition, as a run of its own would.
 """
 
-from pathlib import Path
-
 import dagster as dg
 
 from bagassets.base.errors import BagAssetsError, RunEndedError
 from bagassets.defs.graph.checks import run_dataset_checks
 from bagassets.defs.graph.dataset import dataset_is_current, make_dataset, record_inputs
-from bagassets.defs.graph.several import describe, make_each, noted
+from bagassets.defs.graph.several import failure_text, make_each, noted
 from bagassets.defs.records.instance_plan import plan_instance
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.records.recorder import Recorder
@@ -44,17 +42,17 @@ def batch_job(names: Naming) -> dg.JobDefinition:
         batch: Batch = context.op_config["recordings"]
         recordings, step = {key: batch[key] for key in batch if key != DATASET}, RunStep.of(context)
         with errors_explained():
-            failed = make_each(step, workspace, Path(lock.folder), recordings)
+            ended = dict(make_each(step, workspace, lock, recordings))
         if DATASET in batch:
             plan = plan_instance(instance, workspace)
             inputs = select_inputs(plan)
             record_inputs(instance, workspace, inputs)
             if not dataset_is_current(instance, workspace, inputs):
                 recorder = Recorder(instance, workspace, DATASET, step, batch[DATASET])
-                with noted(step, recorder, failed):
+                with noted(step, recorder, ended):
                     _make_datasets(recorder, plan, inputs)
-        if failed:
-            raise dg.Failure(describe(failed, len(recordings)), allow_retries=False)
+        if problem := failure_text(ended):
+            raise dg.Failure(problem, allow_retries=False)
 
     @dg.job(
         name=names.batch_job,

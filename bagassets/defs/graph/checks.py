@@ -102,12 +102,9 @@ def _no_longer_red(recorder: Recorder, wanted: Checks) -> Iterator[dg.AssetCheck
     storage = recorder.instance.event_log_storage
     for info in storage.get_asset_check_partition_info(keys, partition_keys=[recorder.key]):
         if info.latest_execution_status.value == FAILED:
-            yield dg.AssetCheckResult(
-                asset_key=info.check_key.asset_key,
-                check_name=info.check_key.name,
-                passed=True,
-                description="There is nothing to check, since the recording is skipped.",
-            )
+            asset, name = info.check_key.asset_key, info.check_key.name
+            said = "There is nothing to check, since the recording is skipped."
+            yield dg.AssetCheckResult(asset_key=asset, check_name=name, passed=True, description=said)
 
 
 def run_checks(

@@ -2,12 +2,14 @@
 
 import datetime as dt
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 
 import dagster as dg
 
 from bagassets.base.alike import names_text
 from bagassets.base.errors import RecordingError
+from bagassets.base.fingerprints import PlanNeeded, tree_fingerprint
 from bagassets.base.quantities import count_text
 from bagassets.defs.graph.dataset import dataset_is_current, record_inputs
 from bagassets.defs.graph.sensor_cursor import Cursor, Request
@@ -74,20 +76,20 @@ class Scan:
         """Bring the partitions up to date and return the runs to request."""
         cursor, settle_s = self.cursor, self._workspace.recipe.bags.settle_s
         self._next_settled_s, self._active = None, frozenset()
+        live = live_partitions(self._instance, self._names)
+        active = self._active_runs()
+        self._active = frozenset(key for keys in active.values() for key in keys)
+        ended, noted = self._ended_runs(), self._unsettled.noted()
+        quiet = self._digest(live, active, noted)
+        if quiet and cursor.quiet == quiet:
+            cursor.looked_s = now_s
+            return []
         discovery = self._workspace.discover()
         stats = _stats(discovery)
-        live = live_partitions(self._instance, self._names)
         # A recording in a folder that cannot be read at the moment is not gone.
         there = frozenset(stats) | discovery.unseen(live)
         state = self._without_gone(live, there, now_s)
         if state is None:
-            return []
-        active = self._active_runs()
-        self._active = frozenset(key for keys in active.values() for key in keys)
-        ended, noted = self._ended_runs(), self._unsettled.noted()
-        quiet = self._digest(discovery, live & there, active, noted)
-        if quiet and cursor.quiet == quiet:
-            cursor.looked_s = now_s
             return []
         plan = planner_of(self._instance, self._workspace, live, discovery, thorough=False).plan()
         inputs = select_inputs(plan)
@@ -115,7 +117,7 @@ class Scan:
         cursor.busy_since_s = steps.busy_since_s
         cursor.said = self._describe(plan, finished, state.held, len(active))
         asks_again = any(one.tries < RULES.most_tries for one in cursor.asked.values())
-        is_over = not (requests or active or asks_again or self._next_settled_s is not None)
+        is_over = not (requests or active or asks_again or state.held or self._next_settled_s is not None)
         cursor.quiet = quiet if is_over else ""
         return requests
 
@@ -159,30 +161,22 @@ class Scan:
             return {}
         since = dt.datetime.fromtimestamp(self.cursor.looked_s - _CLOCKS_DIFFER_S, dt.UTC)
         filters = dg.RunsFilter(statuses=_ENDED, updated_after=since)
-        assets, keys_of = frozenset(all_assets()), recordings_of(self._instance, self._names)
+        keys_of = recordings_of(self._instance, self._names)
         ended: dict[str, dg.DagsterRun] = {}
         for record in self._instance.get_run_records(filters, order_by="update_timestamp", ascending=True):
             run = record.dagster_run
-            if not self._names.is_about(run, assets):
-                continue
-            if PARTITION_TAG in run.tags:
-                ended[run.tags[PARTITION_TAG]] = run
-                continue
             for key in keys_of(run):
-                ended.pop(key, None)
+                if PARTITION_TAG in run.tags:
+                    ended[key] = run
+                else:
+                    ended.pop(key, None)
         for key, run in ended.items():
             # All that it has may be up to date, and yet Dagster shows it as failed.
             if run.status == dg.DagsterRunStatus.FAILURE:
                 self._unsettled.add(key)
         return ended
 
-    def _digest(
-        self,
-        discovery: Discovery,
-        live: Iterable[str],
-        active: Iterable[str],
-        noted: Iterable[str],
-    ) -> str:
+    def _digest(self, live: Iterable[str], active: Iterable[str], noted: Iterable[str]) -> str:
         """Return a digest of everything that a scan depends on; "" if that is not known.
 
         It changes whenever one of our assets is materialized or wiped.
@@ -194,14 +188,21 @@ class Scan:
         records = self._instance.get_asset_records([self._names.key(name) for name in assets])
         entries = [record.asset_entry for record in records]
         newest = sorted([e.asset_key.to_user_string(), e.last_materialization_storage_id] for e in entries)
-        files = {
-            key: recording_fingerprint(
-                project, one.relative, one.files, files_beside(self._workspace.recipe, one), {}
-            )
-            for key, one in discovery.recordings.items()
-        }
-        facts = [newest, project, files, discovery.unreadable, sorted(live), sorted(active), sorted(noted)]
+        facts = [newest, project, self._files(), sorted(live), sorted(active), sorted(noted)]
         return digest_json(facts)
+
+    def _files(self) -> object:
+        """Return what changes with the files of recordings, and with those beside them."""
+        recipe = self._workspace.recipe
+        if not any(rig.annotation_files for rig in recipe.rigs):  # which may lie anywhere
+            with suppress(PlanNeeded):  # a folder that cannot be read may be one of many
+                return tree_fingerprint(str(recipe.bags.root))
+        found = self._workspace.discover()
+        files = {
+            key: recording_fingerprint("", one.relative, one.files, files_beside(recipe, one), {})
+            for key, one in found.recordings.items()
+        }
+        return [files, found.unreadable]
 
     def _recordings(
         self,
@@ -248,15 +249,14 @@ class Scan:
 
     def _was_cancelled(self, key: str) -> bool:
         """Return whether the last run of a recording was cancelled: then the same is not requested again."""
-        assets, names = frozenset(all_assets()), self._names
-        keys_of = recordings_of(self._instance, names)
+        names, keys_of = self._names, recordings_of(self._instance, self._names)
         asked = [dg.RunsFilter(tags={PARTITION_TAG: key})]
         asked += [dg.RunsFilter(job_name=name) for name in (names.batch_job, WHOLE_GRAPH)]
         records = [
             record
             for filters in asked
             for record in self._instance.get_run_records(filters, limit=_LATEST)
-            if names.is_about(record.dagster_run, assets) and key in keys_of(record.dagster_run)
+            if key in keys_of(record.dagster_run)
         ]
         latest = max(records, key=lambda record: record.storage_id, default=None)
         return latest is not None and latest.dagster_run.status == dg.DagsterRunStatus.CANCELED

@@ -25,7 +25,7 @@ from bagassets.decode.loading import load_built_in
 from bagassets.defs.builds.pending_work import rehearse
 from bagassets.defs.dagster_private import RUN_MODULES, capture_interrupts, check_captured_interrupt
 from bagassets.defs.graph.own_location import know_installed_modules
-from bagassets.defs.records.batches import PARTITION_TAG, batch_of, range_of
+from bagassets.defs.records.batches import PARTITION_TAG, batch_of
 from bagassets.defs.records.databases import database_errors_explained, read_settings
 from bagassets.defs.records.fence import run_has_ended
 from bagassets.defs.records.instances import dotenv_variables, open_instance
@@ -219,6 +219,4 @@ def _describe(run: dg.DagsterRun) -> str:
     recordings = [key for key in batch_of(run) if key]
     if recordings:
         return names_text(recordings, 1)
-    if ends := range_of(run):
-        return " to ".join(ends)
     return ", ".join(sorted(key.to_user_string() for key in run.asset_selection or ())) or run.job_name

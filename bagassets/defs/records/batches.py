@@ -10,6 +10,7 @@ from typing import Any
 
 import dagster as dg
 
+from bagassets.defs.records.events import all_assets
 from bagassets.defs.records.naming import BATCH_JOB, BATCH_OP, Naming
 from bagassets.engine.batches import Batch
 
@@ -36,28 +37,27 @@ def batch_of(run: dg.DagsterRun, names: Naming | None = None) -> tuple[str, ...]
         return ()
 
 
-def range_of(run: dg.DagsterRun) -> tuple[str, str] | None:
-    """Return the first and the last partition of a run about a range of them; None if it is about something else."""
-    first, last = (run.tags.get(tag) for tag in _RANGE_TAGS)
-    return None if first is None or last is None else (first, last)
+def recordings_of(
+    instance: dg.DagsterInstance, names: Naming, *, of_ours: bool = True
+) -> Callable[[dg.DagsterRun], tuple[str, ...]]:
+    """Return a function that returns the partition keys of a run, with `DATASET` if it is a batch that makes datasets, too.
 
-
-def recordings_of(instance: dg.DagsterInstance, names: Naming) -> Callable[[dg.DagsterRun], tuple[str, ...]]:
-    """Return a function that returns the partition keys of a run; of one about datasets, `DATASET` if a batch makes them.
-
-    It does not look at the assets of the run, which may be those of another project: see `Naming.is_about`.
+    With `of_ours` it returns none for a run of users' own assets alone, or of another project's.
     """
     registered = cache(lambda: list(instance.get_dynamic_partitions(names.partitions)))
+    ours = frozenset(all_assets())
 
     def found(run: dg.DagsterRun) -> tuple[str, ...]:
-        if PARTITION_TAG in run.tags:
-            return (run.tags[PARTITION_TAG],)
-        ends = range_of(run)
-        if ends is None:
+        first, last = (run.tags.get(tag, run.tags.get(PARTITION_TAG)) for tag in _RANGE_TAGS)
+        if first is None or last is None:
             return batch_of(run, names)
+        if of_ours and not names.is_about(run, ours):
+            return ()
+        if first == last:
+            return (first,)
         keys = registered()
-        if not {*ends} <= {*keys}:  # one was removed since
-            return ends
-        return tuple(keys[keys.index(ends[0]) : keys.index(ends[1]) + 1])
+        if not {first, last} <= {*keys}:  # one was removed since
+            return first, last
+        return tuple(keys[keys.index(first) : keys.index(last) + 1])
 
     return found

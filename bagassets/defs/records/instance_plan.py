@@ -62,8 +62,8 @@ def planner_of(
 
 
 def plan_instance(instance: dg.DagsterInstance, workspace: Workspace) -> Plan:
-    """Plan everything."""
-    return planner_of(instance, workspace).plan()
+    """Plan everything, as a build does."""
+    return planner_of(instance, workspace, thorough=False).plan()
 
 
 def replan_instance(

@@ -21,7 +21,7 @@ from bagassets.defs.dagster_private import (
     PartitionLoadingContext,
     SqlEventLogStorage,
 )
-from bagassets.defs.records.batches import PARTITION_TAG, range_of, recordings_of
+from bagassets.defs.records.batches import PARTITION_TAG, recordings_of
 from bagassets.defs.records.events import all_assets, in_batches
 from bagassets.defs.records.naming import Naming
 from bagassets.engine.batches import DATASET
@@ -111,16 +111,13 @@ def active_runs(
     instance: dg.DagsterInstance, names: Naming, datasets: Iterable[str]
 ) -> dict[str, tuple[str, ...]]:
     """Return run id -> partition keys, and `DATASET` if it makes one of `datasets`, for runs that have not ended."""
-    recordings, once, keys_of = frozenset(all_assets()), frozenset(datasets), recordings_of(instance, names)
+    once, keys_of = frozenset(datasets), recordings_of(instance, names)
     active: dict[str, tuple[str, ...]] = {}
     for run in instance.get_runs(filters=dg.RunsFilter(statuses=ACTIVE)):
-        is_partitioned = PARTITION_TAG in run.tags or range_of(run) is not None
-        if is_partitioned and not names.is_about(run, recordings):
-            continue
-        if not is_partitioned and run.asset_selection and names.is_about(run, once):
-            active[run.run_id] = (DATASET,)
-        elif keys := keys_of(run):
+        if keys := keys_of(run):
             active[run.run_id] = keys
+        elif run.asset_selection and names.is_about(run, once):
+            active[run.run_id] = (DATASET,)
     return active
 
 

@@ -71,8 +71,7 @@ class Recorder:
         instance: where it is recorded.
         workspace: recipe and store.
         key: partition key of the recording; `DATASET` for what exists once.
-        context: of the step that makes it, which has all of it recorded if it is about several recordings; None if there is
-            no run.
+        context: of the step that makes it, or the step itself if it is about several recordings; None if there is no run.
         wanted: names of the assets that the run is to make of it.
 
     Attributes:
@@ -174,17 +173,10 @@ class Recorder:
                 record_passed(storage, passed)
 
     def _forget_planned_checks(self) -> None:
-        """Drop what Dagster has noted of checks that the run is to make of this recording, once they are made.
-
-        What passed is inserted; and what there is no result of, as of a recording that is skipped, would be red if another
-        recording of the run failed.
-        """
+        """Drop what Dagster has noted of checks that the run is to make: if another recording fails, what is without result is red."""
         storage, table = self.instance.event_log_storage, AssetCheckExecutionsTable
-        if (
-            isinstance(self._context, RunStep)
-            and self._is_planned
-            and isinstance(storage, SqlEventLogStorage)
-        ):
+        is_range = isinstance(self._context, RunStep) and self._is_planned
+        if is_range and isinstance(storage, SqlEventLogStorage):
             ours = table.c.run_id == self.run_id, table.c.partition == self.key
             with storage.index_connection() as connection:
                 connection.execute(table.delete().where(*ours, table.c.execution_status == _PLANNED))

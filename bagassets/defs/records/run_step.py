@@ -1,5 +1,6 @@
 """The step of a run, as far as those need it who make and record something for it: in its worker, or in a process beside it."""
 
+import logging
 from dataclasses import dataclass
 from typing import Self
 
@@ -16,6 +17,7 @@ class RunStep:
         job_name: of the run.
         step: the step's key.
         is_planned: Dagster has recorded of each asset of each recording that the run is to make it.
+        logger: of the step, in its worker.
     """
 
     instance: dg.DagsterInstance
@@ -23,6 +25,7 @@ class RunStep:
     job_name: str
     step: str
     is_planned: bool = False
+    logger: logging.Logger | None = None
 
     @classmethod
     def of(
@@ -30,10 +33,11 @@ class RunStep:
     ) -> Self:
         """Return the step that has a context."""
         step = context.op_execution_context.op.name
-        return cls(context.instance, context.run.run_id, context.job_name, step, is_planned)
+        return cls(context.instance, context.run.run_id, context.job_name, step, is_planned, context.log)
 
-    def log(self, message: str) -> None:
+    def log(self, message: str, level: int = logging.INFO) -> None:
         """Say something in the log of the run."""
-        self.instance.report_engine_event(
-            message, run_id=self.run_id, job_name=self.job_name, step_key=self.step
-        )
+        if self.logger is not None:
+            self.logger.log(level, message)
+        else:
+            self.instance.report_engine_event(message, run_id=self.run_id, job_name=self.job_name)

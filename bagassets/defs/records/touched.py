@@ -41,8 +41,7 @@ _Read = tuple[RecordingStat, RecordingDigest, float]  # status before, digest, s
 def record_touched(
     instance: dg.DagsterInstance,
     workspace: Workspace,
-    recordings: Mapping[str, RecordingFiles],
-    touched: Mapping[str, Recorded],
+    touched: Mapping[RecordingFiles, Recorded],
     jobs: int,
     on_event: Callable[[Event], None],
 ) -> dict[str, float]:
@@ -53,7 +52,6 @@ def record_touched(
     Args:
         instance: where `bag` is recorded.
         workspace: recipe, index and recordings.
-        recordings: those on disk.
         touched: recordings of which only the time seems to have changed -> the latest record of `bag`.
         jobs: processors that may be used.
         on_event: called now and then while recordings are read.
@@ -69,24 +67,24 @@ def record_touched(
     same = {}
     with (
         span("read touched", recordings=len(touched)),
-        closing(_read([recordings[key] for key in touched], workspace, jobs, on_event)) as found,
+        closing(_read([*touched], workspace, jobs, on_event)) as found,
     ):
-        for key, stat, digest, seconds in found:
-            if digest.digest != touched[key].data_version:
+        for recording, stat, digest, seconds in found:
+            if digest.digest != touched[recording].data_version:
                 continue
-            if stat != touched[key].stat:
+            if stat != touched[recording].stat:
                 about = "Recorded without a run: only the time of its files had changed."
-                metadata = bag_metadata(recordings[key], stat, digest)
+                metadata = bag_metadata(recording, stat, digest)
                 made = Made("bag", digest.digest, BAG_CODE_VERSION, metadata, {}, about)
-                Recorder(instance, workspace, key).record(made)
-            same[key] = seconds
+                Recorder(instance, workspace, recording.key).record(made)
+            same[recording.key] = seconds
     return same
 
 
 def _read(
     touched: Sequence[RecordingFiles], workspace: Workspace, jobs: int, on_event: Callable[[Event], None]
-) -> Generator[tuple[str, RecordingStat, RecordingDigest, float], None, None]:
-    """Yield key, status before, digest and seconds of each recording that could be read, as soon as it has been.
+) -> Generator[tuple[RecordingFiles, RecordingStat, RecordingDigest, float], None, None]:
+    """Yield each recording that could be read, its status before, digest and seconds, as soon as it has been.
 
     Several are read at a time; now and then `on_event` is told how far all are.
     """
@@ -113,10 +111,10 @@ def _read(
     threads = jobs * _SHARE_A_PROCESSOR if jobs >= (os.cpu_count() or 1) > 1 else max(1, jobs)
     with ThreadPoolExecutor(threads) as pool:
         # The last first: what is made ahead of a build (`made_ahead`) begins with the first.
-        keys = {pool.submit(digest_of, one): one.key for one in reversed(touched)}
-        for future in keys:
+        reads = {pool.submit(digest_of, one): one for one in reversed(touched)}
+        for future in reads:
             future.add_done_callback(ended.put)
-        left, show_s = len(keys), time.monotonic() + _SHOW_EVERY_S
+        left, show_s = len(reads), time.monotonic() + _SHOW_EVERY_S
         try:
             while left:
                 if (now_s := time.monotonic()) >= show_s:
@@ -128,7 +126,7 @@ def _read(
                 with suppress(Empty, BagAssetsError):
                     future = ended.get(timeout=show_s - now_s)
                     left -= 1
-                    yield keys[future], *future.result()
+                    yield reads[future], *future.result()
         except BaseException:
             stopped.set()
             pool.shutdown(wait=False, cancel_futures=True)

@@ -83,34 +83,6 @@ def _file(folder: Path, key: str) -> Path:
     return folder.resolve() / f"{hashlib.sha256(key.encode()).hexdigest()[:32]}.lock"
 
 
-@contextmanager
-def hold_recording(folder: Path, step: RunStep, key: str) -> Iterator[None]:
-    """Wait until no other run on this machine works on a recording, and hold it for a while.
-
-    Args:
-        folder: folder of the locks of recordings.
-        step: of the run that wants it.
-        key: partition key of the recording.
-
-    Raises:
-        RunEndedError: this run has ended meanwhile.
-    """
-
-    def keep_waiting(asked: int) -> bool:
-        # Where each step is a process, one of this run may hold it, or the worker that waits for all of them; they make
-        # nothing twice.
-        if _holder(folder, key) == step.run_id:
-            return False
-        if asked == 0:
-            step.log(f"Waiting for another run of {key} to end.")
-        # An interrupt raises.
-        return bool(asked % ASKS_PER_LOOK) or not holder_has_ended(step.instance, folder, key)
-
-    with exclusive(folder, key, keep_waiting=keep_waiting, holder=step.run_id):
-        refuse_if_ended(step.instance, step.run_id)
-        yield
-
-
 class RecordingLock(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get it itself, not a value
     """Keeps runs of one recording from recording or publishing at the same time, whoever launched them.
 
@@ -126,8 +98,30 @@ class RecordingLock(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps
         Raises:
             RunEndedError: this run has ended meanwhile.
         """
-        step, key = RunStep.of(context), context.partition_key
-        self._held.enter_context(hold_recording(Path(self.folder), step, key))
+        self._held.enter_context(self.hold(RunStep.of(context), context.partition_key))
+
+    @contextmanager
+    def hold(self, step: RunStep, key: str) -> Iterator[None]:
+        """Wait until no other run on this machine works on a recording, and hold it for a while.
+
+        Raises:
+            RunEndedError: this run has ended meanwhile.
+        """
+        folder = Path(self.folder)
+
+        def keep_waiting(asked: int) -> bool:
+            # Where each step is a process, one of this run may hold it, or the worker that waits for all of them; they
+            # make nothing twice.
+            if _holder(folder, key) == step.run_id:
+                return False
+            if asked == 0:
+                step.log(f"Waiting for another run of {key} to end.")
+            # An interrupt raises.
+            return bool(asked % ASKS_PER_LOOK) or not holder_has_ended(step.instance, folder, key)
+
+        with exclusive(folder, key, keep_waiting=keep_waiting, holder=step.run_id):
+            refuse_if_ended(step.instance, step.run_id)
+            yield
 
     def teardown_after_execution(self, context: dg.InitResourceContext) -> None:  # noqa: ARG002  (Dagster's)
         """Let the next run begin."""

@@ -5,7 +5,6 @@ says nothing: so any launcher of Dagster's, or of a stranger, may stand in `dags
 `ConfiguredLauncher` and says where it differs; no other file needs to know of it.
 """
 
-import os
 from collections.abc import Collection
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -23,8 +22,6 @@ from bagassets.defs.dagster_private import (
 from bagassets.defs.records.databases import read_settings
 from bagassets.defs.records.projects import configured_recipe
 from bagassets.forkserver.server_files import last_lines
-from bagassets.propose.project import dagster_home
-from bagassets.recipe.model import Recipe
 
 _LAST_LINES = 30
 # Texts and whole numbers may be given as `{env: NAME}`.
@@ -147,13 +144,9 @@ def launching_of(instance: dg.DagsterInstance) -> Launching:
     return _said_by(instance.run_launcher)
 
 
-def executes_here(recipe_file: Path, recipe: Recipe) -> bool:
-    """Return whether the server of a project executes its runs, as far as its launcher says so; no instance is opened."""
-    try:
-        home = os.environ.get("DAGSTER_HOME") or dagster_home(recipe_file, recipe)
-        return _said_by(read_settings(Path(home)).run_launcher).executes_here
-    except Exception:  # noqa: BLE001  (whatever it is, who opens the instance meets it, too, and reports it)
-        return False
+def launching_at(home: Path) -> Launching:
+    """Return how the launcher that the `dagster.yaml` of a folder names deals with runs, without opening the instance."""
+    return _said_by(read_settings(home).run_launcher)
 
 
 def _said_by(launcher: object) -> Launching:

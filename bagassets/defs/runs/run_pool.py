@@ -19,7 +19,6 @@ from bagassets.base.errors import BagAssetsError
 from bagassets.base.interrupts import deferred_interrupts
 from bagassets.base.trace import span
 from bagassets.defs.records.batches import batch_config
-from bagassets.defs.records.connections import Commits
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.runs.code_server import LaunchWorkspace
 from bagassets.defs.runs.execution import CodeLocation, create_job_run, create_run, fail_if_lost, failure_of
@@ -31,13 +30,9 @@ from bagassets.engine.build_report import Event
 
 _CANCEL_GRACE_S = 35.0  # our own launcher kills after 30 s, and the command waits for 40 s
 _HEALTH_S = 5.0
-# The end of a run is noticed late by at most 2 % of its duration, and of a long one sooner where it costs nothing to ask
-# whether anything was committed. To read the records takes some milliseconds; while runs are long, no more than a twentieth
-# of a processor goes into that.
-_QUICKEST_S, _SLOWEST_S, _SLOWEST_ASKED_S = 0.02, 0.5, 0.05
+# The end of a run is noticed late by at most 2 % of its duration. To read the records takes some milliseconds.
+_QUICKEST_S, _SLOWEST_S = 0.02, 0.5
 _POLL_SHARE = 0.02
-_READ_SHARE = 0.05
-_UNREAD_S = 1.0  # they are read this often even if nothing seems to have been committed
 _LOG_S = 2.0
 _FEW = 20  # active runs that are all read each time
 _MOST_THREADS = 32
@@ -114,9 +109,6 @@ class RunPool:
     _waiting: list[Batch] = field(default_factory=list)
     _active: dict[str, _Active] = field(default_factory=dict)
     _looked_at: float = 0.0
-    _read_at: float = 0.0
-    _unread_until: float = 0.0  # whatever is committed
-    _launched: frozenset[str] = frozenset()  # when last read
 
     def __post_init__(self) -> None:
         self.jobs = launching_of(self.instance).most_at_once or self.jobs
@@ -125,7 +117,6 @@ class RunPool:
         self._is_by_job = self.key_of is None and bool(self.names.prefix)
         # One for all runs: a code server takes seconds to start.
         self._workspace = LaunchWorkspace(self.instance, self.location, self.log)
-        self._commits = Commits(self.instance)
 
     def __enter__(self) -> Self:
         return self
@@ -154,7 +145,6 @@ class RunPool:
         self._waiting = list(batches)[::-1]
         # Some launchers take most of a second for each run.
         with (
-            self._commits,
             ThreadPoolExecutor(min(self.jobs, _MOST_THREADS)) as pool,
             deferred_interrupts() as interrupt,
         ):
@@ -221,12 +211,8 @@ class RunPool:
             return
         now = time.monotonic()
         youngest = min(now - active.since for active in self._active.values())
-        late_s = min(_SLOWEST_S, max(_QUICKEST_S, _POLL_SHARE * youngest))
-        time.sleep(min(late_s, _SLOWEST_ASKED_S) if self._commits.can_tell else late_s)
-        if time.monotonic() >= self._unread_until and self._may_have_changed():
-            self._read()
-            cost_s = time.monotonic() - self._read_at
-            self._unread_until = self._read_at + min(late_s, cost_s / _READ_SHARE)
+        time.sleep(min(_SLOWEST_S, max(_QUICKEST_S, _POLL_SHARE * youngest)))
+        self._read()
 
     def _read(self) -> None:
         """Read the records of the active runs, and conclude those that have ended."""
@@ -251,16 +237,6 @@ class RunPool:
                 self._drop(run_id, self._problem(run, active))
             else:
                 self._look_at(run, active)
-
-    def _may_have_changed(self) -> bool:
-        """Return whether the records may say more of the active runs than when they were last read."""
-        launched = frozenset(run_id for run_id, active in self._active.items() if active.launch.done())
-        # Asked in any case, since what was committed until now is about to be read.
-        committed = self._commits.any_since()
-        if not committed and launched == self._launched and time.monotonic() - self._read_at < _UNREAD_S:
-            return False
-        self._launched, self._read_at = launched, time.monotonic()
-        return True
 
     def _look_at(self, run: dg.DagsterRun, active: _Active) -> None:
         """Tell where a run is, and now and then check whether its worker is alive."""

@@ -4,7 +4,6 @@ import os
 import signal
 import sys
 import threading
-import traceback
 from collections.abc import Callable
 from typing import NoReturn
 
@@ -31,15 +30,11 @@ def end_with_parent() -> threading.Event:
 
 def end_after(main: Callable[[], None]) -> NoReturn:
     """Run `main`, and end the process at once: gRPC would take six seconds to end where nothing is left to be ended."""
-    code = 0
+    code: object = 0
     try:
         main()
     except SystemExit as end:
-        code = end.code if isinstance(end.code, int) else int(end.code is not None)
-    except BaseException:  # noqa: BLE001  (as Python reports whatever ends it)
-        traceback.print_exc()
-        code = 1
-    finally:
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(code)
+        code = end.code
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code if isinstance(code, int) else bool(code))

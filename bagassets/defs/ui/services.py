@@ -28,6 +28,7 @@ _START_S = 120.0
 _STOP_S = 60.0
 _GRACE_S = 10.0
 _LEAVE_S = 2.0
+_CODE_SERVER_S = 0.5  # it has nothing to lose
 _LOCK = "ui.lock"
 
 
@@ -155,7 +156,7 @@ class Services:
 
 def _end_group(group: int) -> None:
     """End the remaining processes of a group; Dagster's code server would take up to a minute by itself."""
-    deadline = time.monotonic() + _LEAVE_S
+    deadline = time.monotonic() + _CODE_SERVER_S
     with suppress(ProcessLookupError):  # no process is left
         os.killpg(group, signal.SIGTERM)
         while time.monotonic() < deadline:

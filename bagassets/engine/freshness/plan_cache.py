@@ -8,6 +8,7 @@ import json
 import os
 import random
 from collections.abc import Iterable, Mapping
+from hashlib import blake2b
 from typing import NamedTuple
 
 from bagassets.base.cache import Cache, Changes
@@ -45,6 +46,11 @@ class CachedPlan(NamedTuple):
     made: bytes
     marks: bytes
     row: bytes
+
+    @property
+    def mark(self) -> bytes:
+        """What changes with the recording, its artifacts, the code and the recipe."""
+        return blake2b(repr(self[:3]).encode(), digest_size=16).digest()
 
 
 def recording_fingerprint(

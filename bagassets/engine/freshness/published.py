@@ -14,11 +14,13 @@ import os
 import random
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
-from typing import TypedDict
+from typing import TYPE_CHECKING, TypedDict
 
 from bagassets.base.cache import Cache, Changes
 from bagassets.base.fingerprints import PlanNeeded, Signature, signature
-from bagassets.base.json_types import Json
+
+if TYPE_CHECKING:
+    from bagassets.base.json_types import Json
 
 _HEAD, _LINKS, _GROUPS = "published", "links", "groups"
 # Lists of links are stored in pieces of about this size, some six hundred links, which are checked in a millisecond.
@@ -123,7 +125,7 @@ class Publication:
             self._put_head({**head, "files": files, "folders": folders})
         return True
 
-    def groups(self) -> Json:
+    def groups(self) -> "Json":
         """Return what is on record of groups of recordings, which only holds while no file has changed; None without it."""
         try:
             (content,) = self._cache.get(_GROUPS, self.asset)

@@ -82,7 +82,7 @@ def held_channels(rows: DatasetRows) -> tuple[list[Held], dict[str, set[str]]]:
 
 
 def channels_found(
-    held: Sequence[Held], of_rigs: Mapping[str, AbstractSet[str]], scenes: int, problems: Sequence[str] = ()
+    held: Sequence[Held], of_rigs: Mapping[str, AbstractSet[str]], scenes: int, problems: Sequence[str]
 ) -> Finding:
     """Return what is to be said of channels, and of problems.
 

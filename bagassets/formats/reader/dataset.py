@@ -7,7 +7,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TypeVar, overload
+from typing import Any, TypeVar, overload
 from weakref import WeakValueDictionary
 
 import numpy as np
@@ -17,6 +17,7 @@ from bagassets.base.errors import DatasetError
 from bagassets.base.quantities import count_text
 from bagassets.formats.nuscenes.schema import TABLES
 from bagassets.formats.reader.boxes import Boxes, View
+from bagassets.formats.reader.lerobot import INFO, LeRobotSource
 from bagassets.formats.reader.nuscenes import NuScenesSource
 from bagassets.formats.reader.reading_files import Points, read_image, read_points
 from bagassets.formats.reader.source import Reading, SceneRow
@@ -25,7 +26,7 @@ from bagassets.formats.reader.vision import VisionSource
 from bagassets.geometry.se3 import Floats
 
 T = TypeVar("T")
-Source = NuScenesSource | VisionSource
+Source = NuScenesSource | VisionSource | LeRobotSource
 """The content of a dataset of one format, offered alike; tables are read when they are first needed."""
 
 _ANNOTATIONS = "annotations"  # folder of a vision dataset that is swapped
@@ -33,7 +34,9 @@ _MOST_NAMES = 12
 
 
 def open_dataset(path: str | Path, version: str | None = None) -> "Dataset":
-    """Open a dataset that was built: nuScenes, also from elsewhere, or vision.
+    """Open a dataset that was built: vision, nuScenes or LeRobot, the latter two also from elsewhere.
+
+    The scenes of a LeRobot dataset are its episodes, the samples its frames.
 
     What is opened stays as it is while the dataset is built again: readers see the old dataset or the new one. Only
     where the new one has lost a file of the old one, or made it again with other bytes, reading it fails, with a
@@ -201,6 +204,15 @@ class Sample:
         return tuple(self.readings)
 
     @cached_property
+    def values(self) -> Mapping[str, NDArray[Any]]:
+        """Feature of a LeRobot dataset -> its numbers, such as `observation.state`; no other format has any.
+
+        Raises:
+            DatasetError: their file is missing or damaged.
+        """
+        return self._source.values(self.index) if isinstance(self._source, LeRobotSource) else {}
+
+    @cached_property
     def boxes(self) -> Boxes:
         """The boxes at the time of the sample, in the global frame."""
         return Boxes(self._source.boxes(self.index), "global", partial(_view, self.readings))
@@ -212,7 +224,10 @@ class Sample:
             KeyError: the sample has no image of this camera.
             DatasetError: the file is missing or damaged.
         """
-        return read_image(self._source.folder, _chosen(self.readings, channel, ("camera",)))
+        reading = _chosen(self.readings, channel, ("camera",))
+        if isinstance(self._source, LeRobotSource):
+            return self._source.image(reading)
+        return read_image(self._source.folder, reading)
 
     def points(self, channel: str) -> Points:
         """Read and return the points of a lidar or radar, float32 in the frame of the sensor, metres.
@@ -252,14 +267,16 @@ class Sample:
 
         Raises:
             KeyError: the sample has no reading of this channel.
+            DatasetError: the format has no calibration.
         """
-        return _chosen(self.readings, channel).ego_SE3_sensor.matrix
+        return _placed(_chosen(self.readings, channel)).ego_SE3_sensor.matrix
 
     def intrinsics(self, channel: str) -> Floats:
         """Return the camera matrix of an image as written, (3, 3) in pixels; there is no distortion left.
 
         Raises:
             KeyError: the sample has no image of this camera.
+            DatasetError: the format has no calibration.
         """
         return _matrix(_chosen(self.readings, channel, ("camera",)))
 
@@ -346,7 +363,14 @@ def _chosen(readings: Mapping[str, Reading], channel: str, modalities: Collectio
 
 
 def _matrix(camera: Reading) -> Floats:
-    return np.array(camera.intrinsics, dtype=np.float64)
+    return np.array(_placed(camera).intrinsics, dtype=np.float64)
+
+
+def _placed(reading: Reading) -> Reading:
+    """Return a reading; frames of a LeRobot dataset have no calibration."""
+    if reading.frame is not None:
+        raise DatasetError(f"{reading.path}: a LeRobot dataset has no calibration and no poses.")
+    return reading
 
 
 def _view(readings: Mapping[str, Reading], channel: str) -> View:
@@ -370,7 +394,11 @@ _open: "WeakValueDictionary[tuple[Path, str], Source]" = WeakValueDictionary()
 
 
 def _source(folder: TableFolder) -> Source:
-    source = VisionSource(folder) if folder.path.name == _ANNOTATIONS else NuScenesSource(folder)
+    source: Source
+    if (folder.path / INFO).is_file():
+        source = LeRobotSource(folder)
+    else:
+        source = VisionSource(folder) if folder.path.name == _ANNOTATIONS else NuScenesSource(folder)
     _open[folder.path, folder.identity] = source
     return source
 
@@ -431,4 +459,4 @@ def _is_swapped(path: Path) -> bool:
     """Tell whether a folder holds the tables of a dataset, although some may be missing."""
     if path.name == _ANNOTATIONS:
         return (path / LOCK).is_file()
-    return any((path / f"{name}.json").is_file() for name in TABLES)
+    return any((path / f"{name}.json").is_file() for name in TABLES) or (path / INFO).is_file()

@@ -20,6 +20,7 @@ class Reading:
         ego_SE3_sensor: where the sensor sits.
         intrinsics: rows of the camera matrix; None for other sensors.
         find_pose: returns `global_SE3_ego` at its own time.
+        frame: number of the frame that it is of a video; None for a file of its own.
     """
 
     channel: str
@@ -30,6 +31,7 @@ class Reading:
     ego_SE3_sensor: SE3
     intrinsics: Sequence[Sequence[float]] | None
     find_pose: Callable[[], SE3] = field(repr=False)
+    frame: int | None = None
 
 
 @dataclass(frozen=True)

@@ -138,7 +138,7 @@ class DamageMap:
 
     def sentences(self) -> Iterator[str]:
         """Yield a sentence for each finding and hole, and one about all losses."""
-        yield from (f"{finding[:1].upper()}{finding[1:]}." for finding in self.findings)
+        yield from (f"{finding}." for finding in self.findings)
         for hole in self.holes:
             lost = "" if hole.lost is None else f"; lost: {losses_text(hole.lost)}"
             yield f"{hole.file}: bytes {hole.begin} to {hole.end}: {hole.reason}{lost}."

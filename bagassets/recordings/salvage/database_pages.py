@@ -26,7 +26,7 @@ from bagassets.recordings.topic import RefusedBytes, TopicSource, is_transient_l
 _MAGIC = b"SQLite format 3\0"
 _HEADER_BYTES, _LEAF = 100, 0x0D
 _PAGE_SIZES = tuple(1 << power for power in range(9, 17))
-_BLOCK_BYTES = 4 << 20
+_BLOCK_BYTES, _SCANNED_BYTES = 4 << 20, 256 << 10
 _LEAF_HEAD, _POINTER, _NEXT = Struct(">BHHHB"), Struct(">H"), Struct(">I")
 _INTEGER_BYTES = (0, 1, 2, 3, 4, 6, 8, 8, 0, 0)
 _KEPT_PAGES = 64
@@ -69,11 +69,12 @@ class SalvagedDatabase:
         self.topics: dict[int, TopicRow] = {}
         self._definitions: dict[str, Definition] = {}
         self._pages: dict[int, bytes] = {}
+        self._buffer = bytearray(_SCANNED_BYTES)  # used again and again: it stays in the processor's cache
         self._file = self._opened()
         try:
             self._size = os.fstat(self._file).st_size
             self._page_bytes, self._usable = self._page_size()
-            self._written = -(-self._size // self._page_bytes)  # pages up to the last that is not just zeros
+            self._written = self._last_written()
             self._rows = self._scan()
         except BaseException:
             os.close(self._file)
@@ -102,7 +103,7 @@ class SalvagedDatabase:
         named = int.from_bytes(head[16:18], "big")
         named = 65536 if named == 1 else named
         reserved = head[20]
-        if head.startswith(_MAGIC) and named in _PAGE_SIZES and self._leaves(named) > 0:
+        if head.startswith(_MAGIC) and named in _PAGE_SIZES and self._leaves(named, _SCANNED_BYTES) > 0:
             return named, named - reserved
         found = max(_PAGE_SIZES, key=self._leaves)
         if self._leaves(found) <= 0:
@@ -112,9 +113,9 @@ class SalvagedDatabase:
         )
         return found, found - (reserved if reserved < 64 and found == named else 0)
 
-    def _leaves(self, page_bytes: int) -> int:
+    def _leaves(self, page_bytes: int, most_bytes: int = _BLOCK_BYTES) -> int:
         """Return how many rows are whole in the first pages of a file, less those that are not, if its pages are so large."""
-        block = os.pread(self._file, _BLOCK_BYTES, 0)
+        block = os.pread(self._file, most_bytes, 0)
         found, broken = 0, _Broken()
         for at in range(page_bytes, len(block) - page_bytes + 1, page_bytes):
             if block[at] == _LEAF:
@@ -124,49 +125,64 @@ class SalvagedDatabase:
     # --- scanning ------------------------------------------------------------------------
 
     def _scan(self) -> NDArray[np.int64]:
-        """Return (N, 5) rows of `messages`: log time, row number, topic, page, and offset of its cell in this; sorted by both of the first."""
-        found: list[tuple[int, int, int, int, int]] = []
+        """Return (N, 6) rows of `messages`, sorted by both of the first: log time, row number, topic, page, place in it, and size.
+
+        A place is where the bytes of a row begin, how many are there, and where in them those of the message begin, 17 bits each.
+        """
+        found: list[tuple[int, int, int, int, int, int]] = []
         rows: list[NDArray[np.int64]] = []
-        per_block = max(1, _BLOCK_BYTES // self._page_bytes)
-        last = 0
+        per_block = _SCANNED_BYTES // self._page_bytes
+        buffer = bytearray(_SCANNED_BYTES)  # not that of chains, which are read meanwhile
         for first in range(0, -(-self._size // self._page_bytes), per_block):
-            block = os.pread(self._file, per_block * self._page_bytes, first * self._page_bytes)
+            whole = os.preadv(self._file, [buffer], first * self._page_bytes) // self._page_bytes
             self._tell((first + per_block) * self._page_bytes)
-            whole = len(block) // self._page_bytes
-            pages = np.frombuffer(block, np.uint8, whole * self._page_bytes).reshape(whole, -1)
-            written = np.flatnonzero(pages.any(axis=1))
-            last = first + int(written[-1]) + 1 if len(written) else last
+            pages = np.frombuffer(buffer, np.uint8, whole * self._page_bytes).reshape(whole, -1)
             leaves = pages[:, 0] == _LEAF
             if first == 0 and whole:
                 leaves[0] = pages[0, _HEADER_BYTES] == _LEAF
             for number in np.flatnonzero(leaves).tolist():
                 page = bytes(pages[number])
                 found += self._take_page(page, first + number)
-            rows.append(np.array(found, np.int64).reshape(-1, 5))
+            rows.append(np.array(found, np.int64).reshape(-1, 6))
             found.clear()
-        self._written = last
-        together = np.concatenate(rows) if rows else np.empty((0, 5), np.int64)
+        together = np.concatenate(rows) if rows else np.empty((0, 6), np.int64)
         _, unique = np.unique(together[:, 1], return_index=True)
         together = together[unique]
         self._note_missing(together)
         return together[np.lexsort((together[:, 1], together[:, 0]))]
 
-    def _take_page(self, page: bytes, number: int) -> Iterator[tuple[int, int, int, int, int]]:
+    def _last_written(self) -> int:
+        """Return the number of pages up to the last one that is not just zeros."""
+        end = -(-self._size // self._page_bytes)
+        while end:
+            begin = max(0, end - _SCANNED_BYTES // self._page_bytes)
+            block = os.pread(self._file, (end - begin) * self._page_bytes, begin * self._page_bytes)
+            if kept := len(block.rstrip(b"\0")):
+                return begin + -(-kept // self._page_bytes)
+            end = begin
+        return 0
+
+    def _take_page(self, page: bytes, number: int) -> Iterator[tuple[int, int, int, int, int, int]]:
         """Yield the messages of a page, and note rows of other tables."""
         broken = _Broken()
         begin = _HEADER_BYTES if number == 0 else 0
-        for at, cell in _cells(page, begin, self._usable, broken):
-            kinds = [kind for kind, _, _ in cell.values]
-            if (
-                len(kinds) == 4
-                and kinds[0] <= 9
-                and max(kinds[1:3]) <= 9
-                and (kinds[3] >= 12 or not kinds[3])
+        for cell in _cells(page, begin, self._usable, broken):
+            values = cell.values
+            if len(values) == 4 and values[2][0] <= 9 and values[1][0] <= 9 and values[0][0] <= 9:
+                if (
+                    not 0 < cell.rowid <= self._size or 0 < values[3][0] < 12
+                ):  # more than a file of this size can hold
+                    broken.number += 1
+                    continue
+                topic, time_ns = _integer(page, *values[1]), _integer(page, *values[2])
+                place = cell.begin | cell.local << 17 | values[3][1] - cell.begin << 34
+                yield time_ns, cell.rowid, topic, number, place, cell.size
+            elif (
+                len(values) >= 4
+                and values[0][0] <= 9
+                and all(kind >= 13 and kind % 2 for kind, _, _ in values[1:4])
             ):
-                topic, time_ns = (_integer(page, *cell.values[i]) for i in (1, 2))
-                yield time_ns, cell.rowid, topic, number, at
-            elif len(kinds) >= 4 and kinds[0] <= 9 and all(kind >= 13 and kind % 2 for kind in kinds[1:4]):
-                self._take_texts(cell, self._content(page, cell))
+                self._take_texts(cell, self._content(page, cell.begin, cell.local, cell.size))
         if broken.number:
             begin = number * self._page_bytes
             reason = f"{broken.number} rows of a page are damaged"
@@ -228,23 +244,26 @@ class SalvagedDatabase:
             self._tell((number + 1) * self._page_bytes)
         return page
 
-    def _content(self, page: bytes, cell: _Cell) -> bytes | None:
+    def _content(self, page: bytes, begin: int, size_here: int, size: int) -> bytes | None:
         """Return the bytes of a row, those on overflow pages included; None if these are not all there."""
-        local = page[cell.begin : cell.begin + cell.local]
-        if cell.local == cell.size:
+        local = page[begin : begin + size_here]
+        if size_here == size:
             return local
-        (following,) = _NEXT.unpack_from(page, cell.begin + cell.local)
+        (following,) = _NEXT.unpack_from(page, begin + size_here)
         room = self._usable - _NEXT.size
-        pieces, left = [local], cell.size - cell.local
+        pieces, left = [local], size - size_here
         while left > 0:
             if not 2 <= following <= self._written:
                 return None
-            number = min(-(-left // room), _BLOCK_BYTES // self._page_bytes)
-            block = os.pread(self._file, number * self._page_bytes, (following - 1) * self._page_bytes)
-            whole = len(block) // self._page_bytes
+            number = min(-(-left // room), _SCANNED_BYTES // self._page_bytes)
+            into, at = (
+                memoryview(self._buffer)[: number * self._page_bytes],
+                (following - 1) * self._page_bytes,
+            )
+            whole = os.preadv(self._file, [into], at) // self._page_bytes
             if not whole:
                 return None
-            pages = np.frombuffer(block, np.uint8, whole * self._page_bytes).reshape(whole, -1)
+            pages = np.frombuffer(into, np.uint8, whole * self._page_bytes).reshape(whole, -1)
             links = pages[:, : _NEXT.size].copy().view(">u4")[:, 0].astype(np.int64)
             apart = np.flatnonzero(links != np.arange(following + 1, following + whole + 1))
             run = int(apart[0]) + 1 if len(apart) else whole
@@ -291,26 +310,22 @@ class SalvagedDatabase:
         """Return first and last log time; None without messages."""
         return (int(self._rows[0, 0]), int(self._rows[-1, 0])) if len(self._rows) else None
 
-    def messages(self, topics: Collection[int]) -> Iterator[tuple[int, int, bytes]]:
+    def messages(self, topics: Collection[int]) -> Iterator[tuple[int, int, bytes | memoryview]]:
         """Yield topic id, log time and payload in order of log time."""
         rows = self._rows[np.isin(self._rows[:, 2], list(topics))]
-        for time_ns, rowid, topic, number, at in _listed(rows):
-            page = self._page(number)
-            cell = _cell(page, at, self._usable)
-            _, begin, end = cell.values[3]
-            if end - begin > self._limits.message_bytes:
+        for time_ns, rowid, topic, number, place, size in _listed(rows):
+            begin, size_here, head = place & 0x1FFFF, place >> 17 & 0x1FFFF, place >> 34
+            if size - head > self._limits.message_bytes:
                 yield topic, time_ns, RefusedBytes()
                 continue
-            content = self._content(page, cell)
+            content = self._content(self._page(number), begin, size_here, size)
             if content is not None:
-                yield topic, time_ns, content[begin - cell.begin : end - cell.begin]
+                yield topic, time_ns, memoryview(content)[head:]
                 continue
-            place = number * self._page_bytes + at
+            at = number * self._page_bytes + begin
             reason = f"the pages of message {rowid} are gone or torn"
             lost = {self.topics[topic].name if topic in self.topics else "": 1}
-            self._damage.hole(
-                Hole(self._path.name, place, place + cell.local, reason, time_ns, time_ns, lost)
-            )
+            self._damage.hole(Hole(self._path.name, at, at + size_here, reason, time_ns, time_ns, lost))
 
     def _tell(self, position: int) -> None:
         if self._on_read is not None:
@@ -337,8 +352,8 @@ class _Broken:
     number = 0
 
 
-def _cells(page: bytes, begin: int, usable: int, broken: _Broken) -> Iterator[tuple[int, _Cell]]:
-    """Yield the offsets of the cells of a leaf, and what they hold."""
+def _cells(page: bytes, begin: int, usable: int, broken: _Broken) -> Iterator[_Cell]:
+    """Yield what the cells of a leaf hold."""
     _, _, number, _, _ = _LEAF_HEAD.unpack_from(page, begin)
     first = begin + _LEAF_HEAD.size
     if first + _POINTER.size * number > usable:
@@ -347,7 +362,7 @@ def _cells(page: bytes, begin: int, usable: int, broken: _Broken) -> Iterator[tu
     for place in range(first, first + _POINTER.size * number, _POINTER.size):
         (at,) = _POINTER.unpack_from(page, place)
         try:
-            yield at, _cell(page, at, usable)
+            yield _cell(page, at, usable)
         except (IndexError, DamageError):
             broken.number += 1
 
@@ -359,7 +374,7 @@ def _cell(page: bytes, at: int, usable: int) -> _Cell:
         DamageError: there is none.
         IndexError: likewise.
     """
-    size, at = _varint(page, at)
+    size, at = (page[at], at + 1) if page[at] < 0x80 else _varint(page, at)
     rowid, begin = _varint(page, at)
     most = usable - 35
     local = size
@@ -369,13 +384,17 @@ def _cell(page: bytes, at: int, usable: int) -> _Cell:
         local = local if local <= most else least
     if not size > 0 or begin + local + (4 if local < size else 0) > usable:
         raise DamageError("cell")
-    head_bytes, at = _varint(page, begin)
+    head_bytes, at = (page[begin], begin + 1) if page[begin] < 0x80 else _varint(page, begin)
     values, value_at, head_end = [], begin + head_bytes, begin + head_bytes
     if head_end > begin + local:
         raise DamageError("cell")
     while at < head_end:
-        kind, at = _varint(page, at)
-        length = (kind - 12) // 2 if kind >= 12 else _INTEGER_BYTES[kind]
+        kind = page[at]
+        if kind < 0x80:
+            at += 1
+        else:
+            kind, at = _varint(page, at)
+        length = (kind - 12) >> 1 if kind >= 12 else _INTEGER_BYTES[kind]
         values.append((kind, value_at, value_at + length))
         value_at += length
     if at != head_end or value_at - begin != size or len(values) > 20:

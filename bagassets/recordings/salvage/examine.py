@@ -12,6 +12,7 @@ from bagassets.base.json_types import JsonObject
 from bagassets.recipe.model import Limits
 from bagassets.recordings.open import open_recording
 from bagassets.recordings.recording import Recording
+from bagassets.recordings.rosbag2 import ZSTD
 from bagassets.recordings.salvage.copy import write_copy
 from bagassets.recordings.salvage.damage_map import DamageMap
 from bagassets.recordings.salvage.open import open_salvaged
@@ -65,6 +66,9 @@ def examine(path: Path) -> Examined:
     if not path.exists():
         raise RecordingError(f"{path}: no such file or folder.")
     try:
+        if path.suffix == ZSTD:
+            packed = "it is packed by zstd, and builds read such files in ROS 2 bag folders only"
+            raise RecordingError(f"{path}: {packed}.")  # noqa: TRY301  (as if that were tried)
         with open_recording(path) as recording:
             counts, missing = _read(recording)
             problem = ", ".join(f"{number} of {name}" for name, number in missing.items() if number > 0)

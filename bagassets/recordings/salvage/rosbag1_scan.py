@@ -204,8 +204,6 @@ class SalvagedBag(IndexReader):
         return False
 
     def _note_hole(self, begin: int, end: int, reason: str = "") -> None:
-        spans = [(position, _span_of(one.index)) for position, one in self._found.items()]
-        extents = [Extent(position, *span) for position, span in spans if span is not None]
         lost: Counter[str] = Counter()
         for info in self.chunk_infos:
             if begin <= info.pos < end:
@@ -214,8 +212,12 @@ class SalvagedBag(IndexReader):
             reason = what_is_there(self._opened, begin, end)
         known = dict(lost) if self.chunk_infos else None
         self._damage.hole(
-            Hole(self._file.name, begin, end, reason, *times_around(extents, begin, end), known)
+            Hole(self._file.name, begin, end, reason, *times_around(self._extents(), begin, end), known)
         )
+
+    def _extents(self) -> list[Extent]:
+        spans = [(position, _span_of(one.index)) for position, one in self._found.items()]
+        return [Extent(position, *span) for position, span in spans if span is not None]
 
     def _note_missing_index(self) -> None:
         if not self._data_end:
@@ -247,7 +249,7 @@ class SalvagedBag(IndexReader):
         index = found.index
         if not self._is_sound(position) or not index.keys() <= self._by_id.keys():
             content = self._load(position)
-            index = self._index_of(position, content)
+            index = found.index = self._index_of(position, content)
         for one, entries in index.items():
             if one in self._by_id:
                 self._entries.setdefault(one, []).append((position, entries))
@@ -288,10 +290,14 @@ class SalvagedBag(IndexReader):
         most = max(unpacked, len(packed)) if compression == "none" else unpacked
         content, problem = unpack_chunk(packed, compression, most, is_cut=found.is_cut)
         if problem and not (found.is_open and compression == "none"):  # whose records tell where they end
-            first_ns, last_ns = _span_of(found.index) or (None, None)
+            end = chunk.datapos + chunk.datasize
+            own_ns = _span_of(found.index)
+            if content or own_ns is None:  # what is missing comes after all that was found up to there
+                first_ns, last_ns = times_around(self._extents(), end, end)
+            else:
+                first_ns, last_ns = own_ns
             lost = self._of_topics({one: len(entries) for one, entries in found.index.items()})
             known = dict(lost) if lost and not content else None
-            end = chunk.datapos + chunk.datasize
             reason = f"the chunk is damaged: {problem}"
             self._damage.hole(Hole(self._file.name, position, end, reason, first_ns, last_ns, known))
         return content

@@ -359,10 +359,10 @@ def test_a_dataset_that_fails_beside_its_recording_is_reported_once(tmp_path, mo
     recipe_file = make_project(tmp_path, text=RECIPE)
     real = batch_job.make_dataset
 
-    def make_dataset(instance, workspace, planned, asset, run_id):
+    def make_dataset(instance, workspace, plan, inputs, asset, run_id):
         if asset == NUSCENES:
             raise DatasetError("nuscenes: somebody else's folder.")
-        return real(instance, workspace, planned, asset, run_id)
+        return real(instance, workspace, plan, inputs, asset, run_id)
 
     monkeypatch.setattr(batch_job, "make_dataset", make_dataset)
     report, runs = build(recipe_file, monkeypatch, jobs=1)

@@ -217,7 +217,7 @@ def test_nothing_is_planned_when_nothing_has_changed(project, monkeypatch):
     project.build_project()
     assert project.cursor.quiet
 
-    def planned(*_args):
+    def planned(*_args, **_options):
         raise AssertionError("the plan was made again")
 
     monkeypatch.setattr("bagassets.defs.graph.sensor_scan.planner_of", planned)
@@ -226,6 +226,32 @@ def test_nothing_is_planned_when_nothing_has_changed(project, monkeypatch):
     project.instance.wipe_assets([dg.AssetKey("frames")])
     with pytest.raises(AssertionError, match="the plan was made again"):
         project.scan()
+
+
+def test_where_nothing_has_changed_no_recording_is_looked_for(project, monkeypatch):
+    project.build_project()
+    assert project.cursor.quiet
+    with monkeypatch.context() as patch:
+        patch.setattr("bagassets.defs.records.workspace.discover", None)
+        assert project.scan() == {}
+    (project.bags / "notes.txt").touch()
+    monkeypatch.setattr("bagassets.defs.records.workspace.discover", None)
+    with pytest.raises(TypeError):
+        project.scan()
+
+
+def test_what_a_backfill_targets_goes_once_that_has_ended(project, monkeypatch):
+    shutil.copy(project.bags / "a.bag", project.bags / "c.bag")
+    project.build_project()
+    (project.bags / "c.bag").unlink()
+    held = lambda _instance, keys: dict.fromkeys(keys, "why")
+    with monkeypatch.context() as patch:
+        patch.setattr("bagassets.defs.graph.sensor_scan.held_by_backfills", held)
+        project.build_project()
+        project.scan()
+        assert "c.bag" in project.live
+    project.scan()
+    assert "c.bag" not in project.live
 
 
 @pytest.mark.parametrize("change", ["recording", "recipe", "wipe"])
@@ -492,11 +518,11 @@ def test_a_recording_that_goes_during_a_look_is_no_failure(project, monkeypatch)
     monkeypatch.setattr(sensor, "PAUSE_S", 0.0)
     planner_of, calls = sensor_scan.planner_of, []
 
-    def plan(*args):
+    def plan(*args, **options):
         calls.append(args)
         if len(calls) == 1:
             raise RecordingError("a.bag: cannot be read (No such file or directory); was it removed?")
-        return planner_of(*args)
+        return planner_of(*args, **options)
 
     monkeypatch.setattr(sensor_scan, "planner_of", plan)
     assert [request.partition_key for request in tick(project).run_requests] == ["a.bag"]

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from uuid import uuid4
 
@@ -270,7 +271,8 @@ def test_the_daemons_queue_launches_too(place, workspace):
 def test_without_a_server_dagsters_own_launcher_takes_over(workspace, instance, steering, monkeypatch):
     recipe = steering / "recipe.yaml"
     recipe.write_text("nonsense: true\n", "utf-8")
-    monkeypatch.setattr(instance.run_launcher, "_state_folder", None)
+    launcher = instance.run_launcher
+    monkeypatch.setattr(launcher, "settings", replace(launcher.settings, state_folder=None))
     monkeypatch.setenv("BAGASSETS_RECIPE", str(recipe))
     run_id = click(workspace, "whole", key=None)
     assert ended(instance, run_id) == "SUCCESS"

@@ -16,12 +16,9 @@ from alembic.script import ScriptDirectory
 from sqlalchemy import create_engine
 
 from bagassets.defs.records import sqlite_storage
-from bagassets.defs.records.connections import Commits
 from bagassets.defs.records.events import event_database
 from bagassets.defs.records.instances import open_instance
-from bagassets.defs.records.naming import Naming
 from bagassets.defs.records.sqlite_storage import ProjectEventLogStorage
-from bagassets.defs.runs.run_pool import RunPool
 from bagassets.propose.project import dagster_files
 from bagassets.recipe import load_recipe
 from bagassets_tests.in_process import build, make_project
@@ -141,62 +138,6 @@ def test_who_watches_a_run_hears_what_others_write(project):
         assert enough.wait(WAIT_S)
         instance.end_watch_event_logs(run.run_id, hear)
     assert heard == ["first", "second"]
-
-
-def test_whether_others_committed_is_known_without_reading(project):
-    home = str(project.parent)
-    with open_instance(home) as instance, open_instance(home) as other, Commits(instance) as commits:
-        run = instance.create_run_for_job(_job)
-        assert commits.any_since(), "nobody looked before"
-        assert not commits.any_since()
-        for write in (
-            lambda: other.report_engine_event("an event", run),
-            lambda: other.add_run_tags(run.run_id, {"a tag": "of a run"}),
-            lambda: instance.report_engine_event("of this process", run),
-        ):
-            write()
-            assert commits.any_since()
-            assert not commits.any_since()
-
-
-def test_commits_between_two_blocks_are_not_missed(project):
-    home = str(project.parent)
-    with open_instance(home) as instance, open_instance(home) as other:
-        run, commits = instance.create_run_for_job(_job), Commits(instance)
-        with commits:
-            commits.any_since()
-        other.report_engine_event("an event", run)
-        with commits:  # whose connections count anew
-            assert commits.any_since()
-
-
-def test_with_a_database_for_each_run_there_may_always_be_commits(old_project):
-    with open_instance(str(old_project.parent)) as instance, Commits(instance) as commits:
-        assert [commits.any_since() for _ in range(3)] == [True] * 3
-
-
-def test_a_database_that_cannot_be_opened_may_always_have_commits(project):
-    with open_instance(str(project.parent)) as instance:
-        commits = Commits(instance)
-        event_database(instance).rename(project.parent / "elsewhere")
-        with commits:
-            assert [commits.any_since() for _ in range(2)] == [True] * 2
-
-
-def test_runs_that_write_nothing_are_hardly_read(project, tmp_path, monkeypatch):
-    home = str(project.parent)
-    with open_instance(home) as instance, open_instance(home) as other:
-        run = instance.create_run_for_job(_job, status=dg.DagsterRunStatus.STARTED)
-        reads = []
-        read = instance.get_runs
-        monkeypatch.setattr(instance, "get_runs", lambda *args: reads.append(args) or read(*args))
-        end = threading.Timer(0.9, other.report_run_failed, [run])
-        end.start()
-        with RunPool(instance, Naming("test"), 1, lambda _: None, tmp_path / "log") as runs:
-            runs.work([], {run.run_id: ["a"]})
-        end.join()
-    assert runs.ended["a"].problem is not None
-    assert 1 < len(reads) < 10, "every 20 ms it would be 40"
 
 
 def test_an_asset_is_recorded_with_what_finds_it_or_not_at_all(project, monkeypatch):

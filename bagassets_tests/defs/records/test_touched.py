@@ -289,9 +289,9 @@ def test_an_interrupt_ends_the_reading_and_what_had_been_read_is_on_record(built
     before = {key: len(records(built, key)) for key in ("a.bag", "b.mcap")}
     with pending_work.open_project(built) as (instance, workspace):
         looking = instance_plan.planner_of(instance, workspace)
-        recordings, found = looking.discovery.recordings, looking.touched()
+        found = {looking.discovery.recordings[key]: one for key, one in looking.touched().items()}
         with pytest.raises(KeyboardInterrupt):
-            touched.record_touched(instance, workspace, recordings, found, 2, listener)
+            touched.record_touched(instance, workspace, found, 2, listener)
     (event,) = asked
     assert event.kind == "reading"
     assert event.message.startswith("Reading 2 recordings whose time changed, ")

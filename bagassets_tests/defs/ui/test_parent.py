@@ -12,7 +12,6 @@ import pytest
         ("print('served')", 0, "served"),
         ("print('asked'); sys.exit(3)", 3, "asked"),
         ("sys.exit('no')", 1, ""),
-        ("print('begun'); raise OSError('no port')", 1, "begun"),
     ],
 )
 def test_the_status_is_that_of_the_process_and_nothing_printed_is_lost(main, status, said):
@@ -29,4 +28,3 @@ end_after(main)
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=20, check=False
     )
     assert (ended.returncode, ended.stdout.strip()) == (status, said)
-    assert ("OSError: no port" in ended.stderr) == ("OSError" in main)

@@ -1,0 +1,268 @@
+"""Which topics of a robot without lidar are signals, and the LeRobot dataset that could be made of it."""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+from bagassets.base.errors import DecodeError
+from bagassets.base.escaping import yaml_scalar
+from bagassets.decode.numeric_fields import numbers_at
+from bagassets.propose.commented_yaml import Sheet
+from bagassets.propose.naming import free_name, tokens, word_set
+from bagassets.propose.summary import RecordingSummary, TopicSummary
+from bagassets.recordings.model import Message
+
+__all__ = [
+    "SignalProposal",
+    "elements_of",
+    "find_signals",
+    "said_in",
+    "text_in",
+    "write_lerobot",
+    "write_signals",
+]
+
+Role = Literal["state", "command", "episode"]
+
+_JOINTS = "joints"
+# Type -> its fields, and what they are: joints are commanded if the topic's name says so.
+_KINDS: Mapping[str, tuple[tuple[str, ...], str]] = {
+    "sensor_msgs/msg/JointState": (("position",), _JOINTS),
+    "foxglove_msgs/msg/JointStates": (("joints.position",), _JOINTS),
+    "trajectory_msgs/msg/JointTrajectory": (("points[0].positions",), "command"),
+    "std_msgs/msg/Float64MultiArray": (("data",), "array"),
+    "std_msgs/msg/Float32MultiArray": (("data",), "array"),
+    "geometry_msgs/msg/Twist": (("linear", "angular"), "command"),
+    "geometry_msgs/msg/TwistStamped": (("twist",), "command"),
+    "std_msgs/msg/Bool": (("data",), "episode"),
+}
+_TEXTS = {"std_msgs/msg/String": "data", "foxglove_msgs/msg/Log": "message"}
+_COMMANDS = word_set(
+    "action actions cmd command commanded commands desired goal leader reference setpoint target targets teleop"
+)
+_EPISODES, _TASKS = (
+    word_set("episode episodes"),
+    word_set("instruction instructions language prompt task tasks"),
+)
+_STARTS = word_set("begin begins started start")
+_ENDS = word_set("done end ended ends finish finished stop stopped success failure")
+_LONGEST_TEXT, _MOST_FPS = 100, 50
+_ALIKE = 0.2  # share by which rates may differ
+
+
+@dataclass(frozen=True)
+class SignalProposal:
+    """A signal before it is written down.
+
+    Attributes:
+        name: its name in the recipe.
+        topic: its topic.
+        fields: paths of its fields.
+        names: its elements, if the messages name them.
+        by_log_time: the messages have no header, or a stamp of zero.
+        role: what it is.
+        rate_hz: how often it has values; None if too little was read.
+    """
+
+    name: str
+    topic: TopicSummary
+    fields: tuple[str, ...]
+    names: tuple[str, ...]
+    by_log_time: bool
+    role: Role
+    rate_hz: float | None = None
+
+
+class _Camera(Protocol):
+    @property
+    def modality(self) -> str: ...
+
+    @property
+    def topic(self) -> TopicSummary: ...
+
+
+class _Rig(Protocol):
+    """What is needed of a proposed rig."""
+
+    @property
+    def summary(self) -> RecordingSummary: ...
+
+    @property
+    def channels(self) -> Mapping[str, _Camera]: ...
+
+    @property
+    def signals(self) -> Sequence[SignalProposal]: ...
+
+
+def elements_of(message: Message, msgtype: str) -> tuple[str, ...]:
+    """Return what the numbers of a message are called, if messages of its type may be a signal; none if they hold none."""
+    fields, _ = _KINDS.get(msgtype, ((), ""))
+    try:
+        return tuple(label for path in fields for label in numbers_at(message, path).labels)
+    except DecodeError:
+        return ()
+
+
+def text_in(message: Message, msgtype: str) -> str:
+    """Return a short text that a message is; "" if it is none."""
+    text = getattr(message, _TEXTS[msgtype]) if msgtype in _TEXTS else ""
+    return text if isinstance(text, str) and len(text) <= _LONGEST_TEXT else ""
+
+
+def find_signals(summary: RecordingSummary, *, cameras: bool = False) -> list[SignalProposal]:
+    """Return the signals of recordings, states first, in order of topic; drivers that share a topic have one each.
+
+    Args:
+        summary: the recordings.
+        cameras: they have cameras; what was commanded alone makes no dataset.
+    """
+    found: list[SignalProposal] = []
+    for topic in summary.topics.values():
+        fields, kind = _KINDS.get(topic.msgtype, ((), ""))
+        role = _role(topic, kind)
+        if not topic.elements or role is None:
+            continue
+        named = kind == _JOINTS or topic.msgtype.endswith("/JointTrajectory")
+        base = "_".join(tokens(topic.name)) or "signal"
+        groups = _apart(topic.elements) if named else [()]
+        for names in groups:
+            taken = [one.name for one in found]
+            name = free_name(base if base[0].isalpha() else f"signal_{base}", taken, "_")
+            rate_hz = topic.rate_hz and topic.rate_hz / len(groups)  # by turns
+            found.append(SignalProposal(name, topic, fields, names, topic.offset_s is None, role, rate_hz))
+    order: tuple[Role, ...] = ("state", "command", "episode")
+    found.sort(key=lambda one: (order.index(one.role), one.topic.name))
+    roles = {one.role for one in found}
+    return found if "state" in roles or (cameras and "command" in roles) else []
+
+
+def _role(topic: TopicSummary, kind: str) -> Role | None:
+    words = set(tokens(topic.name))
+    is_command = bool(words & _COMMANDS)
+    if kind == _JOINTS:
+        return "command" if is_command else "state"
+    if kind == "array":
+        return "command" if is_command else None
+    if kind == "episode":
+        return "episode" if words & _EPISODES else None
+    return "command" if kind == "command" else None
+
+
+def _apart(elements: Collection[tuple[str, ...]]) -> list[tuple[str, ...]]:
+    """Return lists of names that share none: messages that lack a joint, or order them otherwise, are of one driver."""
+    groups: list[dict[str, None]] = []
+    for names in elements:
+        alike = [group for group in groups if group.keys() & set(names)]
+        joined = {name: None for group in alike for name in group} | dict.fromkeys(names)
+        groups = [group for group in groups if group not in alike] + [joined]
+    return [tuple(group) for group in groups]
+
+
+def said_in(summary: RecordingSummary) -> dict[str, str]:
+    """Return topic -> what its texts say: where episodes are, or the task."""
+    topics = ((_named(summary, _EPISODES), "episodes"), (_named(summary, _TASKS), "task"))
+    return {topic.name: what for topic, what in topics if topic is not None}
+
+
+def write_signals(sheet: Sheet, signals: Sequence[SignalProposal]) -> None:
+    """Write the signals of a rig, below it."""
+    if not signals:
+        return
+    sheet.field(2, "signals:")
+    for one in signals:
+        field = one.fields[0] if len(one.fields) == 1 else f"[{', '.join(one.fields)}]"
+        parts = [f"topic: {yaml_scalar(one.topic.name)}", f"field: {_path(field)}"]
+        if one.names:
+            parts.append(f"names: [{', '.join(map(yaml_scalar, one.names))}]")
+        if one.by_log_time:
+            parts.append("clock: log")
+        what = {
+            "state": "what the robot does",
+            "command": "what it is told to do",
+            "episode": "when episodes are",
+        }
+        sheet.guess(
+            3, f"{one.name}: {{{', '.join(parts)}}}", f"{what[one.role]}, by type and name of its topic"
+        )
+
+
+def _path(field: str) -> str:
+    return f'"{field}"' if "[" in field and not field.startswith("[") else field
+
+
+def write_lerobot(sheet: Sheet, rigs: Sequence[_Rig]) -> None:
+    """Write the section of a LeRobot dataset, whose features are those of the first rig that has signals."""
+    rig = next(rig for rig in rigs if rig.signals)
+    cameras = {name: one.topic for name, one in rig.channels.items() if one.modality == "camera"}
+    signals = {
+        role: [one.name for one in rig.signals if one.role == role]
+        for role in ("state", "command", "episode")
+    }
+    sheet.field(0, "lerobot:")
+    fps, reason = _fps(
+        {topic.name: topic.rate_hz for topic in cameras.values()},
+        {one.name: one.rate_hz for one in rig.signals if one.role != "episode"},
+    )
+    sheet.guess(1, f"fps: {fps}", reason)
+    sheet.field(1, "features:")
+    if signals["state"]:
+        sheet.field(2, f"observation.state: {{signals: [{', '.join(signals['state'])}]}}")
+    if signals["command"]:
+        sheet.field(2, f"action: {{signals: [{', '.join(signals['command'])}]}}")
+    elif signals["state"]:
+        sheet.guess(
+            2,
+            "action: {next_of: observation.state}",
+            "no commands were found, so the next state is the action",
+        )
+    for name, topic in cameras.items():
+        # Of a camera at about this rate, the latest image would now and then be one twice and none of the next.
+        at = ", at: nearest" if topic.rate_hz and abs(topic.rate_hz / fps - 1) < _ALIKE else ""
+        sheet.field(2, f"observation.images.{name.removeprefix('CAM_').lower()}: {{camera: {name}{at}}}")
+    _write_episodes(sheet, rig, signals["episode"])
+    _write_task(sheet, rig)
+
+
+def _fps(cameras: Mapping[str, float | None], signals: Mapping[str, float | None]) -> tuple[int, str]:
+    """Return the rate of the dataset, and why; topic or signal -> its rate."""
+    for rates, what in ((cameras, "the slowest camera"), (signals, "the slowest signal")):
+        known = {rate: name for name, rate in rates.items() if rate}
+        if known:
+            slowest = min(known)
+            return max(1, min(_MOST_FPS, round(slowest))), f"the rate of {what}, {known[slowest]}"
+    return 30, "the recordings are too short to show a rate"
+
+
+def _write_episodes(sheet: Sheet, rig: _Rig, signals: Sequence[str]) -> None:
+    if signals:
+        sheet.guess(1, f"episodes: {{signal: {signals[0]}}}", "by the name of its topic")
+        return
+    topic = _named(rig.summary, _EPISODES)
+    if topic is None:
+        sheet.guess_note(
+            1, "each recording is one episode; `episodes` cuts them by a topic, a signal or a file of times"
+        )
+        return
+    starts = [text for text in topic.texts if _STARTS & set(tokens(text))]
+    ends = [text for text in topic.texts if _ENDS & set(tokens(text)) and text not in starts]
+    parts = [f"topic: {yaml_scalar(topic.name)}", f"field: {_TEXTS[topic.msgtype]}"]
+    for field, texts in (("start", starts), ("end", ends if starts else [])):
+        if texts:
+            parts.append(f"{field}: [{', '.join(map(yaml_scalar, texts))}]")
+    sheet.guess(1, f"episodes: {{{', '.join(parts)}}}", "by the name of the topic and what it says")
+
+
+def _write_task(sheet: Sheet, rig: _Rig) -> None:
+    topic = _named(rig.summary, _TASKS)
+    if topic is None:
+        sheet.note(1, "uncomment to say what the robot does, as a sentence:")
+        sheet.off(1, "task: Put the cube into the bowl.")
+        return
+    line = f"task: {{topic: {yaml_scalar(topic.name)}, field: {_TEXTS[topic.msgtype]}}}"
+    sheet.guess(1, line, "by the name of the topic")
+
+
+def _named(summary: RecordingSummary, words: frozenset[str]) -> TopicSummary | None:
+    """Return the topic with texts that is named by one of some words and said most."""
+    topics = (topic for topic in summary.topics.values() if topic.texts and words & set(tokens(topic.name)))
+    return max(topics, key=lambda topic: topic.count, default=None)

@@ -1,0 +1,152 @@
+"""`bagassets doctor`: its page, its exit status, and copies that other programs read without complaint."""
+
+import json
+import shutil
+from collections import Counter
+
+import pytest
+from click.testing import CliRunner
+from mcap.reader import make_reader
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
+
+from bagassets.cli.main import root
+from bagassets.recordings.open import open_recording
+from bagassets.store.canonical import digest_file
+from bagassets_tests.damaged_files import SOUND, damaged, truth
+
+pytestmark = pytest.mark.once
+SUFFIX = {"ros1": ".bag", "mcap": ".mcap"}
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory):
+    return {kind: make(tmp_path_factory.mktemp(kind.replace(" ", "_"))) for kind, make in SOUND.items()}
+
+
+def doctor(*arguments):
+    result = CliRunner().invoke(root, ["doctor", *map(str, arguments)], catch_exceptions=False)
+    return result.exit_code, result.output
+
+
+def messages_of(path):
+    with open_recording(path) as recording:
+        return Counter(
+            (m.topic, m.log_time_ns, bytes(m.data)) for m in recording.messages(list(recording.topics))
+        )
+
+
+def read_by_rosbags(path, kind):
+    store = get_typestore(Stores.ROS1_NOETIC if kind.startswith("ros1") else Stores.ROS2_HUMBLE)
+    found = Counter()
+    with AnyReader([path], default_typestore=store) as reader:
+        for connection, time_ns, data in reader.messages():
+            if kind != "folder zstd":  # what is unpacked after noise is anything
+                reader.deserialize(data, connection.msgtype)
+            found[connection.topic, time_ns, bytes(data)] += 1
+        assert reader.message_count == found.total()
+    return found
+
+
+def read_by_mcap(path):
+    found = Counter()
+    with path.open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        for _, channel, message in reader.iter_messages():
+            found[channel.topic, message.log_time, bytes(message.data)] += 1
+            assert message.publish_time == message.log_time + 7
+        assert reader.get_summary().statistics.message_count == found.total()
+    return found
+
+
+@pytest.mark.parametrize("damage", ["cut at 90 %", "30 KB of noise"])
+@pytest.mark.parametrize("kind", SOUND)
+def test_a_copy_is_read_without_complaint_and_has_the_same_messages(tmp_path, sound, kind, damage):
+    path = damaged(tmp_path, kind, damage, sound[kind])
+    copy = tmp_path / f"copy{SUFFIX.get(kind.split()[0], '')}"
+    status, output = doctor(path, "--json")
+    found = json.loads(output)
+    assert (status, found["verdict"]) == (3, "mendable"), output
+    assert doctor(path, "--write", copy)[0] == 3
+    read = messages_of(copy)
+    assert sum(one["messages"] for one in found["topics"].values()) == read.total() > 30
+    assert read_by_rosbags(copy, kind) == read
+    if kind.startswith("mcap"):
+        assert read_by_mcap(copy) == read
+    if kind != "folder zstd":
+        assert (read - truth(kind)).total() <= 2
+    assert doctor(copy)[0] == 0
+    assert sorted(one.name for one in tmp_path.iterdir()) == sorted([path.name, copy.name])
+
+
+@pytest.mark.parametrize("kind", SOUND)
+def test_a_sound_recording_is_said_to_be_that(sound, kind):
+    status, output = doctor(sound[kind])
+    assert status == 0
+    assert output == f"{sound[kind]}\n\nSound: all {truth(kind).total()} messages can be read.\n"
+    assert json.loads(doctor(sound[kind], "--json")[1])["damage"] is None
+
+
+def test_the_page_says_what_where_what_can_be_saved_and_what_to_do(tmp_path, sound):
+    path = damaged(tmp_path, "ros1 lz4", "cut at 50 %", sound["ros1 lz4"])
+    before = digest_file(path)
+    status, output = doctor(path)
+    assert status == 3
+    sections = [line for line in output.splitlines() if line and not line.startswith(" ")]
+    assert sections == [str(path), "What is wrong", "Where", "What can be saved", "What to do next"]
+    assert "a.bag, bytes" in output
+    assert f"to {path.stat().st_size}" in output
+    assert "the chunk is damaged: it is cut off" in output
+    assert "messages can be read; how many there were is not known." in output
+    assert "`recover: all` in bags of the recipe" in output
+    assert len(output.splitlines()) < 30
+    assert digest_file(path) == before
+
+
+def test_one_that_is_complete_needs_nothing(tmp_path, sound):
+    path = damaged(tmp_path, "mcap zstd", "without its index", sound["mcap zstd"])
+    status, output = doctor(path)
+    assert status == 3
+    assert f"{truth('mcap').total()} messages can be read" in output
+    assert "Builds use it as it is" in output
+
+
+def test_what_is_no_recording_is_lost(tmp_path):
+    path = tmp_path / "a.bag"
+    path.write_text("no bag " * 100)
+    status, output = doctor(path, "--write", tmp_path / "b.bag")
+    assert status == 1
+    assert "it does not begin" in output
+    assert "Copy it again from where it was recorded" in output
+    assert not (tmp_path / "b.bag").exists()
+
+
+def test_unfinished_files_are_examined_by_their_names(tmp_path, sound):
+    bag = damaged(tmp_path, "ros1", "without its index", sound["ros1"])
+    active = bag.rename(tmp_path / "x.bag.active")
+    assert doctor(active, "--write", tmp_path / "x.bag")[0] == 3
+    assert messages_of(tmp_path / "x.bag") == truth("ros1")
+    packed = next(sound["folder zstd"].glob("*.zstd"))
+    cut = tmp_path / "a_0.db3.zstd"
+    cut.write_bytes(packed.read_bytes()[:-2000])
+    status, output = doctor(cut, "--write", tmp_path / "copy")
+    assert status == 3, output
+    assert "it is packed by zstd" in output
+    assert "it is cut off: of " in output
+    assert 100 < messages_of(tmp_path / "copy").total() < truth("folder").total()
+
+
+def test_names_that_cannot_be_written_are_refused(tmp_path, sound):
+    path = damaged(tmp_path, "ros1", "cut at 90 %", sound["ros1"])
+    for name, said in (
+        ("a.bag", "there is something already"),
+        ("b.mcap", "ends in .bag"),
+        ("no/b.bag", "cannot be written"),
+    ):
+        result = CliRunner().invoke(root, ["doctor", str(path), "--write", str(tmp_path / name)])
+        assert said in str(result.exception)
+    assert "no such file" in str(CliRunner().invoke(root, ["doctor", str(tmp_path / "none")]).exception)
+    folder = damaged(tmp_path, "folder", "cut at 90 %", sound["folder"])
+    result = CliRunner().invoke(root, ["doctor", str(folder), "--write", str(tmp_path / "c.bag")])
+    assert "a folder, a ROS 2 bag" in str(result.exception)
+    shutil.rmtree(folder)

@@ -1,0 +1,168 @@
+"""What `init` proposes for robots without lidar: signals, and a LeRobot dataset of them and the cameras."""
+
+import numpy as np
+import pytest
+import yaml
+
+from bagassets.propose.proposal import propose_recipe
+from bagassets.propose.scan import scan_recording
+from bagassets.recipe import parse_recipe
+from bagassets.recordings.discover import find_one
+from bagassets.recordings.open import open_recording
+from bagassets.sample.arm import ELEMENTS
+from bagassets.sample.drive import Target, write_arm_recordings, write_recordings
+from bagassets_tests.recorded_bags import NOON_NS, SECOND, Message, header, write_ros1
+
+JOINT = "sensor_msgs/msg/JointState"
+
+
+def proposed(*paths):
+    """The proposal of recordings, and its recipe as plain data."""
+    summaries = {}
+    for path in paths:
+        with open_recording(find_one(path)) as recording:
+            summaries[path.name] = scan_recording(recording)
+    proposal = propose_recipe(summaries, name="arm", root=str(paths[0].parent))
+    if proposal.rigs:
+        parse_recipe(proposal.text, paths[0].with_name("recipe.yaml"))
+    return proposal, yaml.safe_load(proposal.text)
+
+
+@pytest.fixture(scope="module")
+def arms(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("arms")
+    targets = {
+        "ros1": folder / "a.bag",
+        "ros2": folder / "b",
+        "mcap": folder / "c.mcap",
+        "foxglove": folder / "d.mcap",
+    }
+    write_arm_recordings([Target(path, kind) for kind, path in targets.items()], duration_s=2.5)
+    return targets
+
+
+@pytest.mark.parametrize("kind", ["ros1", "ros2", "mcap", "foxglove"])
+def test_the_arm_gets_all_that_it_needs(arms, kind):
+    proposal, recipe = proposed(arms[kind])
+    joints, text = ("joints.position", "message") if kind == "foxglove" else ("position", "data")
+    (rig,) = recipe["rigs"]
+    names = list(ELEMENTS)
+    assert rig["signals"] == {
+        "joint_states": {"topic": "/joint_states", "field": joints, "names": names},
+        "joint_commands": {"topic": "/joint_commands", "field": joints, "names": names},
+    }
+    assert list(rig["channels"]) == ["CAM_WORKSPACE", "CAM_WRIST"]
+    assert recipe["lerobot"] == {
+        "fps": 30,
+        "features": {
+            "observation.state": {"signals": ["joint_states"]},
+            "action": {"signals": ["joint_commands"]},
+            "observation.images.workspace": {"camera": "CAM_WORKSPACE", "at": "nearest"},
+            "observation.images.wrist": {"camera": "CAM_WRIST", "at": "nearest"},
+        },
+        "episodes": {"topic": "/episode", "field": text, "start": ["start"], "end": ["end"]},
+        "task": {"topic": "/task", "field": text},
+    }
+    # Nothing asks for poses or places of sensors, which an arm on a table has none of.
+    assert proposal.questions == []
+    assert {"nuscenes", "scenes", "splits"}.isdisjoint(recipe)
+    assert {"ego_pose", "ego_frame"}.isdisjoint(rig)
+    uses = {use.topic.name: use.text for use in proposal.rigs[0].topic_uses}
+    assert uses["/joint_states"] == "signal joint_states"
+    assert (uses["/episode"], uses["/task"]) == ("episodes", "task")
+
+
+def state(number, names, *, topic="/joint_states", stamped=True):
+    stamp_ns = NOON_NS + number * SECOND // 50
+
+    def make(store):
+        nothing, values = np.zeros(0), np.arange(len(names), dtype=float)
+        return store.types[JOINT](
+            header(store, stamp_ns * stamped, ""), list(names), values, nothing, nothing
+        )
+
+    return Message(topic, JOINT, stamp_ns, make)
+
+
+def of(msgtype, topic, number, make):
+    return Message(topic, msgtype, NOON_NS + number * SECOND // 50, lambda store: make(store.types))
+
+
+def array(number, topic="/gripper/command"):
+    kind = "std_msgs/msg/Float64MultiArray"
+    return of(kind, topic, number, lambda t: t[kind](t["std_msgs/msg/MultiArrayLayout"]([], 0), np.zeros(2)))
+
+
+def twist(number):
+    kind = "geometry_msgs/msg/Twist"
+    return of(
+        kind, "/cmd_vel", number, lambda t: t[kind](*[t["geometry_msgs/msg/Vector3"](0.0, 0.0, 0.0)] * 2)
+    )
+
+
+def flag(number):
+    return of("std_msgs/msg/Bool", "/episode/running", number, lambda t: t["std_msgs/msg/Bool"](True))
+
+
+def test_drivers_that_share_a_topic_get_a_signal_each(tmp_path):
+    messages = [state(n, ("b", "a", "c") if n % 2 else ("finger",)) for n in range(100)]
+    messages[1] = state(1, ("a", "b"))
+    _, recipe = proposed(write_ros1(tmp_path / "a.bag", messages))
+    signals = recipe["rigs"][0]["signals"]
+    assert {name: one["names"] for name, one in signals.items()} == {
+        "joint_states": ["finger"],
+        "joint_states_2": ["a", "b", "c"],
+    }
+    assert recipe["lerobot"]["features"] == {
+        "observation.state": {"signals": ["joint_states", "joint_states_2"]},
+        "action": {"next_of": "observation.state"},
+    }
+    assert recipe["lerobot"]["fps"] == 25  # they take turns
+
+
+def test_commands_without_header_and_episodes_by_a_flag(tmp_path):
+    messages = [make(n) for n in range(100) for make in (array, twist, flag)]
+    messages += [state(n, ("a", "b")) for n in range(100)]
+    messages += [array(n, "/measured") for n in range(100)]  # may be anything
+    proposal, recipe = proposed(write_ros1(tmp_path / "a.bag", sorted(messages, key=lambda m: m.log_time_ns)))
+    assert recipe["rigs"][0]["signals"] == {
+        "joint_states": {"topic": "/joint_states", "field": "position", "names": ["a", "b"]},
+        "cmd_vel": {"topic": "/cmd_vel", "field": ["linear", "angular"], "clock": "log"},
+        "gripper_command": {"topic": "/gripper/command", "field": "data", "clock": "log"},
+        "episode_running": {"topic": "/episode/running", "field": "data", "clock": "log"},
+    }
+    assert recipe["lerobot"]["features"]["action"] == {"signals": ["cmd_vel", "gripper_command"]}
+    assert recipe["lerobot"]["episodes"] == {"signal": "episode_running"}
+    assert "# task: " in proposal.text
+
+
+def test_a_car_with_lidar_is_no_arm(tmp_path):
+    write_recordings([Target(tmp_path / "a.bag", "ros1")], duration_s=0.3)
+    _, recipe = proposed(tmp_path / "a.bag")
+    assert "lerobot" not in recipe
+    assert "signals" not in recipe["rigs"][0]
+    assert "nuscenes" in recipe
+
+
+def test_stamps_of_zero_and_topics_without_letters(tmp_path):
+    messages = [state(n, ("a", "b"), topic="/1/2", stamped=False) for n in range(20)]
+    _, recipe = proposed(write_ros1(tmp_path / "a.bag", messages))
+    expected = {"topic": "/1/2", "field": "position", "names": ["a", "b"], "clock": "log"}
+    assert recipe["rigs"][0]["signals"] == {"signal_1_2": expected}
+
+
+def test_commands_alone_are_nothing_to_convert(tmp_path):
+    proposal, recipe = proposed(write_ros1(tmp_path / "a.bag", [twist(n) for n in range(50)]))
+    assert not proposal.rigs
+    assert "lerobot" not in recipe
+
+
+def test_recordings_of_joints_alone_are_of_one_rig(tmp_path):
+    """Without any camera, joints say which recordings belong together."""
+    paths = [tmp_path / f"{name}.bag" for name in "ab"]
+    for path in paths:
+        write_ros1(path, [state(n, ("a", "b")) for n in range(20)])
+    proposal, recipe = proposed(*paths)
+    assert len(recipe["rigs"]) == 1
+    assert "channels" not in recipe["rigs"][0]
+    assert not proposal.bare
