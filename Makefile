@@ -124,6 +124,10 @@ bench-all: bench-peers $(DEVKIT)/.made
 	$(BIN)/python -m benchmarks.pages
 	rm -rf build/bench
 
+# Beside lerobot's own loop on the same images: some minutes.
+bench-lerobot: $(VENV)/.made $(LEROBOT)/.made
+	$(BIN)/python -m benchmarks.lerobot --json benchmarks/results/lerobot.json
+
 bench-plan: $(VENV)/.made
 	@mkdir -p build
 	$(BIN)/python benchmarks/plan.py --json build/plan.json

@@ -57,13 +57,14 @@ def picture(log_time_ns, topic, image):
 
 
 def arm_messages(
-    seconds=2.0, *, first=0, camera_hz=30, joint_hz=100, start_ns=NOON_NS, size=(64, 64), names=("elbow", "wrist"), skip=lambda topic, time_s: False
+    seconds=2.0, *, first=0, camera_hz=30, joint_hz=100, start_ns=NOON_NS, size=(64, 64), names=("elbow", "wrist"), skip=lambda topic, time_s: False,
+    draw=painted,
 ):  # fmt: skip
     """Return the messages of a recording whose images show `first` and on; `skip` leaves some out."""
     messages = []
     for number in range(int(seconds * camera_hz)):
         stamp_ns = start_ns + number * SECOND // camera_hz
-        messages.append(picture(stamp_ns, "/wrist", painted((first + number) % 65_536, size)))
+        messages.append(picture(stamp_ns, "/wrist", draw((first + number) % 65_536, size)))
     for number in range(int(seconds * joint_hz)):
         stamp_ns = start_ns + number * SECOND // joint_hz
         positions = joints_at(number / joint_hz)

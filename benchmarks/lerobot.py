@@ -15,8 +15,11 @@ import os
 import subprocess
 import tempfile
 import time
+from importlib import import_module
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from bagassets.formats.assembly import assemble
 from bagassets.formats.format import Part
@@ -26,12 +29,13 @@ from bagassets.recipe.model_splits import Splits
 from bagassets.recordings.digest import recording_digest, recording_stat
 from bagassets.recordings.discover import discover
 from bagassets.store.store import Store
-from bagassets_tests.arm_recordings import RECIPE, make_project, write_arm
-from bagassets_tests.recording_build import RecordingBuild
 from benchmarks.common import ROOT, machine, markdown, median
 
 __all__ = ["lerobot_table"]
 
+# Those of the tests, whose functions have no types.
+_arm: Any = import_module("bagassets_tests.arm_recordings")
+_recording_build: Any = import_module("bagassets_tests.recording_build")
 SIZE = (480, 640)
 SETTINGS = {"av1": ("libsvtav1", 30, "12"), "h264": ("h264", 30, "medium")}
 _THEIRS = """
@@ -90,13 +94,17 @@ def measure(folder: Path, options: argparse.Namespace) -> dict[str, Any]:
         "recordings": options.recordings,
     }
     for number in range(options.recordings):
-        write_arm(folder, f"r{number}", seconds=options.seconds, first=1000 * number, size=SIZE)
+        _arm.write_arm(
+            folder, f"r{number}", seconds=options.seconds, first=1000 * number, size=SIZE, draw=_scene
+        )
     for codec, (theirs, crf, preset) in SETTINGS.items():
-        recipe = make_project(
-            folder, RECIPE + f"  video: {{codec: {codec}, crf: {crf}, preset: '{preset}', keyframes: 2}}\n"
+        recipe = _arm.make_project(
+            folder,
+            _arm.RECIPE + f"  video: {{codec: {codec}, crf: {crf}, preset: '{preset}', keyframes: 2}}\n",
         )
         builds = [_build(recipe, one) for one in discover(recipe.bags).recordings.values()]
-        parts, files = [], []
+        parts: list[Part] = []
+        files: list[list[str]] = []
         for build in builds:  # all but the episodes: what both begin with
             made = {one.asset: one for one in build.build()}
             channels = made["frames"].artifact.read_json("channels.json")
@@ -128,13 +136,28 @@ def measure(folder: Path, options: argparse.Namespace) -> dict[str, Any]:
             "theirs_bytes": _bytes(folder / f"theirs_{codec}_0"),
             **_encoders(files[0], codec, crf, preset, options.trials),
         }
-    found["one_more"] = _one_more(recipe, parts[0], folder / "many", options.episodes)
+    found["one_more"] = _one_more(recipe, parts, folder / "many", options.episodes)
     return found
+
+
+def _scene(number: int, size: tuple[int, int]) -> Any:
+    """Return an image of a textured table that moves a little, with noise as cameras have it."""
+    height, width = size
+    rows, columns = np.mgrid[:height, :width].astype(np.float32)
+    shift = 2.0 * number
+    wave = 60 * np.sin((columns + shift) / 17) * np.cos((rows - shift / 2) / 23) + 40 * np.sin(
+        rows * columns / 9000
+    )
+    noise = np.random.default_rng(number).normal(0, 2, (height, width, 3))
+    image = 120 + np.stack([wave, np.roll(wave, 40, 0), -wave], axis=2) + noise
+    return image.clip(0, 255).astype(np.uint8)
 
 
 def _build(recipe: Any, recording: Any) -> Any:
     digest = recording_digest(recording).digest
-    return RecordingBuild(recipe, Store(recipe.store_path), recording, digest, recording_stat(recording))
+    return _recording_build.RecordingBuild(
+        recipe, Store(recipe.store_path), recording, digest, recording_stat(recording)
+    )
 
 
 def _assemble(recipe: Any, parts: list[Part], output: Path, **options: Any) -> None:
@@ -161,7 +184,7 @@ def _encoders(files: list[str], codec: str, crf: int, preset: str, trials: int) 
     import av
     import cv2
 
-    images = [cv2.imread(path) for path in files]
+    images: list[Any] = [cv2.imread(path) for path in files]
     encoder = {"av1": "libsvtav1", "h264": "libx264"}[codec]
     settings = video.EncoderSettings.of(codec, crf, preset, 2, "crop")
     ours, bare = [], []
@@ -173,7 +196,7 @@ def _encoders(files: list[str], codec: str, crf: int, preset: str, trials: int) 
         options = {"crf": str(crf), "preset": preset, "g": "2", "threads": "1"}
         options |= {"svtav1-params": "lp=1:pred-struct=1"} if codec == "av1" else {"bf": "0"}
         with av.open(io.BytesIO(), "w", format="mp4") as container:
-            stream = container.add_stream(encoder, 30, options=options)
+            stream: Any = container.add_stream(encoder, 30, options=options)
             stream.height, stream.width, stream.pix_fmt = *SIZE, "yuv420p"
             for image in images:
                 container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="bgr24")))
@@ -182,21 +205,28 @@ def _encoders(files: list[str], codec: str, crf: int, preset: str, trials: int) 
     return {"encoder_s": ours, "bare_s": bare}
 
 
-def _one_more(recipe: Any, part: Part, output: Path, episodes: int) -> dict[str, Any]:
+def _files(folder: Path) -> set[tuple[int, int]]:
+    """Return what tells the videos in a folder apart from others, even if an inode is used again."""
+    return {(one.st_ino, one.st_mtime_ns) for one in (path.stat() for path in folder.rglob("*.mp4"))}
+
+
+def _one_more(recipe: Any, made: list[Part], output: Path, episodes: int) -> dict[str, Any]:
     """Return the seconds of joining a dataset of many episodes, and of one more at the end and in the middle."""
-    parts = [Part(f"r{number:05d}", f"r{number:05d}", part.artifact) for number in range(0, 2 * episodes, 2)]
+    parts = [
+        Part(f"r{number:05d}", f"r{number:05d}", made[0].artifact) for number in range(0, 2 * episodes, 2)
+    ]
     found: dict[str, Any] = {"episodes": episodes}
     started = time.perf_counter()
     _assemble(recipe, parts, output)
     found["first_s"] = time.perf_counter() - started
     more = {"end": "r99999", "middle": f"r{episodes + 1:05d}"}
     for where, key in more.items():
-        before = {path.stat().st_ino for path in output.rglob("*.mp4")}
-        parts = [*parts, Part(key, key, part.artifact)]
+        before = _files(output)
+        parts = [*parts, Part(key, key, made[1].artifact)]
         started = time.perf_counter()
         _assemble(recipe, parts, output, suspects=frozenset())
         found[f"{where}_s"] = time.perf_counter() - started
-        found[f"{where}_files"] = len({path.stat().st_ino for path in output.rglob("*.mp4")} - before)
+        found[f"{where}_files"] = len(_files(output) - before)
     found["files"] = len(list(output.rglob("*.mp4")))
     return found
 

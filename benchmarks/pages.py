@@ -26,6 +26,7 @@ from benchmarks.floor import floor_table
 from benchmarks.incremental import incremental_table
 from benchmarks.kernels import kernels_table
 from benchmarks.launch import DEFAULT, SHIPPED, launch_table
+from benchmarks.lerobot import lerobot_table
 from benchmarks.patches import patches_table
 from benchmarks.peers import peers_table
 from benchmarks.plan import plan_table
@@ -73,6 +74,7 @@ FIGURES: dict[str, tuple[str, Callable[[Any], str]]] = {
     "launch": ("launch", launch_table),
     "launch default": ("launch", _step(DEFAULT)),
     "launch shipped": ("launch", _step(SHIPPED)),
+    "lerobot": ("lerobot", lerobot_table),
     "patches": ("patches", patches_table),
     "peers": ("peers", peers_table),
     "plan": ("plan", plan_table),

@@ -27,7 +27,7 @@ def real(command, *arguments):
     assert python.is_file(), f"{python} does not exist: `make test-lerobot` makes it"
     done = subprocess.run(
         [str(python), str(ROOT / "bagassets_tests" / "lerobot_real.py"), command, *map(str, arguments)],
-        capture_output=True, text=True, timeout=900, check=False, env={**os.environ, "HF_HUB_OFFLINE": "1"},
+        capture_output=True, text=True, timeout=1800, check=False, env={**os.environ, "HF_HUB_OFFLINE": "1"},
     )  # fmt: skip
     assert done.returncode == 0, done.stderr[-4000:]
     return json.loads(done.stdout.strip().splitlines()[-1])
