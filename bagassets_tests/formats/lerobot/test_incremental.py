@@ -90,6 +90,17 @@ def test_removing_one_leaves_numbers_dense_and_says_which_moved(project, root):
     assert len(json.loads((root / "meta/bagassets.json").read_text())["episodes"]) == 7
 
 
+@pytest.mark.parametrize("gone", range(3))
+def test_what_is_linked_is_what_would_be_written(project, root, tmp_path, gone):
+    """Where numbers moved, rows of the same episodes are others."""
+    parts, _ = parts_of(project)
+    join(project, parts)
+    join(project, parts[:gone] + parts[gone + 1 :], suspects=frozenset())
+    fresh = project.lerobot.model_copy(update={"output": tmp_path / "fresh"})
+    join(project.model_copy(update={"lerobot": fresh}), parts[:gone] + parts[gone + 1 :])
+    assert files_of(root) == files_of(tmp_path / "fresh/v3.0")
+
+
 def test_one_at_the_end_leaves_rows_alone_too(project, root):
     parts, _ = parts_of(project)
     join(project, parts[:-1])
