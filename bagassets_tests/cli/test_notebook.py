@@ -21,6 +21,7 @@ from bagassets.cli.remote import end_servers
 from bagassets.defs.builds.pending_work import open_project
 from bagassets.sample.drive import Target, write_recordings
 from bagassets.sample.recipe import sample_recipe
+from bagassets_tests.arm_recordings import make_project, write_arm
 from bagassets_tests.services import eventually
 
 pytestmark = pytest.mark.xdist_group("notebook")
@@ -188,7 +189,9 @@ def test_it_builds_under_a_running_loop_and_in_a_thread(folder):
 def test_the_page_about_notebooks_runs(folder):
     (folder / "recipe.yaml").write_text(text().replace("output: nuscenes", "output: dataset/nuscenes"))
     page = (Path(__file__).parents[2] / "docs" / "notebook.md").read_text("utf-8")
-    reading, before, building, inline = re.findall(r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    reading, before, episodes, building, inline = re.findall(
+        r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL
+    )
     names = {"bagassets": bagassets, "np": np}
     for block in (building, reading, before, inline.replace("/tmp/my-state", "state")):
         exec(block, names)
@@ -198,6 +201,15 @@ def test_the_page_about_notebooks_runs(folder):
     assert names["global_SE3_cam"].shape == (4, 4)
     assert len(names["dense"]) > len(names["points"])
     assert len(names["visible"]) <= len(names["sample"].boxes)
+
+    recipe = make_project(folder / "arm")
+    write_arm(folder / "arm", "a")
+    assert bagassets.build(folder / "arm" / "recipe.yaml", progress=False).succeeded
+    dataset = bagassets.open_dataset(recipe.lerobot.output)
+    (episode,) = dataset.scenes
+    names = {"dataset": dataset}
+    exec(episodes.replace("episode_000003", episode.name), names)
+    assert names["frame"].image("observation.images.wrist").dtype == np.uint8
 
 
 def test_neither_dagster_nor_the_devkit_is_imported(folder):

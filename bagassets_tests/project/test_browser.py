@@ -46,7 +46,7 @@ def test_no_page_is_cut_off_and_the_link_opens_the_report(tmp_path, browser):
         for width, height in SIZES:
             browser.resize(width, height)
             browser.open(f"{url}/assets/nuscenes_dataset?view=overview")
-            browser.wait_for_text("its index is damaged", "copy it again from where it was recorded.")
+            browser.wait_for_text("its index is damaged", "`bagassets doctor` shows what is lost.")
             browser.run("document.querySelector('a[href$=\"/pages/report\"]').removeAttribute('target')")
             browser.click_text("Open the report")
             browser.wait_for_text("Left out", "bags.min_duration_s asks for 0.5 s")
