@@ -334,7 +334,7 @@ def _specifications(
 def _losses(summary: JsonMapping) -> list[Loss]:
     return [
         Loss("lerobot_episodes", f"{one['at_s']:g} s: {one['why']}", 1, "episode")
-        for one in summary["left_out"]
+        for one in summary.get("left_out", ())
     ]
 
 
