@@ -68,7 +68,7 @@ def numbers_at(message: Message, path: str) -> Numbers:
             value = _member(value, step, path)
     if isinstance(value, _NUMBER):
         return Numbers((path,), (_float(value),), named=False)
-    if _is_array(value) and not (len(value) and _members(value[0])):
+    if _is_array(value) and not (len(value) and members_of(value[0])):
         return _array(value, path, labels, around)
     found = list(_inside(value, path))
     return Numbers(tuple(label for label, _ in found), [number for _, number in found], named=False)
@@ -98,7 +98,7 @@ def _member(value: Message, name: str, path: str) -> Message:
     try:
         member: Message = getattr(value, name)
     except AttributeError:
-        there = ", ".join(_members(value))
+        there = ", ".join(members_of(value))
         raise DecodeError(f"there is no field {path}: {name} is not one of {there or 'its parts'}") from None
     return member
 
@@ -120,7 +120,7 @@ def _element(value: Message, index: int, path: str) -> Message:
     return value[index]
 
 
-def _members(value: Message) -> tuple[str, ...]:
+def members_of(value: Message) -> tuple[str, ...]:
     """Return the names of the fields of a message of ROS, protobuf or JSON; none of anything else."""
     if isinstance(value, SimpleNamespace):
         return tuple(vars(value))
@@ -168,7 +168,7 @@ def _inside(value: Message, path: str) -> Iterator[tuple[str, float]]:
     """Yield the path of each number in a message, or in a list of messages, and the number."""
     if isinstance(value, _NUMBER):
         yield path, _float(value)
-    elif names := _members(value):
+    elif names := members_of(value):
         for name in names:
             yield from _inside(getattr(value, name), f"{path}.{name}")
     elif _is_array(value):

@@ -219,8 +219,8 @@ def write_lerobot(sheet: Sheet, rigs: Sequence[_Rig]) -> None:
         # Of a camera at about this rate, the latest image would now and then be one twice and none of the next.
         at = ", at: nearest" if topic.rate_hz and abs(topic.rate_hz / fps - 1) < _ALIKE else ""
         sheet.field(2, f"observation.images.{name.removeprefix('CAM_').lower()}: {{camera: {name}{at}}}")
-    _write_episodes(sheet, rig, signals["episode"])
-    _write_task(sheet, rig)
+    _write_episodes(sheet, rig, signals["episode"], rigs)
+    _write_task(sheet, rig, rigs)
 
 
 def _fps(cameras: Mapping[str, float | None], signals: Mapping[str, float | None]) -> tuple[int, str]:
@@ -233,7 +233,7 @@ def _fps(cameras: Mapping[str, float | None], signals: Mapping[str, float | None
     return 30, "the recordings are too short to show a rate"
 
 
-def _write_episodes(sheet: Sheet, rig: _Rig, signals: Sequence[str]) -> None:
+def _write_episodes(sheet: Sheet, rig: _Rig, signals: Sequence[str], rigs: Sequence[_Rig]) -> None:
     if signals:
         sheet.guess(1, f"episodes: {{signal: {signals[0]}}}", "by the name of its topic")
         return
@@ -243,23 +243,36 @@ def _write_episodes(sheet: Sheet, rig: _Rig, signals: Sequence[str]) -> None:
             1, "each recording is one episode; `episodes` cuts them by a topic, a signal or a file of times"
         )
         return
-    starts = [text for text in topic.texts if _STARTS & set(tokens(text))]
-    ends = [text for text in topic.texts if _ENDS & set(tokens(text)) and text not in starts]
-    parts = [f"topic: {yaml_scalar(topic.name)}", f"field: {_TEXTS[topic.msgtype]}"]
-    for field, texts in (("start", starts), ("end", ends if starts else [])):
-        if texts:
-            parts.append(f"{field}: [{', '.join(map(yaml_scalar, texts))}]")
+    texts = {text: None for one in _of_all(topic, rigs) for text in one.texts}
+    starts = [text for text in texts if _STARTS & set(tokens(text))]
+    ends = [text for text in texts if _ENDS & set(tokens(text)) and text not in starts]
+    parts = [f"topic: {yaml_scalar(topic.name)}", f"field: {_field(topic, rigs)}"]
+    for field, words in (("start", starts), ("end", ends if starts else [])):
+        if words:
+            parts.append(f"{field}: [{', '.join(map(yaml_scalar, words))}]")
     sheet.guess(1, f"episodes: {{{', '.join(parts)}}}", "by the name of the topic and what it says")
 
 
-def _write_task(sheet: Sheet, rig: _Rig) -> None:
+def _write_task(sheet: Sheet, rig: _Rig, rigs: Sequence[_Rig]) -> None:
     topic = _named(rig.summary, _TASKS)
     if topic is None:
         sheet.note(1, "uncomment to say what the robot does, as a sentence:")
         sheet.off(1, "task: Put the cube into the bowl.")
         return
-    line = f"task: {{topic: {yaml_scalar(topic.name)}, field: {_TEXTS[topic.msgtype]}}}"
+    line = f"task: {{topic: {yaml_scalar(topic.name)}, field: {_field(topic, rigs)}}}"
     sheet.guess(1, line, "by the name of the topic")
+
+
+def _of_all(topic: TopicSummary, rigs: Sequence[_Rig]) -> list[TopicSummary]:
+    """Return a topic as the recordings of each rig have it, if they have texts in it."""
+    found = (rig.summary.topics.get(topic.name) for rig in rigs)
+    return [topic, *(one for one in found if one is not None and one.msgtype in _TEXTS)]
+
+
+def _field(topic: TopicSummary, rigs: Sequence[_Rig]) -> str:
+    """Return the path of the texts, or a list of those of all rigs."""
+    fields = list(dict.fromkeys(_TEXTS[one.msgtype] for one in _of_all(topic, rigs)))
+    return fields[0] if len(fields) == 1 else f"[{', '.join(fields)}]"
 
 
 def _named(summary: RecordingSummary, words: frozenset[str]) -> TopicSummary | None:

@@ -106,6 +106,12 @@ def test_a_build_has_a_column_of_what_it_counts_and_says_what_it_lost(made, asse
     assert "keyframes doors result" in stream.getvalue()
 
 
+@pytest.mark.parametrize("asset", catalogue.known_assets(), ids=lambda asset: asset.name)
+def test_a_recording_that_lacks_an_asset_has_nothing_of_it(asset):
+    assert {count({}) for count in asset.face.counts.values()} <= {None}
+    assert not list(asset.face.losses({}))
+
+
 def test_status_has_a_short_heading_for_it(monkeypatch):
     monkeypatch.setattr(catalogue, "known_assets", lambda: (*catalogue.OUR_ASSETS, DOORS))
     rows = [("a", {"inventory": "fresh", "ego_poses": "fresh", DOORS.name: "fresh"})]

@@ -72,6 +72,13 @@ def test_the_arm_gets_all_that_it_needs(arms, kind):
     assert (uses["/episode"], uses["/task"]) == ("episodes", "task")
 
 
+def test_texts_of_two_kinds_of_recordings_have_a_field_each(arms):
+    _, recipe = proposed(arms["ros1"], arms["foxglove"])
+    assert len(recipe["rigs"]) == 2
+    assert recipe["lerobot"]["episodes"]["field"] == ["data", "message"]
+    assert recipe["lerobot"]["task"]["field"] == ["data", "message"]
+
+
 def state(number, names, *, topic="/joint_states", stamped=True):
     stamp_ns = NOON_NS + number * SECOND // 50
 

@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bagassets.base.errors import DatasetError, DecodeError
+from bagassets.decode.numeric_fields import members_of
 from bagassets.recordings.recording import Recording
 
+_MOST_HEARD, _LONGEST_HEARD = 3, 60
 _SECONDS, _STAMPS = ("start_s", "end_s"), ("start_ns", "end_ns")
 
 
@@ -42,19 +44,51 @@ class Said(NamedTuple):
     value: object
 
 
-def said(recording: Recording, topic: str, path: str) -> list[Said]:
-    """Return the values of a field in the messages of a topic; without the field, None.
+def said(recording: Recording, topic: str, field: str | tuple[str, ...]) -> list[Said]:
+    """Return the values of a field, or of the first of several that a message has, in the messages of a topic; without it, None.
 
     Raises:
         DecodeError: a message cannot be decoded.
     """
     found = []
     for message in recording.messages([topic]):
-        value: object = recording.decode(message)
-        for name in path.split("."):
-            value = getattr(value, name, None)
-        found.append(Said(message.log_time_ns, value))
+        decoded = recording.decode(message)
+        values = (_value(decoded, path) for path in _paths(field))
+        found.append(Said(message.log_time_ns, next((value for value in values if value is not None), None)))
     return found
+
+
+def _value(value: object, path: str) -> object:
+    for name in path.split("."):
+        value = getattr(value, name, None)
+    return value
+
+
+def _paths(field: str | tuple[str, ...]) -> tuple[str, ...]:
+    return (field,) if isinstance(field, str) else field
+
+
+def why_unsaid(recording: Recording, topic: str, field: str | tuple[str, ...], texts: Sequence[Said]) -> str:
+    """Return why messages say nothing, as a clause; "" if one does."""
+    if not texts:
+        return f"{topic} has no messages"
+    if any(one.value is not None for one in texts):
+        return ""
+    there = ", ".join(members_of(recording.decode(next(recording.messages([topic])))))
+    return (
+        f"no message of {topic} has a field {' or '.join(_paths(field))}; they have {there or 'none'}: "
+        "correct `field`"
+    )
+
+
+def heard(events: Sequence[Said]) -> str:
+    """Return what messages say, for errors: up to three of the values, in order."""
+    values = list(dict.fromkeys(_cut(repr(one.value)) for one in events))
+    return ", ".join(values[:_MOST_HEARD]) + (" and others" if len(values) > _MOST_HEARD else "")
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= _LONGEST_HEARD else f"{text[:_LONGEST_HEARD]}…"
 
 
 def by_events(
@@ -137,7 +171,7 @@ def _span(row: Mapping[str, str | None], columns: tuple[str, str], where: str, s
         raise DatasetError(f"{where}: {' and '.join(columns)} must be numbers ({err}).") from err
     if last <= first:
         raise DatasetError(f"{where}: the episode ends before it begins; correct {' or '.join(columns)}.")
-    return Span(first, last, (row.get("task") or "").strip() or None)
+    return Span(first, last - 1, (row.get("task") or "").strip() or None)
 
 
 @dataclass(frozen=True)
@@ -147,10 +181,12 @@ class TaskTexts:
     Attributes:
         texts: the messages, in order of log time.
         start_ns: where the recording begins, for errors.
+        why_none: why none of them says it; "" if one does.
     """
 
     texts: Sequence[Said]
     start_ns: int
+    why_none: str = ""
 
     def of(self, span: Span) -> str:
         """Return the task of an episode: the latest text before its first frame, or the first one in it.
@@ -162,7 +198,7 @@ class TaskTexts:
         within = [one for one in self.texts if span.start_ns < one.log_time_ns <= span.end_ns]
         told = [*before[-1:], *within]
         if not told or not isinstance(told[0].value, str) or not told[0].value.strip():
-            raise DecodeError("no message says its task")
+            raise DecodeError(self.why_none or "no message says its task")
         other = next((one for one in told if one.value != told[0].value), None)
         if other is not None:
             at_s = (other.log_time_ns - self.start_ns) / 1e9

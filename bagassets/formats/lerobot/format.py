@@ -11,14 +11,20 @@ The folder `v3.0` is the root of the dataset, and is swapped as a whole.
 """
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 from bagassets.formats.format import Facts, Format, Kept
 from bagassets.formats.lerobot.join import join
 from bagassets.formats.lerobot.metadata import VERSION
 from bagassets.formats.lerobot.recording_part import LEROBOT_EPISODES
 from bagassets.formats.lerobot.settings import LeRobot
+from bagassets.recipe.format_settings import section_at
+from bagassets.recipe.load import where_in
+from bagassets.recipe.model import Recipe
 from bagassets.store.canonical import canonical_json
+
+_MOST_REASONS = 3
 
 
 def misfits(facts: Mapping[str, Facts]) -> dict[str, str]:
@@ -53,6 +59,14 @@ def _list(values: list[object]) -> str:
     return ", ".join(map(str, values))
 
 
+def why_empty(facts: Sequence[Facts], recipe: Recipe, recipe_file: Path) -> str:
+    """Return why no recording has an episode, as the end of a sentence."""
+    whys = [one.get("why_none") or next((left["why"] for left in one["left_out"]), "") for one in facts]
+    said = "; ".join(list(dict.fromkeys(filter(None, whys)))[:_MOST_REASONS])
+    del recipe
+    return f"{said} ({where_in(recipe_file, section_at(LEROBOT.name))})" if said else ""
+
+
 LEROBOT = Format(
     name="lerobot",
     version=1,
@@ -71,5 +85,6 @@ LEROBOT = Format(
     counts=lambda facts: {"episodes": facts["episodes"]},
     duration_s=lambda facts: float(facts["duration_s"]),
     folder=lambda _: VERSION,
+    why_empty=why_empty,
     fills_split=lambda facts: bool(facts["episodes"]),
 )

@@ -32,7 +32,7 @@ class CutParams:
     """Where episodes are; see `lerobot.episodes` in the recipe."""
 
     topic: str | None
-    field: str
+    field: str | tuple[str, ...]
     start: tuple[str | bool | int, ...]
     end: tuple[str | bool | int, ...]
     signal: str | None
@@ -63,7 +63,7 @@ class EpisodesParams:
     features: tuple[FeatureParams, ...]
     cuts: CutParams
     has_ranges: bool
-    task: tuple[str, str] | None
+    task: tuple[str, str | tuple[str, ...]] | None
     video: EncoderSettings
     ranges: Path | None
 

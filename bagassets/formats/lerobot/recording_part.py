@@ -27,7 +27,16 @@ from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.base.trace import span
 from bagassets.formats.format import FACTS
 from bagassets.formats.lerobot import statistics
-from bagassets.formats.lerobot.cuts import Span, TaskTexts, by_events, by_signal, pieces, said
+from bagassets.formats.lerobot.cuts import (
+    Span,
+    TaskTexts,
+    by_events,
+    by_signal,
+    heard,
+    pieces,
+    said,
+    why_unsaid,
+)
 from bagassets.formats.lerobot.frames import Frames, Source, frames_of, whole_span
 from bagassets.formats.lerobot.grid import values_at
 from bagassets.formats.lerobot.parameters import EpisodesParams, EpisodesUse, use
@@ -92,6 +101,7 @@ class _Maker:
         names: feature -> its elements.
         cameras: feature -> its images.
         left_out: the episodes that break a rule: where they begin, and why.
+        why_none: why the recording says of no episode where it is, as a clause; "" if it does.
     """
 
     def __init__(self, use: Use[EpisodesUse], inputs: Inputs) -> None:
@@ -105,6 +115,7 @@ class _Maker:
         self.names: dict[str, list[str]] = {}
         self.sources: list[Source] = []
         self.left_out: list[JsonObject] = []
+        self.why_none = ""
         for one in self._params.features:
             for name in one.signals:
                 stamps_ns, values, names = self._signal(name)
@@ -156,9 +167,13 @@ class _Maker:
         cuts, topics = self._params.cuts, self._topics
         with self._inputs.messages(topics) as recording:
             spans: Sequence[Span] = self._use.spans or ()
+            why_none = "the file of time ranges does not name it"
             if cuts.topic is not None:
                 events = said(recording, cuts.topic, cuts.field) if cuts.topic in topics else []
                 spans = by_events(events, cuts.start, cuts.end, self._use.end_ns)
+                why_none = why_unsaid(recording, cuts.topic, cuts.field, events) or (
+                    f"no message of {cuts.topic} begins one: they say {heard(events)}; correct `start`"
+                )
             elif cuts.signal is not None:
                 stamps_ns, values, names = self._signal(cuts.signal)
                 if len(names) != 1:
@@ -167,13 +182,15 @@ class _Maker:
                         "are has one; correct lerobot.episodes.signal."
                     )
                 spans = by_signal(stamps_ns, values[:, 0])
+                why_none = f"signal {cuts.signal} is always zero"
             elif not self._params.has_ranges:
                 spans = [whole_span(self.sources)]
+            self.why_none = "" if spans else why_none
             if self._params.task is None:
                 return spans, None
             topic, field = self._params.task
             texts = said(recording, topic, field) if topic in topics else []
-            return spans, TaskTexts(texts, self._use.start_ns)
+            return spans, TaskTexts(texts, self._use.start_ns, why_unsaid(recording, topic, field, texts))
 
     def _check_sizes(self, frames: Frames, made: Sequence[_Episode]) -> None:
         """Refuse an episode whose images have another size than those before.
@@ -297,13 +314,15 @@ def make(use: Use[EpisodesUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
         "duration_s": frames / params.fps,
         "features": _specifications(maker, params, columns, episodes),
         "left_out": maker.left_out,
+        "why_none": maker.why_none,
         **{
             what: dict(sum((Counter(one[what]) for one in episodes), Counter()))
             for what in ("dropped", "repeated", "held")
         },
     }
     out.write_json(FACTS, facts)
-    return {name: facts[name] for name in ("episodes", "frames", "left_out", "dropped", "repeated", "held")}
+    shown = ("episodes", "frames", "left_out", "why_none", "dropped", "repeated", "held")
+    return {name: facts[name] for name in shown}
 
 
 def as_column(values: NDArray[np.float32]) -> pa.Array:
@@ -334,20 +353,22 @@ def _specifications(
 def _losses(summary: JsonMapping) -> list[Loss]:
     return [
         Loss("lerobot_episodes", f"{one['at_s']:g} s: {one['why']}", 1, "episode")
-        for one in summary["left_out"]
+        for one in summary.get("left_out", ())
     ]
 
 
 def _all_kept(summary: JsonMapping) -> Finding:
-    """Report the episodes that were left out."""
+    """Report the episodes that were left out, and why there is none to begin with."""
     left_out = summary["left_out"]
     problems = [f"the episode at {one['at_s']:g} s is left out: {one['why']}" for one in left_out]
-    return Finding(problems, {"episodes": summary["episodes"], "left_out": len(left_out)})
+    why_none = summary.get("why_none")  # not in artifacts of before
+    warnings = [f"no episodes: {why_none}"] if why_none else []
+    return Finding(problems, {"episodes": summary["episodes"], "left_out": len(left_out)}, warnings)
 
 
 LEROBOT_EPISODES = Asset(
     name="lerobot_episodes",
-    version=1,
+    version=2,
     libraries=(PYAV, "opencv-python-headless", "pyarrow"),
     title="This recording's episodes for the LeRobot dataset: rows, videos and statistics.",
     description="""Videos are encoded once; datasets are joined from them by copying packets. Episodes that break a rule of the recipe
@@ -367,8 +388,8 @@ are left out, with the reason.""",
         RecordingCheck(
             "episodes_kept",
             "channels_present",
-            "No episode of the LeRobot dataset was left out.",
-            "an episode breaks a rule of `lerobot.features` or `lerobot.episodes`; the message names feature and time (section "
+            "The recording has episodes for the LeRobot dataset, and none was left out.",
+            "an episode breaks a rule of `lerobot.features` or `lerobot.episodes`, or nothing says where one is; the message says why (section "
             "`channels_present`)",
             lambda e: _all_kept(e.artifact("lerobot_episodes").summary()),
             quick=True,

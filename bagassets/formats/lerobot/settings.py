@@ -31,6 +31,7 @@ def _feature_name(name: str) -> str:
 
 
 FeatureName = Annotated[str, AfterValidator(_feature_name)]
+FieldPaths = str | Annotated[tuple[str, ...], Field(min_length=1)]
 # Where the file is does not matter, only what it says of a recording.
 LooseFile = Annotated[Path, PlainSerializer(lambda path: path.name, str, when_used="json")]
 
@@ -77,8 +78,10 @@ class Episodes(Model):
     topic: TopicName | None = Field(
         None, description="Topic whose messages begin and end episodes; each one begins one without `start`."
     )
-    field: str = Field(
-        "data", description="Path of the field in its messages that `start` and `end` compare."
+    field: FieldPaths = Field(
+        "data",
+        description="Path of the field in its messages that `start` and `end` compare, or a list of paths: the first that a message "
+        "has.",
     )
     start: tuple[str | bool | int, ...] = Field(
         (), description="Values of the field that begin an episode (and end the one before)."
@@ -90,7 +93,7 @@ class Episodes(Model):
     ranges: LooseFile | None = Field(
         None,
         description="CSV file with the columns `recording`, `start_s` and `end_s` (seconds since the recording began) or `start_ns` "
-        "and `end_ns` (stamps), and maybe `task`. Recordings that it does not name have no episodes.",
+        "and `end_ns` (stamps), and maybe `task`; the end is the first time after the episode. Recordings that it does not name have no episodes.",
     )
     trim_s: float = Field(
         1.0,
@@ -124,7 +127,10 @@ class TaskTopic(Model):
     topic: TopicName = Field(
         description="Topic with the text; the latest one before an episode holds for it."
     )
-    field: str = Field("data", description="Path of the field with the text.")
+    field: FieldPaths = Field(
+        "data",
+        description="Path of the field with the text, or a list of paths: the first that a message has.",
+    )
 
 
 class Encoding(Model):

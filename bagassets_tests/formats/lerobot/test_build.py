@@ -4,9 +4,13 @@ import json
 
 import pytest
 
+from bagassets.formats.emptiness import why_empty
 from bagassets.propose.project import write_project
-from bagassets_tests.arm_recordings import RECIPE, write_arm
+from bagassets.recipe import load_recipe
+from bagassets.store.store import Store
+from bagassets_tests.arm_recordings import RECIPE, arm_messages, write_arm
 from bagassets_tests.in_process import build
+from bagassets_tests.recorded_bags import NOON_NS, text
 
 
 @pytest.fixture(scope="module")
@@ -33,6 +37,19 @@ def test_all_that_keep_the_rules_are_built_and_others_are_named(project, monkeyp
     assert remark.key == "stops.mcap"
     assert "observation.images.wrist (CAM_WRIST) ends at 2.000 s already" in remark.problem
     assert (info(project)["total_episodes"], info(project)["total_frames"]) == (3, 3 * 29)
+
+
+def test_a_dataset_without_episodes_says_what_messages_said(tmp_path, monkeypatch):
+    event = [text(NOON_NS, "begin", "/event")]
+    write_arm(tmp_path, "a", sorted([*arm_messages(1.0), *event], key=lambda one: one.log_time_ns))
+    write_project(tmp_path, RECIPE + "  episodes: {topic: /event, start: [go]}\n")
+    report, _ = build(tmp_path / "recipe.yaml", monkeypatch)
+    why = "no message of /event begins one: they say 'begin'; correct `start`"
+    (remark,) = [one for one in report.remarks if one.check == "episodes_kept"]
+    assert f"no episodes: {why}" in remark.problem
+    recipe = load_recipe(tmp_path / "recipe.yaml")
+    said = why_empty(recipe, tmp_path / "recipe.yaml", Store(recipe.store_path), ["lerobot_dataset"])
+    assert said.startswith(f"lerobot: 0 episodes from 1 recording: {why} (")
 
 
 def test_nothing_runs_again_and_one_more_runs_alone(project, monkeypatch):

@@ -152,8 +152,49 @@ class TestCuts:
             "recording,start_s,end_s,task\ndrive.mcap,2,2.5,Turn it.\nother,0,1,No.\ndrive.mcap,0.5,1.5,\n"
         )
         artifact = build(tmp_path, cut("{ranges: ranges.csv}"), seconds=3.0)
-        assert self.spans(artifact) == [(0.5, 31), (2.0, 16)]
+        assert self.spans(artifact) == [(0.5, 30), (2.0, 15)]
         assert [one["task"] for one in artifact.read_json("episodes.json")] == [None, "Turn it."]
+
+    def test_ranges_that_adjoin_share_no_frame(self, tmp_path):
+        rows = "drive.mcap,0,0.5\ndrive.mcap,0.5,1\n"
+        (tmp_path / "ranges.csv").write_text(f"recording,start_s,end_s\n{rows}")
+        artifact = build(tmp_path, cut("{ranges: ranges.csv}"), seconds=2.0)
+        assert self.spans(artifact) == [(0.0, 15), (0.5, 15)]
+
+    @pytest.mark.parametrize(
+        ("section", "why"),
+        [
+            (
+                "{topic: /event, field: message, start: [go]}",
+                "no message of /event has a field message; they have data: correct `field`",
+            ),
+            (
+                "{topic: /event, field: [message, data], start: [begin]}",
+                "no message of /event begins one: they say 'go', 'stop'; correct `start`",
+            ),
+            ("{topic: /other, start: [go]}", "/other has no messages"),
+        ],
+    )
+    def test_a_recording_without_episodes_says_why(self, tmp_path, section, why):
+        events = [text(NOON_NS + n * SECOND // 2, said, "/event") for n, said in ((0, "go"), (1, "stop"))]
+        messages = sorted([*arm_messages(1.0), *events], key=lambda one: one.log_time_ns)
+        summary = build(tmp_path, cut(section), messages=messages).summary()
+        assert (summary["episodes"], summary["why_none"]) == (0, why)
+
+    def test_the_first_of_several_fields_that_messages_have_counts(self, tmp_path):
+        events = [text(NOON_NS, "go", "/event"), text(NOON_NS + SECOND // 2, "stop", "/event")]
+        messages = sorted([*arm_messages(1.0), *events], key=lambda one: one.log_time_ns)
+        section = cut("{topic: /event, field: [message, data], start: [go], end: [stop]}")
+        assert self.spans(build(tmp_path, section, messages=messages)) == [(0.0, 15)]
+
+    def test_a_task_without_its_field_says_which_there_are(self, tmp_path):
+        messages = sorted(
+            [*arm_messages(1.0), text(NOON_NS, "Push it.", "/task")], key=lambda one: one.log_time_ns
+        )
+        recipe = changed("task: Lift the cube.", "task: {topic: /task, field: message}")
+        assert left_out(build(tmp_path, recipe, messages=messages)) == [
+            "no message of /task has a field message; they have data: correct `field`"
+        ]
 
     def test_a_file_that_does_not_name_the_recording_makes_no_episode(self, tmp_path):
         (tmp_path / "ranges.csv").write_text("recording,start_s,end_s\nother,0,1\n")
