@@ -1,7 +1,7 @@
 """Shared parts of the recipe model: strict base models, names, transforms."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
@@ -98,6 +98,11 @@ class DatasetSettings(Model):
     def own_folder(self) -> str | None:
         """Name of the one folder in `output` that is this dataset's alone, if other datasets may share the output."""
         return None
+
+    def doubts(self, keys: Collection[str]) -> Iterator[str]:
+        """Yield sentences about what files that it reads say of recordings other than these, which are all there are."""
+        del keys
+        yield from ()
 
     def problems_in(self, recipe: "Recipe") -> Iterator[tuple[tuple[str | int, ...], str]]:
         """Yield what a recipe, otherwise valid, cannot ask of this format: where in the section, and a sentence without full stop."""

@@ -104,6 +104,9 @@ def standing_remarks(recipe: Recipe, before: PendingWork) -> tuple[Remark, ...]:
     """Return what holds until somebody does something about it."""
     packages = warnings("installed_packages", problems_of(recipe))
     left = warnings("left_behind", left_behind(recipe))
+    keys = before.plan.bags.keys()
+    doubts = (one for settings in recipe.dataset_settings.values() for one in settings.doubts(keys))
+    left = (*left, *warnings("unknown_recordings", doubts))
     return (*packages, *left, *warnings("series", before.plan.asked.values()))
 
 

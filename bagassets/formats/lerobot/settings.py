@@ -1,13 +1,14 @@
 """The settings of the LeRobot format: the section `lerobot` of a recipe."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, Field, PlainSerializer, model_validator
 
 from bagassets.base.json_types import Json
+from bagassets.formats.lerobot.ranges import unknown_rows
 from bagassets.recipe.model_base import ChannelName, DatasetSettings, FieldValueError, Model, TopicName
 from bagassets.recipe.schema import suggestion
 
@@ -189,6 +190,11 @@ class LeRobot(DatasetSettings):
     def files_read(self) -> tuple[Path, ...]:
         """The file of time ranges."""
         return () if self.episodes.ranges is None else (self.episodes.ranges,)
+
+    def doubts(self, keys: Collection[str]) -> Iterator[str]:
+        """Yield a sentence if rows of the file of time ranges are of no recording."""
+        if self.episodes.ranges is not None:
+            yield from unknown_rows(self.episodes.ranges, keys)
 
     def problems_in(self, recipe: "Recipe") -> Iterator[tuple[tuple[str | int, ...], str]]:
         """Yield features whose source no rig has, and names that readers take for something else."""

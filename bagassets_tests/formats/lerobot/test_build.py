@@ -52,6 +52,20 @@ def test_a_dataset_without_episodes_says_what_messages_said(tmp_path, monkeypatc
     assert said.startswith(f"lerobot: 0 episodes from 1 recording: {why} (")
 
 
+def test_ranges_of_no_recording_are_named_with_file_row_and_key(tmp_path, monkeypatch):
+    rows = "a.mcap,0,0.5\nb.mcap,0,0.5\nc.mcap,0,0.5\n"
+    (tmp_path / "ranges.csv").write_text(f"recording,start_s,end_s\n{rows}")
+    write_arm(tmp_path, "a", seconds=1.0)
+    write_project(tmp_path, RECIPE + "  episodes: {ranges: ranges.csv}\n")
+    for _ in range(2):  # the second has nothing to do
+        report, _ = build(tmp_path / "recipe.yaml", monkeypatch)
+        (remark,) = [one for one in report.remarks if one.check == "unknown_recordings"]
+        assert remark.problem == (
+            f"{tmp_path}/ranges.csv:3: there is no recording b.mcap (nor what 1 more of its rows name), so it has no episodes; "
+            "`bagassets status --all` lists the keys."
+        )
+
+
 def test_nothing_runs_again_and_one_more_runs_alone(project, monkeypatch):
     report, ran = build(project / "recipe.yaml", monkeypatch)
     assert (report.dataset, ran) == ("fresh", [])
