@@ -117,6 +117,7 @@ def test_what_is_no_recording_is_lost(tmp_path):
     status, output = doctor(path, "--write", tmp_path / "b.bag")
     assert status == 1
     assert "it does not begin" in output
+    assert "reindex" not in output
     assert "Copy it again from where it was recorded" in output
     assert not (tmp_path / "b.bag").exists()
 
