@@ -58,15 +58,19 @@ def doctor(recording: Path, copy: Path | None, as_json: bool) -> None:
 
 def _print(found: "Examined", copy: Path | None, written: int | None) -> None:
     """Print one page: what is wrong, where, what can be saved, what to do next."""
+    from bagassets.recordings.damage import without_advice
+
     path = visible(str(found.path))
     if found.verdict == "sound":
         number = sum(count for _, count in found.topics.values())
-        echo_lines(f"{path}\n\nSound: all {number} messages can be read.", nl=written is None)
+        remark = f"\nBut {found.remark}." if found.remark else ""
+        echo_lines(f"{path}\n\nSound: all {number} messages can be read.{remark}", nl=written is None)
     else:
-        echo_lines(f"{path}\n\nWhat is wrong\n  {found.problem.removeprefix(f'{found.path}: ')}")
+        problem = without_advice(found.problem).removeprefix(f"{found.path}: ")
+        echo_lines(f"{path}\n\nWhat is wrong\n  {problem}")
     damage = found.damage
     if damage is not None:
-        lines = list(damage.findings)
+        lines = [*damage.findings, *filter(None, [found.remark])]
         lines += [
             f"{hole.file}, bytes {hole.begin} to {hole.end}{_between(hole.start_ns, hole.end_ns)}: {hole.reason}"
             for hole in damage.holes[:_SHOWN]

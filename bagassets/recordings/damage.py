@@ -47,6 +47,13 @@ def advice_for(path: Path) -> str:
     return _ADVICE.get("" if path.is_dir() else suffix_of(path), _ADVICE[""])
 
 
+def without_advice(sentence: str) -> str:
+    """Return an error about a recording without what it says to do."""
+    for advice in _ADVICE.values():
+        sentence = sentence.replace(f"; {advice}.", ".")
+    return sentence
+
+
 def suffix_of(path: Path) -> str:
     """Return the suffix that tells the format of a file, be it unfinished or packed."""
     return next((suffix for suffix in reversed(path.suffixes) if suffix not in {".active", ".zstd"}), "")

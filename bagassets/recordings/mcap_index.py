@@ -63,7 +63,9 @@ class McapIndex:
     span_ns: tuple[int, int] | None = None
 
 
-def read_index(file: BinaryIO, path: Path, sizes: Sizes, *, search: bool = True) -> McapIndex:
+def read_index(
+    file: BinaryIO, path: Path, sizes: Sizes, *, search: bool = True, begins: bool = True
+) -> McapIndex:
     """Read the index from the summary, and search the file for what the summary lacks.
 
     Args:
@@ -71,6 +73,7 @@ def read_index(file: BinaryIO, path: Path, sizes: Sizes, *, search: bool = True)
         path: its path.
         sizes: bounds on the recording; counts the sizes that its chunks announce.
         search: if not, what the summary lacks is damage.
+        begins: it must begin as an MCAP does.
 
     Raises:
         SizeLimitError: the file announces more than the recording may hold.
@@ -78,8 +81,9 @@ def read_index(file: BinaryIO, path: Path, sizes: Sizes, *, search: bool = True)
     """
     size = os.fstat(file.fileno()).st_size
     index = McapIndex()
-    file.seek(0)
-    read_magic(ReadDataStream(file))
+    if begins:
+        file.seek(0)
+        read_magic(ReadDataStream(file))
     _require_footer(file, size)
     file.seek(-(_FOOTER_BYTES + MAGIC_SIZE), os.SEEK_END)
     footer = next(_parsed(file, size))

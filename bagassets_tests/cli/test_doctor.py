@@ -84,7 +84,23 @@ def test_a_sound_recording_is_said_to_be_that(sound, kind):
     status, output = doctor(sound[kind])
     assert status == 0
     assert output == f"{sound[kind]}\n\nSound: all {truth(kind).total()} messages can be read.\n"
-    assert json.loads(doctor(sound[kind], "--json")[1])["damage"] is None
+    found = json.loads(doctor(sound[kind], "--json")[1])
+    assert (found["damage"], found["remark"]) == (None, "")
+
+
+@pytest.mark.parametrize("behind", ["noise", "a second recording"])
+@pytest.mark.parametrize("kind", ["ros1", "ros1 lz4", "mcap zstd", "mcap unchunked"])
+def test_bytes_behind_the_end_are_said_not_to_be_read(tmp_path, sound, kind, behind):
+    path = tmp_path / sound[kind].name
+    data = sound[kind].read_bytes()
+    more = b"x" * 1000 if behind == "noise" else data
+    path.write_bytes(data + more)
+    status, output = doctor(path)
+    said = f"{path.name}: behind the end of the recording are {len(more)} more bytes, which are not read"
+    assert said in output
+    found = json.loads(doctor(path, "--json")[1])
+    assert (found["remark"], found["verdict"]) == (said, "mendable" if status else "sound")
+    assert sum(one["messages"] for one in found["topics"].values()) == truth(kind).total()
 
 
 def test_the_page_says_what_where_what_can_be_saved_and_what_to_do(tmp_path, sound):
@@ -117,6 +133,7 @@ def test_what_is_no_recording_is_lost(tmp_path):
     status, output = doctor(path, "--write", tmp_path / "b.bag")
     assert status == 1
     assert "it does not begin" in output
+    assert "reindex" not in output
     assert "Copy it again from where it was recorded" in output
     assert not (tmp_path / "b.bag").exists()
 

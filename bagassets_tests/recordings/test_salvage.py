@@ -3,6 +3,7 @@
 import random
 import shutil
 from collections import Counter
+from pathlib import Path
 
 import pytest
 from mcap.writer import CompressionType
@@ -11,12 +12,12 @@ from bagassets.base.errors import RecordingError
 from bagassets.recipe.model import Bags, Limits
 from bagassets.recordings.discover import bags_of_parts, discover, find_one
 from bagassets.recordings.open import open_recording
-from bagassets.recordings.salvage.damage_map import MOST_HOLES, Damage, DamageMap, Hole
+from bagassets.recordings.salvage.damage_map import END_UNKNOWN, MOST_HOLES, Damage, DamageMap, Hole
 from bagassets.recordings.salvage.find_records import _MOST_TRIED
 from bagassets.recordings.salvage.open import open_salvaged, read_as_far
 from bagassets.store.canonical import digest_file
 from bagassets_tests import damaged_files
-from bagassets_tests.damaged_files import DAMAGES, SOUND, damaged, entries, halves, oracle, truth
+from bagassets_tests.damaged_files import DAMAGES, KIB, SOUND, damaged, entries, halves, oracle, truth
 from bagassets_tests.killed_recorder import leave_log
 from bagassets_tests.reindexed_bag import CHUNK, records
 from bagassets_tests.tree_memory import run_measured
@@ -174,6 +175,21 @@ def clear_pages_with(data, text):
     while (place := data.find(text)) >= 0:
         page = place // 4096 * 4096
         data[page : page + 4096] = bytes(4096)
+
+
+@pytest.mark.parametrize("size", [64, 20 * KIB])
+@pytest.mark.parametrize("kind", ["ros1", "ros1 lz4", "mcap", "mcap zstd"])
+def test_of_one_without_its_head_the_index_at_the_end_tells_what_is_lost(tmp_path, sound, kind, size):
+    path = Path(shutil.copy(sound[kind], tmp_path))
+    data = path.read_bytes()
+    path.write_bytes(bytes(size) + data[size:])
+    found, damage = saved(path)
+    assert damage.is_total_known
+    assert not found - truth(kind)
+    gone = Counter(topic for topic, _, _ in (truth(kind) - found).elements())
+    assert damage.lost == gone
+    assert 0 < found.total() <= TOTAL
+    assert not any("no index" in finding or END_UNKNOWN in finding for finding in damage.findings)
 
 
 def test_a_database_without_its_first_pages_has_its_topics_from_the_metadata(tmp_path, sound):

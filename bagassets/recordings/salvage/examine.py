@@ -13,6 +13,7 @@ from bagassets.recipe.model import Limits
 from bagassets.recordings.open import open_recording
 from bagassets.recordings.recording import Recording
 from bagassets.recordings.rosbag2 import ZSTD
+from bagassets.recordings.salvage.behind_end import bytes_behind_end
 from bagassets.recordings.salvage.copy import write_copy
 from bagassets.recordings.salvage.damage_map import DamageMap
 from bagassets.recordings.salvage.open import open_salvaged
@@ -33,6 +34,7 @@ class Examined:
         problem: what builds that refuse damaged recordings say of it; "" if it is sound.
         topics: topic -> type, and number of messages that can be read.
         damage: what is damaged; None if it is sound, or nothing can be read.
+        remark: a clause about what no reader looks at, and so costs nothing; "" if there is nothing.
     """
 
     path: Path
@@ -40,6 +42,7 @@ class Examined:
     problem: str
     topics: Mapping[str, tuple[str, int]]
     damage: DamageMap | None
+    remark: str = ""
 
     def as_json(self) -> JsonObject:
         """Return it as JSON."""
@@ -47,6 +50,7 @@ class Examined:
             "path": str(self.path),
             "verdict": self.verdict,
             "problem": self.problem,
+            "remark": self.remark,
             "topics": {
                 name: {"type": kind, "messages": number} for name, (kind, number) in self.topics.items()
             },
@@ -65,6 +69,12 @@ def examine(path: Path) -> Examined:
     path = path.absolute()
     if not path.exists():
         raise RecordingError(f"{path}: no such file or folder.")
+    behind = 0 if path.is_dir() else bytes_behind_end(path)
+    remark = (
+        f"{path.name}: behind the end of the recording are {behind} more bytes, which are not read"
+        if behind
+        else ""
+    )
     try:
         if path.suffix == ZSTD:
             packed = "it is packed by zstd, and builds read such files in ROS 2 bag folders only"
@@ -73,7 +83,7 @@ def examine(path: Path) -> Examined:
             counts, missing = _read(recording)
             problem = ", ".join(f"{number} of {name}" for name, number in missing.items() if number > 0)
             if not problem:
-                return Examined(path, "sound", "", _topics(recording, counts), None)
+                return Examined(path, "sound", "", _topics(recording, counts), None, remark)
             problem = f"{path}: messages that its index announces are missing: {problem}."
     except RecordingError as err:
         if err.transient:
@@ -84,11 +94,11 @@ def examine(path: Path) -> Examined:
             counts, missing = _read(recording)
             if recording.damage is not None and counts.total():
                 damage = recording.damage.map(missing, counts.total())
-                return Examined(path, "mendable", problem, _topics(recording, counts), damage)
+                return Examined(path, "mendable", problem, _topics(recording, counts), damage, remark)
     except RecordingError as err:
         if err.transient:
             raise
-    return Examined(path, "lost", problem, {}, None)
+    return Examined(path, "lost", problem, {}, None, remark)
 
 
 def _read(recording: Recording) -> tuple[Counter[str], dict[str, int]]:

@@ -113,7 +113,7 @@ class SalvagedMcap(McapFile):
         """Return what the summary says, and take its channels; None without one that can be read."""
         with suppress(Exception):
             sizes = Sizes(self.path, self._size, self._limits)
-            index = read_index(self._file, self.path, sizes, search=False)
+            index = read_index(self._file, self.path, sizes, search=False, begins=False)
             self._index.channels |= index.channels
             self._index.schemas |= index.schemas
             if index.counts or index.span_ns is None:

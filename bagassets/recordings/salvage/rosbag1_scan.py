@@ -16,7 +16,8 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import Connection
-from rosbags.rosbag1.reader import Chunk, Header, RecordType
+from rosbags.rosbag1 import Reader
+from rosbags.rosbag1.reader import Chunk, ChunkInfo, Header, RecordType
 
 from bagassets.base.errors import SizeLimitError
 from bagassets.recipe.model import Limits
@@ -69,6 +70,7 @@ class SalvagedBag(IndexReader):
         self._by_id: dict[int, Connection] = {}
         self.fields: dict[int, Header] = {}
         self._announced: Counter[int] = Counter()
+        self._infos: list[ChunkInfo] = []
         self._counts_at: dict[int, dict[int, int]] = {}
         super().__init__(path, limits, on_read)
 
@@ -85,6 +87,7 @@ class SalvagedBag(IndexReader):
                 self._damage.find(f"{self._file.name}: its first bytes are damaged")
             is_indexed = self._read_index()
             self._walk(len(_MAGIC))
+            is_indexed = is_indexed or self._has_found_index()
             if not has_magic and not self._found:
                 raise DamageError(NO_BEGINNING)  # noqa: TRY301  (the file is closed below)
             for position in sorted(self._found):
@@ -115,11 +118,29 @@ class SalvagedBag(IndexReader):
             return False
         finally:
             self._compression.clear()
+        self._announce(infos)
+        return True
+
+    def _has_found_index(self) -> bool:
+        """Take the index that the scan came across, to which nothing points; return whether it is whole.
+
+        It names chunks in their order: if the last one there is the last that it names, no more of it is missing.
+        """
+        places = {info.pos for info in self._infos}
+        is_whole = len(places) == len(self._infos) and self._found.keys() <= places
+        if self._data_end or not self._found or not is_whole or max(places) > max(self._found):
+            return False
+        self._damage.find(f"{self._file.name}: nothing points to its index, which is whole")
+        self._announce(self._infos)
+        for hole in [one for one in self._damage.holes.values() if one.file == self._file.name]:
+            self._note_hole(hole.begin, hole.end, hole.reason)
+        return True
+
+    def _announce(self, infos: list[ChunkInfo]) -> None:
         self.chunk_infos = infos
         self._counts_at = {info.pos: info.connection_counts for info in infos}
         for info in infos:
             self._announced.update(info.connection_counts)
-        return True
 
     def read_connection(self) -> Connection:
         """Read one connection, and keep its fields for a copy."""
@@ -181,7 +202,10 @@ class SalvagedBag(IndexReader):
         elif op == RecordType.CONNECTION:
             self._opened.seek(begin)
             self._take_connection(self.read_connection())
-        elif op not in {RecordType.BAGHEADER, RecordType.CHUNK_INFO, RecordType.IDXDATA}:
+        elif op == RecordType.CHUNK_INFO:
+            self._opened.seek(begin)
+            self._infos.append(Reader.read_chunk_info(self))  # in the order of the file, behind all chunks
+        elif op not in {RecordType.BAGHEADER, RecordType.IDXDATA}:
             raise DamageError("record")
         return latest, end
 
