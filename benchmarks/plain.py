@@ -37,9 +37,9 @@ class Unhashed:
     def update(self, _data: Any) -> None:
         """Take data and do nothing with it."""
 
-    def digest(self) -> bytes:
-        """Return the number as 32 bytes."""
-        return self._number.to_bytes(32, "big")
+    def digest(self, length: int = 32) -> bytes:
+        """Return the number as so many bytes."""
+        return self._number.to_bytes(32, "big")[-length:]
 
     def hexdigest(self) -> str:
         """Return the number as 64 hex digits."""
