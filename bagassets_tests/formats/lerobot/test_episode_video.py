@@ -35,7 +35,7 @@ if sys.argv[1] == "masked":
     library = next(Path(av.__file__).parent.parent.glob("av.libs/libavutil*"))
     ctypes.CDLL(str(library)).av_force_cpu_flags(0)
 from bagassets.formats.lerobot import video
-from bagassets_tests.formats.lerobot.test_video import scene
+from bagassets_tests.formats.lerobot.test_episode_video import scene
 settings = video.EncoderSettings.of(sys.argv[2], None, None, 2, "crop")
 extra = ":asm=0" if sys.argv[1] == "masked" else ""
 from bagassets.store.canonical import digest_bytes
