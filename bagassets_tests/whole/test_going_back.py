@@ -127,7 +127,7 @@ class TestBothWays:
         assert "nothing to do" in now("build")
         after = tables(project)
         both = steps(project)
-        assert both["inventory"] == {6, 7}
+        assert both["inventory"] == {6, 8}
 
         said = then("build")
         assert re.search(r"a\.mcap +mcap .* hit", said), "what the release had made, it finds in the store"
@@ -150,7 +150,7 @@ class TestBothWays:
         then("init", str(project))
         then("build")
         assert "nothing to do" in then("build")
-        assert steps(project)["inventory"] == {6, 7}
+        assert steps(project)["inventory"] == {6, 8}
         now("build")
         assert tables(project) == after
 
