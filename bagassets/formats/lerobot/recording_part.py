@@ -369,6 +369,7 @@ def _all_kept(summary: JsonMapping) -> Finding:
 LEROBOT_EPISODES = Asset(
     name="lerobot_episodes",
     version=2,
+    changes={2: "ends an episode of a file of ranges before the frame at its end"},
     libraries=(PYAV, "opencv-python-headless", "pyarrow"),
     title="This recording's episodes for the LeRobot dataset: rows, videos and statistics.",
     description="""Videos are encoded once; datasets are joined from them by copying packets. Episodes that break a rule of the recipe
