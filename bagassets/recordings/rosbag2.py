@@ -102,9 +102,13 @@ class Rosbag2Recording(Recording):
         for file in self._files:
             wanted = self._carrying(topics, file.sources())
             for number, log_time_ns, data in file.messages(wanted.keys()) if wanted else ():
-                yield RawMessage(*wanted[number], log_time_ns, self._decompressed(data))
+                content = self._decompressed(wanted[number][0], log_time_ns, data)
+                if content is not None:
+                    yield RawMessage(*wanted[number], log_time_ns, content)
 
-    def _decompressed(self, data: bytes | memoryview) -> bytes | memoryview:
+    def _decompressed(self, topic: str, time_ns: int, data: bytes | memoryview) -> bytes | memoryview | None:
+        """Return a message; None if it is to be left out, as a reader of damaged folders may decide."""
+        del topic, time_ns
         if not self._compressed_messages or isinstance(data, RefusedBytes):
             return data
         try:

@@ -1,35 +1,18 @@
 """Where episodes are in a recording: all of it, or as messages, a signal or a file of time ranges say."""
 
-import csv
-import io
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bagassets.base.errors import DatasetError, DecodeError
+from bagassets.base.errors import DecodeError
 from bagassets.decode.numeric_fields import members_of
+from bagassets.formats.lerobot.ranges import Span
 from bagassets.recordings.recording import Recording
 
 _MOST_HEARD, _LONGEST_HEARD = 3, 60
-_SECONDS, _STAMPS = ("start_s", "end_s"), ("start_ns", "end_ns")
-
-
-class Span(NamedTuple):
-    """An episode as it is asked for.
-
-    Attributes:
-        start_ns: its first stamp.
-        end_ns: its last.
-        task: its task; None if whatever says where it is does not say that.
-    """
-
-    start_ns: int
-    end_ns: int
-    task: str | None = None
 
 
 class Said(NamedTuple):
@@ -128,50 +111,6 @@ def by_signal(stamps_ns: NDArray[np.int64], values: NDArray[np.float64]) -> list
         end_ns = stamps_ns[after] - 1 if after < len(stamps_ns) else stamps_ns[-1]
         spans.append(Span(int(stamps_ns[first]), int(end_ns)))
     return spans
-
-
-def by_file(content: bytes, path: Path, key: str, start_ns: int) -> list[Span]:
-    """Return the episodes that a file of time ranges has for a recording, by their beginnings.
-
-    Args:
-        content: of the file.
-        path: for errors.
-        key: the recording.
-        start_ns: where it begins.
-
-    Raises:
-        DatasetError: the file lacks a column, or a row of the recording has no times.
-    """
-    try:
-        rows = list(csv.DictReader(io.StringIO(content.decode("utf-8-sig"))))
-    except (UnicodeDecodeError, csv.Error) as err:
-        raise DatasetError(
-            f"{path}: expected a CSV file with time ranges, but it cannot be read ({err})."
-        ) from err
-    found = []
-    for line, row in enumerate(rows, 2):
-        columns = next((pair for pair in (_STAMPS, _SECONDS) if pair[0] in row and pair[1] in row), None)
-        if columns is None or "recording" not in row:
-            raise DatasetError(
-                f"{path}: expected the columns recording, start_s and end_s (or start_ns and end_ns), and maybe task; it has "
-                f"{', '.join(filter(None, row)) or 'none'}."
-            )
-        if row["recording"] == key:
-            found.append(_span(row, columns, f"{path}:{line}", start_ns))
-    return sorted(found)
-
-
-def _span(row: Mapping[str, str | None], columns: tuple[str, str], where: str, start_ns: int) -> Span:
-    try:
-        if columns == _STAMPS:
-            first, last = (int(row[name] or "") for name in columns)
-        else:
-            first, last = (start_ns + round(float(row[name] or "") * 1e9) for name in columns)
-    except (ValueError, OverflowError) as err:
-        raise DatasetError(f"{where}: {' and '.join(columns)} must be numbers ({err}).") from err
-    if last <= first:
-        raise DatasetError(f"{where}: the episode ends before it begins; correct {' or '.join(columns)}.")
-    return Span(first, last - 1, (row.get("task") or "").strip() or None)
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bagassets.base.errors import DecodeError
-from bagassets.formats.lerobot.cuts import Span
 from bagassets.formats.lerobot.grid import Picked, Stamps, grid_ns, pick
+from bagassets.formats.lerobot.ranges import Span
 from bagassets.formats.lerobot.settings import MOST_S
 
 LEAST_FRAMES = 2

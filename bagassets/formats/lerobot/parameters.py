@@ -7,8 +7,8 @@ from bagassets.assets.asset import Facts, Use, inlined, omitted
 from bagassets.assets.frames import FRAMES
 from bagassets.assets.signals import SIGNALS
 from bagassets.base.errors import DatasetError
-from bagassets.formats.lerobot.cuts import Span, by_file
 from bagassets.formats.lerobot.frames import Rule
+from bagassets.formats.lerobot.ranges import Span, by_file
 from bagassets.formats.lerobot.settings import LeRobot, TaskTopic
 from bagassets.formats.lerobot.video import EncoderSettings, require_pyav
 from bagassets.recipe.model import Recipe, Rig

@@ -1,18 +1,75 @@
-"""Rows of a file of time ranges that are of no recording."""
+"""The file of time ranges that says where episodes are: a CSV with a row for each."""
 
 import csv
 import io
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
+from typing import NamedTuple
+
+from bagassets.base.errors import DatasetError
+
+_SECONDS, _STAMPS = ("start_s", "end_s"), ("start_ns", "end_ns")
+
+
+class Span(NamedTuple):
+    """An episode as it is asked for.
+
+    Attributes:
+        start_ns: its first stamp.
+        end_ns: its last.
+        task: its task; None if whatever says where it is does not say that.
+    """
+
+    start_ns: int
+    end_ns: int
+    task: str | None = None
+
+
+def by_file(content: bytes, path: Path, key: str, start_ns: int) -> list[Span]:
+    """Return the episodes that a file of time ranges has for a recording, by their beginnings.
+
+    Args:
+        content: of the file.
+        path: for errors.
+        key: the recording.
+        start_ns: where it begins.
+
+    Raises:
+        DatasetError: the file lacks a column, or a row of the recording has no times.
+    """
+    found = []
+    for line, row in _rows(content, path):
+        columns = next((pair for pair in (_STAMPS, _SECONDS) if pair[0] in row and pair[1] in row), None)
+        if columns is None or "recording" not in row:
+            raise DatasetError(
+                f"{path}: expected the columns recording, start_s and end_s (or start_ns and end_ns), and maybe task; it has "
+                f"{', '.join(filter(None, row)) or 'none'}."
+            )
+        if row["recording"] == key:
+            found.append(_span(row, columns, f"{path}:{line}", start_ns))
+    return sorted(found)
+
+
+def _span(row: Mapping[str, str | None], columns: tuple[str, str], where: str, start_ns: int) -> Span:
+    try:
+        if columns == _STAMPS:
+            first, last = (int(row[name] or "") for name in columns)
+        else:
+            first, last = (start_ns + round(float(row[name] or "") * 1e9) for name in columns)
+    except (ValueError, OverflowError) as err:
+        raise DatasetError(f"{where}: {' and '.join(columns)} must be numbers ({err}).") from err
+    if last <= first:
+        raise DatasetError(f"{where}: the episode ends before it begins; correct {' or '.join(columns)}.")
+    return Span(first, last - 1, (row.get("task") or "").strip() or None)
 
 
 def unknown_rows(path: Path, keys: Collection[str]) -> Iterator[str]:
-    """Yield a sentence if rows are of none of all recordings; `cuts.by_file` says what else is wrong with the file."""
+    """Yield a sentence if rows are of none of all recordings; `by_file` says what else is wrong with the file."""
     try:
-        rows = list(csv.DictReader(io.StringIO(path.read_text("utf-8-sig"))))
-    except (OSError, UnicodeDecodeError, csv.Error):
+        rows = _rows(path.read_bytes(), path)
+    except (OSError, DatasetError):
         return
-    named = ((line, row.get("recording")) for line, row in enumerate(rows, 2))
+    named = ((line, row.get("recording")) for line, row in rows)
     unknown = [(line, key) for line, key in named if key and key not in keys]
     if unknown:
         (line, key), others = unknown[0], len(unknown) - 1
@@ -20,3 +77,13 @@ def unknown_rows(path: Path, keys: Collection[str]) -> Iterator[str]:
         yield (
             f"{path}:{line}: there is no recording {key}{more}, so it has no episodes; `bagassets status --all` lists the keys."
         )
+
+
+def _rows(content: bytes, path: Path) -> list[tuple[int, Mapping[str, str | None]]]:
+    """Return the rows with their lines."""
+    try:
+        return list(enumerate(csv.DictReader(io.StringIO(content.decode("utf-8-sig"))), 2))
+    except (UnicodeDecodeError, csv.Error) as err:
+        raise DatasetError(
+            f"{path}: expected a CSV file with time ranges, but it cannot be read ({err})."
+        ) from err

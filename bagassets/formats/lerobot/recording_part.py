@@ -28,7 +28,6 @@ from bagassets.base.trace import span
 from bagassets.formats.format import FACTS
 from bagassets.formats.lerobot import statistics
 from bagassets.formats.lerobot.cuts import (
-    Span,
     TaskTexts,
     by_events,
     by_signal,
@@ -40,6 +39,7 @@ from bagassets.formats.lerobot.cuts import (
 from bagassets.formats.lerobot.frames import Frames, Source, frames_of, whole_span
 from bagassets.formats.lerobot.grid import values_at
 from bagassets.formats.lerobot.parameters import EpisodesParams, EpisodesUse, use
+from bagassets.formats.lerobot.ranges import Span
 from bagassets.formats.lerobot.settings import LeRobot
 from bagassets.formats.lerobot.video import PYAV, encode, even, header
 from bagassets.store.artifact import Artifact, ArtifactWriter

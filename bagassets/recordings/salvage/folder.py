@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -10,10 +10,9 @@ from bagassets.base.errors import BagAssetsError
 from bagassets.base.json_types import JsonMapping
 from bagassets.recipe.model import Limits
 from bagassets.recordings.damage import DamageError, refuse_pointer, unreadable
-from bagassets.recordings.decompress import TooLargeError, decompress
 from bagassets.recordings.journals import scratch_folder
 from bagassets.recordings.merge_topics import merge_topics
-from bagassets.recordings.model import METADATA, OnRead, RawMessage
+from bagassets.recordings.model import METADATA, OnRead
 from bagassets.recordings.recording import Recording
 from bagassets.recordings.rosbag2 import (
     ZSTD,
@@ -27,7 +26,6 @@ from bagassets.recordings.salvage.database_pages import SalvagedDatabase, TopicR
 from bagassets.recordings.salvage.mcap_scan import SalvagedMcap
 from bagassets.recordings.salvage.unpack import unpack_file
 from bagassets.recordings.sizes import Sizes
-from bagassets.recordings.topic import RefusedBytes
 
 _STORAGE = ("*.db3", "*.mcap", "*.db3.zstd", "*.mcap.zstd")
 _NO_METADATA: JsonMapping = {"topics_with_message_count": []}
@@ -159,26 +157,14 @@ class SalvagedFolder(Rosbag2Recording):
     def rows(self, file: SalvagedDatabase) -> Iterator[tuple[int, int, bytes | memoryview]]:
         """Yield topic id, log time and payload of the messages in one of the files, decompressed."""
         for number, log_time_ns, data in file.messages(file.topics):
-            content = self._unpacked(file.topics[number].name, log_time_ns, data)
+            content = self._decompressed(file.topics[number].name, log_time_ns, data)
             if content is not None:
                 yield number, log_time_ns, content
 
-    def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
-        for file in self._files:
-            wanted = self._carrying(topics, file.sources())
-            for number, log_time_ns, data in file.messages(wanted.keys()) if wanted else ():
-                content = self._unpacked(wanted[number][0], log_time_ns, data)
-                if content is not None:
-                    yield RawMessage(*wanted[number], log_time_ns, content)
-
-    def _unpacked(self, topic: str, time_ns: int, data: bytes | memoryview) -> bytes | memoryview | None:
+    def _decompressed(self, topic: str, time_ns: int, data: bytes | memoryview) -> bytes | memoryview | None:
         """Return a message, or None if it cannot be decompressed, which is noted."""
-        if not self._compressed_messages or isinstance(data, RefusedBytes):
-            return data
         try:
-            return decompress(bytes(data), "zstd", self._limits.message_bytes)
-        except TooLargeError:
-            return RefusedBytes()
+            return super()._decompressed(topic, time_ns, data)
         except Exception:  # noqa: BLE001  (as above)
             hole = Hole(METADATA, -1, -1, "messages cannot be decompressed", time_ns, time_ns)
             self._noted.cost(hole, topic)

@@ -211,15 +211,9 @@ class SalvagedBag(IndexReader):
 
     def _header(self, begin: int) -> tuple[Header, int, int]:
         """Return the header of the record at a position, where its data begin, and their length."""
-        file = self._opened
-        file.seek(begin)
-        (length,) = SIZE.unpack(file.read(SIZE.size))
-        if not 0 < length <= _LONGEST_HEADER:
-            raise DamageError("header")
-        file.seek(begin)
-        header = Header.read(file)
-        (size,) = SIZE.unpack(file.read(SIZE.size))
-        return header, file.tell(), size
+        header = _header_at(self._opened, begin)
+        (size,) = SIZE.unpack(self._opened.read(SIZE.size))
+        return header, self._opened.tell(), size
 
     def _is_chunk(self, begin: int) -> bool:
         with suppress(Exception):
@@ -303,6 +297,10 @@ class SalvagedBag(IndexReader):
         counts = {one: len(entries) for one, entries in found.index.items()}
         return counts == self._counts_at.get(position)
 
+    def _content_end(self, position: int) -> int:
+        chunk = self.chunks[position]
+        return chunk.datapos + chunk.datasize
+
     def _load(self, position: int) -> bytes:
         """Return what a chunk holds, as far as it can be read; anything else is noted."""
         chunk, (compression, unpacked) = self.chunks[position], self._compression[position]
@@ -314,7 +312,7 @@ class SalvagedBag(IndexReader):
         most = max(unpacked, len(packed)) if compression == "none" else unpacked
         content, problem = unpack_chunk(packed, compression, most, is_cut=found.is_cut)
         if problem and not (found.is_open and compression == "none"):  # whose records tell where they end
-            end = chunk.datapos + chunk.datasize
+            end = self._content_end(position)
             own_ns = _span_of(found.index)
             if content or own_ns is None:  # what is missing comes after all that was found up to there
                 first_ns, last_ns = times_around(self._extents(), end, end)
@@ -343,12 +341,7 @@ class SalvagedBag(IndexReader):
         source, begin = BytesIO(content), 0
 
         def record(at: int) -> tuple[Header, int]:
-            source.seek(at)
-            (length,) = SIZE.unpack(source.read(SIZE.size))
-            if not 0 < length <= _LONGEST_HEADER:
-                raise DamageError("header")
-            source.seek(at)
-            header = Header.read(source)
+            header = _header_at(source, at)
             op = header.get_uint8("op")
             if op not in {RecordType.MSGDATA, RecordType.CONNECTION}:
                 raise DamageError("record")
@@ -369,12 +362,10 @@ class SalvagedBag(IndexReader):
                 header, end = record(begin)
             except Exception:  # noqa: BLE001  (as above)
                 at = next_record(source, begin + 1, len(content), _MESSAGE_BEGINNING, is_record)
-                chunk = self.chunks[position]
                 found = self._found[position]
                 if not found.is_cut or found.is_open or at < len(content):
                     reason = f"bytes {begin} to {at} in the chunk are no record"
-                    end = chunk.datapos + chunk.datasize
-                    self._damage.hole(Hole(self._file.name, position, end, reason))
+                    self._damage.hole(Hole(self._file.name, position, self._content_end(position), reason))
                 begin = at
                 continue
             yield begin, header, end
@@ -415,11 +406,20 @@ class SalvagedBag(IndexReader):
                 if (header.get_uint32("conn"), header.get_time("time")) == (connection, time_ns):
                     return Records(connection, "").data(content, time_ns, begin)
         if content:
-            chunk = self.chunks[position]
             reason = "its index announces messages where none are"
-            hole = Hole(self._file.name, position, chunk.datapos + chunk.datasize, reason, time_ns, time_ns)
+            hole = Hole(self._file.name, position, self._content_end(position), reason, time_ns, time_ns)
             self._damage.cost(hole, self._by_id[connection].topic)
         return None
+
+
+def _header_at(source: BinaryIO, begin: int) -> Header:
+    """Return the header of the record at a position, and leave its end as the place to read from."""
+    source.seek(begin)
+    (length,) = SIZE.unpack(source.read(SIZE.size))
+    if not 0 < length <= _LONGEST_HEADER:
+        raise DamageError("header")
+    source.seek(begin)
+    return Header.read(source)
 
 
 def _span_of(index: Mapping[int, NDArray[np.void]]) -> tuple[int, int] | None:
