@@ -142,5 +142,7 @@ def _write(
             time_s = seconds(event.log_time_ns)
             for begin_s, end_s, recorder in recorders:
                 if begin_s <= time_s < end_s:
-                    recorder.write_raw(event.topic, event.msgtype, event.log_time_ns, event.payload(recorder))
+                    recorder.write(
+                        event.topic, event.msgtype, event.log_time_ns, event.make(recorder.messages)
+                    )
             progress(time_s)
