@@ -92,7 +92,7 @@ def write_tas_drive(
     with ExitStack() as stack:
         recorder = open_recorder(unfinished, file_format, compression, stack)
         recorder.messages.store.register(get_types_from_msg(_DEFINITION, _TYPE))
-        for event in throughput_events(truth, seed, duration_s):
+        for event in throughput_events(truth, duration_s, seed):
             if event.topic == _SCANS:
                 for log_time_ns, message in _packets(recorder, event):
                     recorder.write(LIDAR_TOPIC, _TYPE, log_time_ns, message)

@@ -46,7 +46,7 @@ def throughput_cameras(width: int, height: int) -> list[Camera]:
     return [replace(camera, encoding="bayer_rggb8") for camera in rig]
 
 
-def throughput_events(truth: Truth, seed: int, duration_s: float) -> Iterator[Event]:
+def throughput_events(truth: Truth, duration_s: float, seed: int) -> Iterator[Event]:
     """Yield all messages of a drive, in the order of their log times."""
     end_ns = truth.start_ns + round(duration_s * 1e9)
     streams = [motion_events(truth, end_ns), _lidar(truth, end_ns)]
