@@ -24,10 +24,15 @@ def test_the_fingerprint_is_that_of_the_code(tmp_path, monkeypatch):
     monkeypatch.setattr(newest_lerobot, "ROOT", tmp_path)
 
     def fingerprint(text):
-        for name in newest_lerobot._WRITERS:
+        for name in newest_lerobot.WRITERS:
             (folder / f"{name}.py").write_text(text)
         return writers_fingerprint()
 
     plain = fingerprint('"""It writes."""\n\nimport av\n\nCRF = 23\n')
     assert fingerprint('"""It writes well."""\nimport json\n# Why.\nCRF = 23\n') == plain
     assert fingerprint('"""It writes."""\n\nimport av\n\nCRF = 24\n') != plain
+    monkeypatch.setattr(newest_lerobot, "WRITERS", {"join": {"run"}})
+    joins = "class Join:\n    def run(self):\n        return 1\n\n    def link(self):\n        return 1\n"
+    whole = fingerprint(joins)
+    assert fingerprint(joins.replace("link", "copy")) == whole
+    assert fingerprint(joins.replace("return 1", "return 2", 1)) != whole
