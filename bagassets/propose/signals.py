@@ -12,17 +12,7 @@ from bagassets.propose.naming import free_name, tokens, word_set
 from bagassets.propose.summary import RecordingSummary, TopicSummary
 from bagassets.recordings.model import Message
 
-__all__ = [
-    "SignalProposal",
-    "elements_of",
-    "find_signals",
-    "said_in",
-    "text_in",
-    "write_lerobot",
-    "write_signals",
-]
-
-Role = Literal["state", "command", "episode"]
+_Role = Literal["state", "command", "episode"]
 
 _JOINTS = "joints"
 # Type -> its fields, and what they are: joints are commanded if the topic's name says so.
@@ -69,7 +59,7 @@ class SignalProposal:
     fields: tuple[str, ...]
     names: tuple[str, ...]
     by_log_time: bool
-    role: Role
+    role: _Role
     rate_hz: float | None = None
 
 
@@ -130,13 +120,13 @@ def find_signals(summary: RecordingSummary, *, cameras: bool = False) -> list[Si
             name = free_name(base if base[0].isalpha() else f"signal_{base}", taken, "_")
             rate_hz = topic.rate_hz and topic.rate_hz / len(groups)  # by turns
             found.append(SignalProposal(name, topic, fields, names, topic.offset_s is None, role, rate_hz))
-    order: tuple[Role, ...] = ("state", "command", "episode")
+    order: tuple[_Role, ...] = ("state", "command", "episode")
     found.sort(key=lambda one: (order.index(one.role), one.topic.name))
     roles = {one.role for one in found}
     return found if "state" in roles or (cameras and "command" in roles) else []
 
 
-def _role(topic: TopicSummary, kind: str) -> Role | None:
+def _role(topic: TopicSummary, kind: str) -> _Role | None:
     words = set(tokens(topic.name))
     is_command = bool(words & _COMMANDS)
     if kind == _JOINTS:
