@@ -2,7 +2,7 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import TYPE_CHECKING, Literal
 
 from bagassets.base.errors import DecodeError
 from bagassets.base.escaping import yaml_scalar
@@ -11,6 +11,9 @@ from bagassets.propose.commented_yaml import Sheet
 from bagassets.propose.naming import free_name, tokens, word_set
 from bagassets.propose.summary import RecordingSummary, TopicSummary
 from bagassets.recordings.model import Message
+
+if TYPE_CHECKING:
+    from bagassets.propose.rigs import RigProposal
 
 _Role = Literal["state", "command", "episode"]
 
@@ -61,27 +64,6 @@ class SignalProposal:
     by_log_time: bool
     role: _Role
     rate_hz: float | None = None
-
-
-class _Camera(Protocol):
-    @property
-    def modality(self) -> str: ...
-
-    @property
-    def topic(self) -> TopicSummary: ...
-
-
-class _Rig(Protocol):
-    """What is needed of a proposed rig."""
-
-    @property
-    def summary(self) -> RecordingSummary: ...
-
-    @property
-    def channels(self) -> Mapping[str, _Camera]: ...
-
-    @property
-    def signals(self) -> Sequence[SignalProposal]: ...
 
 
 def elements_of(message: Message, msgtype: str) -> tuple[str, ...]:
@@ -180,7 +162,7 @@ def _path(field: str) -> str:
     return f'"{field}"' if "[" in field and not field.startswith("[") else field
 
 
-def write_lerobot(sheet: Sheet, rigs: Sequence[_Rig]) -> None:
+def write_lerobot(sheet: Sheet, rigs: "Sequence[RigProposal]") -> None:
     """Write the section of a LeRobot dataset, whose features are those of the first rig that has signals."""
     rig = next(rig for rig in rigs if rig.signals)
     cameras = {name: one.topic for name, one in rig.channels.items() if one.modality == "camera"}
@@ -223,7 +205,9 @@ def _fps(cameras: Mapping[str, float | None], signals: Mapping[str, float | None
     return 30, "the recordings are too short to show a rate"
 
 
-def _write_episodes(sheet: Sheet, rig: _Rig, signals: Sequence[str], rigs: Sequence[_Rig]) -> None:
+def _write_episodes(
+    sheet: Sheet, rig: "RigProposal", signals: Sequence[str], rigs: "Sequence[RigProposal]"
+) -> None:
     if signals:
         sheet.guess(1, f"episodes: {{signal: {signals[0]}}}", "by the name of its topic")
         return
@@ -243,7 +227,7 @@ def _write_episodes(sheet: Sheet, rig: _Rig, signals: Sequence[str], rigs: Seque
     sheet.guess(1, f"episodes: {{{', '.join(parts)}}}", "by the name of the topic and what it says")
 
 
-def _write_task(sheet: Sheet, rig: _Rig, rigs: Sequence[_Rig]) -> None:
+def _write_task(sheet: Sheet, rig: "RigProposal", rigs: "Sequence[RigProposal]") -> None:
     topic = _named(rig.summary, _TASKS)
     if topic is None:
         sheet.note(1, "uncomment to say what the robot does, as a sentence:")
@@ -253,13 +237,13 @@ def _write_task(sheet: Sheet, rig: _Rig, rigs: Sequence[_Rig]) -> None:
     sheet.guess(1, line, "by the name of the topic")
 
 
-def _of_all(topic: TopicSummary, rigs: Sequence[_Rig]) -> list[TopicSummary]:
+def _of_all(topic: TopicSummary, rigs: "Sequence[RigProposal]") -> list[TopicSummary]:
     """Return a topic as the recordings of each rig have it, if they have texts in it."""
     found = (rig.summary.topics.get(topic.name) for rig in rigs)
     return [topic, *(one for one in found if one is not None and one.msgtype in _TEXTS)]
 
 
-def _field(topic: TopicSummary, rigs: Sequence[_Rig]) -> str:
+def _field(topic: TopicSummary, rigs: "Sequence[RigProposal]") -> str:
     """Return the path of the texts, or a list of those of all rigs."""
     fields = list(dict.fromkeys(_TEXTS[one.msgtype] for one in _of_all(topic, rigs)))
     return fields[0] if len(fields) == 1 else f"[{', '.join(fields)}]"

@@ -10,7 +10,9 @@ from bagassets.base.errors import BagAssetsError
 from bagassets.base.json_types import JsonMapping
 from bagassets.recipe.model import Limits
 from bagassets.recordings.damage import DamageError, refuse_pointer, unreadable
+from bagassets.recordings.database_file import Database
 from bagassets.recordings.journals import scratch_folder
+from bagassets.recordings.mcap_file import McapFile
 from bagassets.recordings.merge_topics import merge_topics
 from bagassets.recordings.model import METADATA, OnRead
 from bagassets.recordings.recording import Recording
@@ -64,7 +66,7 @@ class SalvagedFolder(Rosbag2Recording):
                 self._salvaged(file, metadata, is_packed=mode == "file" or file.suffix == ZSTD)
                 for file in files
             ]
-            self._files = [one for one in opened if not isinstance(one, BagAssetsError)]  # type: ignore[misc]
+            self._files = [one for one in opened if not isinstance(one, BagAssetsError)]
             if not self._files:
                 errors = (one for one in opened if isinstance(one, BagAssetsError))
                 raise next(errors, DamageError("none of its files is there"))  # noqa: TRY301  (others are closed below)
@@ -93,7 +95,7 @@ class SalvagedFolder(Rosbag2Recording):
 
     def _salvaged(
         self, file: Path, metadata: JsonMapping, *, is_packed: bool
-    ) -> SalvagedDatabase | SalvagedMcap | BagAssetsError:
+    ) -> Database | McapFile | BagAssetsError:
         """Open one file; return why that cannot be, if so, which is noted."""
         size = file.stat().st_size if file.exists() else 0
         try:
@@ -113,8 +115,8 @@ class SalvagedFolder(Rosbag2Recording):
         except Exception as err:  # noqa: BLE001  (whatever damaged bytes lead to)
             return self._lost(file, size, unreadable(file, err), metadata)
 
-    def _reader(self, file: Path) -> SalvagedDatabase | SalvagedMcap:
-        opened: SalvagedDatabase | SalvagedMcap
+    def _reader(self, file: Path) -> Database | McapFile:
+        opened: Database | McapFile
         if file.suffix == ".mcap":
             opened = SalvagedMcap(file, self._limits, self._on_read, self._noted, self._sizes)
         else:
@@ -150,9 +152,9 @@ class SalvagedFolder(Rosbag2Recording):
         database.note_unnamed()
 
     @property
-    def files(self) -> "tuple[SalvagedDatabase | SalvagedMcap, ...]":
+    def files(self) -> tuple[Database | McapFile, ...]:
         """The open files."""
-        return tuple(self._files)  # type: ignore[arg-type]
+        return tuple(self._files)
 
     def rows(self, file: SalvagedDatabase) -> Iterator[tuple[int, int, bytes | memoryview]]:
         """Yield topic id, log time and payload of the messages in one of the files, decompressed."""
