@@ -23,8 +23,6 @@ from bagassets.sample.recorder import Compression, Recorder
 from bagassets.view.mcap_scene import register
 from bagassets.view.messages import stamp
 
-__all__ = ["FoxgloveRecorder"]
-
 
 class FoxgloveRecorder(Recorder):
     """An MCAP; messages are made as those of ROS 2, and converted to the ones of Foxglove that say the same."""

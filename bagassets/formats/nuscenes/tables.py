@@ -148,7 +148,7 @@ def use(params: TablesParams, facts: Facts) -> dict[str, Use[TablesUse]]:
         key=facts.key,
         vehicle=params.vehicle,
         location=params.location,
-        scenes=SceneParams.of(params.scenes, _reference(params, channels)),
+        scenes=SceneParams(**params.scenes.model_dump() | {"reference": _reference(params, channels)}),
         extrinsics={name: _extrinsics(facts.calibration, name) for name in sorted(channels)},
         attributes_by_motion=params.attributes_by_motion,
     )
