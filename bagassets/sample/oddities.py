@@ -17,7 +17,15 @@ from bagassets.recordings.model import Message
 from bagassets.sample.messages import Messages
 from bagassets.sample.render import CameraView, radar_targets
 from bagassets.sample.rig import EGO_SE3_LIDAR, Camera
-from bagassets.sample.schedule import CAMERA_LATENCY_NS, LATENCY_NS, Event, Make, camera_image, event, merged
+from bagassets.sample.schedule import (
+    CAMERA_LATENCY_NS,
+    LATENCY_NS,
+    Event,
+    Make,
+    camera_events,
+    merged,
+    sensed,
+)
 from bagassets.sample.truth import Truth
 
 # --- the stream of messages -----------------------------------------------------------------
@@ -34,12 +42,12 @@ def edited(events: Iterator[Event], topics: Collection[str], edit: _Edit) -> Ite
     """Yield all events, with those of some topics edited; times, topics and types stay."""
     numbers = dict.fromkeys(topics, 0)
     for one in events:
-        if one.topic not in numbers or one.make is None:
+        if one.topic not in numbers:
             yield one
             continue
         number, make = numbers[one.topic], one.make
         numbers[one.topic] += 1
-        yield event(one.log_time_ns, one.topic, one.msgtype, partial(_edit, edit, make, number))
+        yield Event(one.log_time_ns, one.topic, one.msgtype, partial(_edit, edit, make, number))
 
 
 def _editing(topic: str, edit: _Edit) -> _Oddity:
@@ -54,8 +62,7 @@ def _edit(edit: _Edit, make: Make, number: int, messages: Messages) -> Message:
 def _on_clock(events: Iterator[Event], clock: _Clock) -> Iterator[Event]:
     """Yield events as on another clock: their log times, and the stamps in their messages."""
     for one in events:
-        if one.make is not None:
-            yield event(clock(one.log_time_ns), one.topic, one.msgtype, partial(_stamped, clock, one.make))
+        yield Event(clock(one.log_time_ns), one.topic, one.msgtype, partial(_stamped, clock, one.make))
 
 
 def _stamped(clock: _Clock, make: Make, messages: Messages) -> Message:
@@ -90,14 +97,13 @@ def _projection_only(events: Iterator[Event], truth: Truth) -> Iterator[Event]:
     views = {name: CameraView(truth.world, camera) for name, camera in cameras.items()}
     for one in events:
         name, _, topic = one.topic[1:].partition("/")
-        stamp_ns = one.log_time_ns - CAMERA_LATENCY_NS
         if name not in cameras:
             yield one
         elif topic == "camera_info":
-            yield event(one.log_time_ns, one.topic, one.msgtype, partial(_only_p, stamp_ns, cameras[name]))
-        else:
-            image = views[name].image(truth.seconds(stamp_ns))
-            yield event(one.log_time_ns, *camera_image(cameras[name], stamp_ns, image))
+            camera, stamp_ns = cameras[name], one.log_time_ns - CAMERA_LATENCY_NS
+            image = sensed(camera.encoding, views[name].image(truth.seconds(stamp_ns)))
+            info, picture = camera_events(camera, stamp_ns, image)
+            yield from (replace(info, make=partial(_only_p, stamp_ns, camera)), picture)
 
 
 def _only_p(stamp_ns: int, camera: Camera, messages: Messages) -> Message:
@@ -179,7 +185,7 @@ def _turned(msgtype: str, make: Callable[[int, _Targets, Messages], Message]) ->
                 targets = radar_targets(
                     truth.world, truth.seconds(stamp_ns), EGO_SE3_TURNED_RADAR, buildings=True
                 )
-                yield event(one.log_time_ns, _TOPIC, msgtype, partial(make, stamp_ns, targets))
+                yield Event(one.log_time_ns, _TOPIC, msgtype, partial(make, stamp_ns, targets))
             else:
                 yield one
 
