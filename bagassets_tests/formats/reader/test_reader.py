@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 import threading
+import time
 from dataclasses import replace
 
 import cv2
@@ -495,7 +496,13 @@ class TestAhead:
             if sample.index < 2:
                 sample.image("CAM_FRONT")
 
-    def test_a_fork_in_the_loop_reads_on(self, dataset):
+    def test_a_fork_in_the_loop_reads_on(self, dataset, monkeypatch):
+        def slowly(folder, one):
+            if one.path == reading(dataset[4]).path:
+                time.sleep(1)  # a thread is at work when the process is forked
+            return read_image(folder, one)
+
+        monkeypatch.setattr("bagassets.formats.reader.dataset.read_image", slowly)
         samples = iter(dataset)
         before = [facts_of(next(samples)) for _ in range(3)]
         current = next(samples)
