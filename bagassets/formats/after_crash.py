@@ -10,12 +10,12 @@ may have come first.
 import json
 import math
 import os
-import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from bagassets.base.cache import Cache
+from bagassets.base.files import remove, remove_all
 from bagassets.base.fingerprints import PlanNeeded, boot_id, booted_at_s
 from bagassets.engine.freshness.decide import BuildLog
 from bagassets.engine.freshness.published import Publication
@@ -111,5 +111,5 @@ def _remove_old_caches(state: Path) -> None:
         for name in _OLD_CACHES:
             # With their journals and temporary files.
             for path in [*state.glob(f"{name}*"), *state.glob(f".{name}*")]:
-                path.unlink()
-    shutil.rmtree(state / "published", ignore_errors=True)
+                remove(path)
+    remove_all(state / "published")

@@ -5,18 +5,24 @@ swapped at once; then files that only the old folder named are removed. Killed a
 dataset, old or new, and the next run removes the leftovers.
 """
 
-import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import TypeVar
 from uuid import uuid4
 
-from bagassets.base.atomic import swap_in, write_atomically
 from bagassets.base.errors import DatasetError, StoreError
+from bagassets.base.files import (
+    make_folder,
+    move,
+    remove,
+    remove_all,
+    remove_empty,
+    swap_in,
+    write_atomically,
+)
 from bagassets.base.json_types import JsonMapping
 from bagassets.engine.splits import SplitShare, deal, moves
 from bagassets.formats.dataset_lock import LOCK, LockedBag, read_lock
@@ -135,13 +141,13 @@ def assemble(
         if kind.rejoin is not None and suspects is not None:
             joint = replace(joint, kept=_kept(current, suspects))
         new = output / f"{folder}.tmp-{uuid4().hex}"
-        new.mkdir()
+        make_folder(new, new=True)
         try:
             made = join_into(new, joint, current, record)
         except TornError:  # the record is older than the folder, or somebody changed a file unnoticed
             record = suspects = None
-            shutil.rmtree(new)
-            new.mkdir()
+            remove_all(new)
+            make_folder(new, new=True)
             made = join_into(new, joint, current)
         joined, members = made.joined, made.members
         before = made.before if record is not None else _bags_in(current)
@@ -239,7 +245,7 @@ def _put_files(
         new: the folder to be swapped in; None if the old one stays.
     """
     for folder in kind.folders:
-        (output / folder).mkdir(exist_ok=True)
+        make_folder(output / folder)
     source = _sources(store)
     match kind.places:
         case UnitFolders() as units:
@@ -277,10 +283,10 @@ def _put_unit(
                     linker.put(source(link), link.name, replaces=True)
         return
     temporary = f"{unit}.tmp-{uuid4().hex}"
-    (output / temporary).mkdir(parents=True)
+    make_folder(output / temporary, new=True)
     for link in links:
         linker.put(source(link), temporary + link.name.removeprefix(unit))
-    (output / temporary).rename(output / unit)
+    move(output / temporary, output / unit)
 
 
 def _sources(store: Store) -> Callable[[Link], str]:
@@ -350,9 +356,9 @@ def _retire(
         else:
             there = {places.name(_entry(joint.store, *one)) for bags in gone.values() for one in bags}
         for name in sorted(there - named):
-            shutil.rmtree(output / places.folder / name, ignore_errors=True)
+            remove_all(output / places.folder / name)
     for folder in retired:
-        shutil.rmtree(folder, ignore_errors=True)
+        remove_all(folder)
     return removed
 
 
@@ -376,12 +382,9 @@ def remove_files(output: Path, names: AbstractSet[str]) -> int:
     """Remove files, and folders that become empty; return the number of files."""
     removed = 0
     for name in sorted(names):
-        with suppress(FileNotFoundError):
-            (output / name).unlink()
-            removed += 1
+        removed += remove(output / name)
     for folder in sorted({(output / name).parent for name in names}):
-        with suppress(OSError):  # not empty, or gone
-            folder.rmdir()
+        remove_empty(folder)
     return removed
 
 

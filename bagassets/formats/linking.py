@@ -3,12 +3,11 @@
 import errno
 import filecmp
 import os
-import shutil
 from collections import Counter
 from fcntl import ioctl
 from pathlib import Path
 
-from bagassets.base.atomic import replacing
+from bagassets.base import files
 from bagassets.base.errors import DatasetError
 
 FICLONE = 0x40049409  # linux/fs.h: make a file share the blocks of another
@@ -53,7 +52,7 @@ class Linker:
         folder = target.rpartition("/")[0]
         try:
             if folder not in self._folders:
-                Path(folder).mkdir(parents=True, exist_ok=True)
+                files.make_folder(folder)
                 self._folders.add(folder)
             self.counts[self._put(source, target)] += 1
         except FileNotFoundError as err:
@@ -69,7 +68,7 @@ class Linker:
     def _remove_other(source: str, target: str) -> None:
         try:
             if os.path.lexists(target) and not _same_content(source, target):
-                Path(target).unlink()
+                files.remove(target)
         except OSError as err:
             raise DatasetError(
                 f"{target}: cannot be replaced by the file that belongs there ({err.strerror}); move it away."
@@ -78,7 +77,7 @@ class Linker:
     def _put(self, source: str, target: str) -> str:
         if self._hard_links:
             try:
-                os.link(source, target)
+                files.link(source, target)
             except FileExistsError:
                 return "kept"
             except OSError as err:
@@ -90,10 +89,10 @@ class Linker:
                 return "linked"
         if os.path.lexists(target):
             return "kept"
-        with replacing(Path(target)) as temporary:
+        with files.replacing(Path(target)) as temporary:
             if _clone(source, temporary):
                 return "cloned"
-            shutil.copyfile(source, temporary)
+            files.copy(source, temporary)
             return "copied"
 
 

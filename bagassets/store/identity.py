@@ -7,7 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 from uuid import uuid4
 
-from bagassets.base.atomic import create_atomically
+from bagassets.base.files import create_atomically
 
 _FILE = "store.id"
 
@@ -25,7 +25,6 @@ def identify(root: Path) -> str | None:
     found = id_of_store(root)
     if found is None:
         with suppress(OSError):
-            root.mkdir(parents=True, exist_ok=True)
             create_atomically(root / _FILE, f"{uuid4().hex}\n".encode())
         found = id_of_store(root)  # that of the first writer
     return found

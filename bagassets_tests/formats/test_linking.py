@@ -9,9 +9,9 @@ import sys
 
 import pytest
 
-from bagassets.base import atomic
-from bagassets.base.atomic import swap_in
+from bagassets.base import files
 from bagassets.base.errors import DatasetError
+from bagassets.base.files import swap_in
 from bagassets.formats import linking
 from bagassets.formats.assembly import remove_files
 from bagassets.formats.groups import Piece, write_rows
@@ -106,7 +106,7 @@ class TestLinker:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
         refuse_links(monkeypatch, errno.EXDEV)
-        monkeypatch.setattr(linking.shutil, "copyfile", full)
+        monkeypatch.setattr(files.shutil, "copyfile", full)
         with pytest.raises(DatasetError, match="cannot be written"):
             Linker(tmp_path / "data").put(str(source), "a.jpg")
         assert list((tmp_path / "data").iterdir()) == []
@@ -135,7 +135,7 @@ class TestSwap:
     @pytest.mark.parametrize("number", [errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP, None])
     def test_where_they_cannot_be_they_are_renamed(self, folders, monkeypatch, number):
         new, current = folders
-        monkeypatch.setattr(atomic.ctypes, "CDLL", fake_c_library(number))
+        monkeypatch.setattr(files.ctypes, "CDLL", fake_c_library(number))
         old = swap_in(new, current)
         assert old.parent == current.parent
         assert (current / "which").read_text() == "new"
@@ -144,7 +144,7 @@ class TestSwap:
 
     def test_any_other_refusal_is_an_error(self, folders, monkeypatch):
         new, current = folders
-        monkeypatch.setattr(atomic.ctypes, "CDLL", fake_c_library(errno.EACCES))
+        monkeypatch.setattr(files.ctypes, "CDLL", fake_c_library(errno.EACCES))
         with pytest.raises(PermissionError, match="Permission denied"):
             swap_in(new, current)
         assert (current / "which").read_text() == "current"
@@ -156,7 +156,7 @@ def fake_c_library(number):
     class Library:
         def __init__(self, *_args, **_options):
             if number is not None:
-                self.renameat2 = lambda *_args: (atomic.ctypes.set_errno(number), -1)[1]
+                self.renameat2 = lambda *_args: (files.ctypes.set_errno(number), -1)[1]
 
     return Library
 

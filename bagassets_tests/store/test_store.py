@@ -17,6 +17,7 @@ from blake3 import blake3
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bagassets.base import files
 from bagassets.base.errors import BagAssetsError, DecodeError, StoreError
 from bagassets.engine.freshness.artifacts import artifacts_fingerprint, packed
 from bagassets.engine.run_action import run_action
@@ -449,24 +450,22 @@ class TestFileSystems:
         with pytest.raises(StoreError, match=r"the store cannot be read .*check the disk"):
             run_action(Store(tmp_path / "store"), action_of(), write("a", b"x"))
 
-    @pytest.mark.parametrize(
-        ("method", "place"), [("write_bytes", "actions"), ("write_bytes", "tmp"), ("rename", "tmp")]
-    )
+    @pytest.mark.parametrize(("method", "place"), [("write", "actions"), ("write", "tmp"), ("move", "tmp")])
     def test_a_disk_that_fails_late_leaves_nothing(self, store, monkeypatch, method, place):
-        real = getattr(Path, method)
+        real = getattr(files, method)
         refused = []
 
-        def full(path, *args):
+        def full(path, *args, **options):
             if place in path.parts:
                 refused.append(path)
                 raise OSError(28, "No space left on device")
-            return real(path, *args)
+            return real(path, *args, **options)
 
-        monkeypatch.setattr(Path, method, full)
+        monkeypatch.setattr(files, method, full)
         with pytest.raises(StoreError, match=r"No space left on device.*free disk space"):
             run_action(store, action_of(), write("a", b"x"))
         assert refused
-        monkeypatch.setattr(Path, method, real)
+        monkeypatch.setattr(files, method, real)
         assert list((store.root / "tmp").iterdir()) == []
         assert list(store.root.rglob(".*")) == []
         assert list(check_store(store)) == []
@@ -474,7 +473,7 @@ class TestFileSystems:
 
     def test_a_failure_that_cannot_be_recorded_hides_none(self, store, monkeypatch):
         def fail(out):
-            monkeypatch.setattr(Path, "write_bytes", full)
+            monkeypatch.setattr(files, "write", full)
             raise DecodeError("topic /x: bad")
 
         def full(*args, **options):
