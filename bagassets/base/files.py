@@ -40,6 +40,8 @@ def write(path: AnyPath, content: bytes | memoryview, *, new: bool = False, mode
         rest = memoryview(content).cast("B")
         while rest:
             rest = rest[os.write(descriptor, rest) :]
+    except OSError as err:
+        raise OSError(err.errno, err.strerror, os.fspath(path)) from err  # which `write` does not name
     finally:
         os.close(descriptor)
 
@@ -89,6 +91,16 @@ def remove_all(folder: AnyPath) -> None:
     shutil.rmtree(folder, ignore_errors=True)
 
 
+def sync_folder(folder: AnyPath) -> None:
+    """Wait until the names in a folder are on the disk, as far as the file system can tell."""
+    with suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
 def open_lock(path: AnyPath, flags: int, mode: int) -> int:
     """Open a lock file, which may be created, and return its descriptor."""
     return os.open(path, flags, mode)
@@ -98,16 +110,17 @@ def open_lock(path: AnyPath, flags: int, mode: int) -> int:
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[Path]:
-    """Write a file beside `path` in the block; it replaces `path` if the block succeeds.
+def replacing(path: Path, within: Path | None = None) -> Iterator[Path]:
+    """Write a file beside `path` in the block, or in another folder; it replaces `path` if the block succeeds.
 
     Yields:
-        The path to write to, hidden and on the same file system. Nothing is left there in the end.
+        The path to write to, hidden and on the same file system. Nothing is left there in the end, unless the process is
+        killed.
 
     Raises:
         OSError: the file cannot be moved into place.
     """
-    temporary = _beside(path)
+    temporary = _beside(path if within is None else within / path.name)
     try:
         yield temporary
         move(temporary, path)
@@ -117,15 +130,19 @@ def replacing(path: Path) -> Iterator[Path]:
         raise
 
 
-def write_atomically(path: Path, content: bytes, *, mode: int = 0o666, folders: bool = False) -> None:
+def write_atomically(
+    path: Path, content: bytes, *, mode: int = 0o666, folders: bool = False, within: Path | None = None
+) -> None:
     """Create or replace a file at once, in an existing folder, or, with `folders`, in one that is made if need be.
+
+    It is written beside its path, or `within` another folder on the same file system.
 
     Raises:
         OSError: it cannot be written.
     """
     if folders:
         make_folder(path.parent)
-    with replacing(path) as temporary:
+    with replacing(path, within) as temporary:
         write(temporary, content, mode=mode)
 
 

@@ -87,6 +87,7 @@ def assemble(
     damaged: Mapping[str, str] | None = None,
     expected: Mapping[str, str] | None = None,
     suspects: AbstractSet[str] | None = None,
+    torn_since_s: float | None = None,
     record: GroupsRecord | None = None,
     permit: Callable[[], None] = lambda: None,
 ) -> DatasetSummary:
@@ -109,6 +110,7 @@ def assemble(
         expected: name -> digest of the joined files; if they differ, nothing is swapped.
         suspects: files that changed since they were published and are compared with their sources; all others are
             trusted. None if that is unknown.
+        torn_since_s: since when (Unix seconds) a crash may have torn files that were not published yet; None if there was none.
         record: what is on record of groups of recordings; of use only without suspects.
         permit: called before anything is published; nothing is if it raises.
 
@@ -157,14 +159,14 @@ def assemble(
         )
         changed = not (has_links and _is_same(new, current, joined.files))
         permit()
-        linker = Linker(output)
+        linker = Linker(output, new, torn_since_s)
         is_known = suspects is not None and f"{folder}/{LOCK}" not in suspects
         there = {key: bag.artifact for key, bag in before.items()} if is_known else {}
         _put_files(kind, linker, members, there, suspects, store, output, new if changed else None)
         for name, content in joined.beside.items():
             path = output / name
             if not path.is_file() or path.read_bytes() != content:
-                write_atomically(path, content)
+                write_atomically(path, content, within=new)
         old = swap_in(new, current) if changed else new
         retired = {one: _bags_in(one) for one in leftovers} | ({} if old is None else {old: before})
         removed = _retire(joint, output, current, retired, members, is_whole=record is None)
@@ -277,10 +279,15 @@ def _put_unit(
 ) -> None:
     """Make the folder of a recording appear whole; in an existing one, replace the suspects or, if unknown, all files."""
     if (output / unit).is_dir():
-        if suspects is None or any(name.startswith(f"{unit}/") for name in suspects):
+        if (
+            suspects is None
+            or linker.torn_since_s is not None
+            or any(name.startswith(f"{unit}/") for name in suspects)
+        ):
             for link in links:
-                if suspects is None or link.name in suspects:
-                    linker.put(source(link), link.name, replaces=True)
+                is_suspect = suspects is None or link.name in suspects
+                if is_suspect or linker.torn_since_s is not None:
+                    linker.put(source(link), link.name, replaces=is_suspect)
         return
     temporary = f"{unit}.tmp-{uuid4().hex}"
     make_folder(output / temporary, new=True)

@@ -4,6 +4,7 @@ import errno
 import filecmp
 import os
 from collections import Counter
+from contextlib import suppress
 from fcntl import ioctl
 from pathlib import Path
 
@@ -24,13 +25,19 @@ class Linker:
     Attributes:
         counts: `linked`, `cloned`, `copied`, or `kept` for existing files -> number of files.
 
+        torn_since_s: see below.
+
     Args:
         root: the dataset's folder.
+        scratch: a folder on its file system, which is removed if the process is killed; copies are made there.
+        torn_since_s: existing files made since then (Unix seconds) may be torn, and are compared with the source; None if none
+            are.
     """
 
-    def __init__(self, root: Path) -> None:
+    def __init__(self, root: Path, scratch: Path, torn_since_s: float | None = None) -> None:
         self.counts: Counter[str] = Counter()
-        self._root = str(root)
+        self.torn_since_s = torn_since_s
+        self._root, self._scratch = str(root), scratch
         self._folders: set[str] = set()
         self._hard_links = True
 
@@ -47,7 +54,7 @@ class Linker:
         """
         # Plain strings: datasets have millions of files, and a Path costs more than a link.
         target = f"{self._root}/{filename}"
-        if replaces:
+        if replaces or self._may_be_torn(target):
             self._remove_other(source, target)
         folder = target.rpartition("/")[0]
         try:
@@ -63,6 +70,11 @@ class Linker:
             raise DatasetError(
                 f"{target}: cannot be written ({err.strerror}); free disk space, or make the folder writable."
             ) from err
+
+    def _may_be_torn(self, target: str) -> bool:
+        with suppress(FileNotFoundError):
+            return self.torn_since_s is not None and os.stat(target).st_mtime >= self.torn_since_s
+        return False
 
     @staticmethod
     def _remove_other(source: str, target: str) -> None:
@@ -89,7 +101,7 @@ class Linker:
                 return "linked"
         if os.path.lexists(target):
             return "kept"
-        with files.replacing(Path(target)) as temporary:
+        with files.replacing(Path(target), self._scratch) as temporary:
             if _clone(source, temporary):
                 return "cloned"
             files.copy(source, temporary)

@@ -117,12 +117,11 @@ def find_garbage(
 
 def collect(store: Store, garbage: Collection[Garbage], now_s: float) -> Collected:
     """Remove leftovers of killed processes and garbage, except what a build began to use since it was found."""
-    collected = Collected()
-    for entry in garbage:
-        if _forget(entry) and _remove(store, entry):
-            collected.removed.append(entry)
-        else:
-            collected.spared += 1
+    forgotten = [entry for entry in garbage if _forget(entry)]
+    for folder in {record.parent for entry in forgotten for record in entry.records}:
+        files.sync_folder(folder)  # a crash must leave no record without its artifact
+    removed = [entry for entry in forgotten if _remove(store, entry)]
+    collected = Collected(removed, spared=len(garbage) - len(removed))
     for folder in _leftovers(store, now_s):
         files.remove_all(folder)
         collected.leftovers += 1

@@ -49,11 +49,10 @@ def note_user(root: Path, recipe_file: Path) -> None:
     """
     user = User(recipe_file.absolute(), socket.gethostname(), root.absolute())
     path = _file(root, user)
-    if path.exists():
-        return
+    content = json.dumps(vars(user), sort_keys=True, default=str).encode()
     with suppress(OSError):
-        content = json.dumps(vars(user), sort_keys=True, default=str).encode()
-        write_atomically(path, content, folders=True)
+        if not path.exists() or path.read_bytes() != content:  # a power loss may have torn it
+            write_atomically(path, content, folders=True)
 
 
 def users_of(root: Path) -> list[User]:

@@ -23,6 +23,7 @@ from bagassets.engine.freshness.artifacts import artifacts_fingerprint, packed
 from bagassets.engine.run_action import run_action
 from bagassets.store.action import Action, Step
 from bagassets.store.canonical import canonical_json, digest_bytes, digest_file, digest_json
+from bagassets.store.identity import id_of_store, identify
 from bagassets.store.integrity import artifact_damage, check_store
 from bagassets.store.store import Store
 
@@ -481,6 +482,16 @@ class TestFileSystems:
 
         with pytest.raises(BagAssetsError, match="topic /x: bad"):
             run_action(store, action_of(), fail)
+
+
+@pytest.mark.parametrize("torn", [b"", bytes(33), b"0123456789abcdef"])
+def test_an_id_that_a_power_loss_tore_is_given_anew_once(tmp_path, torn):
+    before = identify(tmp_path)
+    (tmp_path / "store.id").write_bytes(torn)
+    assert id_of_store(tmp_path) is None
+    after = identify(tmp_path)
+    assert after not in (None, before)
+    assert identify(tmp_path) == id_of_store(tmp_path) == after
 
 
 @pytest.mark.parametrize("torn", [b"", b"{", b"{}"])
