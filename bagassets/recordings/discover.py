@@ -24,8 +24,6 @@ from bagassets.recordings.model import METADATA, Format, RecordingFiles
 from bagassets.recordings.own_files import is_view_file
 from bagassets.recordings.series import candidates, whole_of
 
-__all__ = ["Discovery", "bags_of_one", "bags_of_parts", "discover", "find_one", "matches", "series_with"]
-
 _ROS2_KEY, _HEAD_BYTES = b"rosbag2_bagfile_information", 4096
 _NO_STORAGE = "there is no .db3 or .mcap file beside its metadata.yaml; it is still being copied, or damaged"
 _LEADS_NOWHERE = "a link that leads nowhere"

@@ -18,8 +18,6 @@ from bagassets.base import files
 from bagassets.base.errors import StoreError
 from bagassets.store.store import Store
 
-__all__ = ["Collected", "Garbage", "collect", "find_garbage"]
-
 # An artifact without any record may be about to get one.
 _UNRECORDED_S = 86400.0
 # Process ids are only unique within one container, so a process that seems dead gets this long.

@@ -18,8 +18,6 @@ from bagassets.base import files
 from bagassets.base.errors import StoreError
 from bagassets.base.lock_files import LockFile, is_locked
 
-__all__ = ["HOLDERS", "action_lock", "in_use", "in_use_since_s"]
-
 _FOLDER, _ACTIONS = "leases", "underway"
 # Where the file system has no locks, a lease is valid for this long.
 _UNLOCKED_S = 2 * 86400.0
@@ -79,7 +77,7 @@ def _is_held(path: Path, begun_s: float) -> bool:
 
 
 @dataclass
-class Holders:
+class _Holders:
     """Who holds locks of actions, and whether a holder need not be waited for.
 
     A worker that was declared dead may be frozen, and hold its locks for ever.
@@ -93,7 +91,7 @@ class Holders:
     has_ended: Callable[[str], bool] | None = None
 
 
-HOLDERS = Holders()
+HOLDERS = _Holders()
 """Of this process; set by whoever knows."""
 
 

@@ -160,7 +160,6 @@ DIRECT = {
     "recordings/salvage/examine.py": "likewise",
     "recordings/salvage/unpack.py": "scratch",
     "sample/demo.py": "sample recordings",
-    "sample/foxglove.py": "sample recordings",
     "sample/recorder.py": "sample recordings",
     "store/artifact.py": "rights of its folders, which nothing rests on",
     "view/mcap_scene.py": "a scene where a user wants it, moved there when complete",

@@ -2,18 +2,24 @@
 
 from collections import Counter
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Literal
+from typing import BinaryIO, Literal
+
+from mcap.opcode import Opcode
+from mcap.stream_reader import MAGIC_SIZE
+from rosbags.rosbag1.reader import Header, RecordType
 
 from bagassets.base.errors import RecordingError
 from bagassets.base.json_types import JsonObject
 from bagassets.recipe.model import Limits
+from bagassets.recordings.mcap_chunk import RECORD_HEADER
 from bagassets.recordings.open import open_recording
 from bagassets.recordings.recording import Recording
+from bagassets.recordings.rosbag1 import SIZE
 from bagassets.recordings.rosbag2 import ZSTD
-from bagassets.recordings.salvage.behind_end import bytes_behind_end
 from bagassets.recordings.salvage.copy import write_copy
 from bagassets.recordings.salvage.damage_map import DamageMap
 from bagassets.recordings.salvage.open import open_salvaged
@@ -69,7 +75,7 @@ def examine(path: Path) -> Examined:
     path = path.absolute()
     if not path.exists():
         raise RecordingError(f"{path}: no such file or folder.")
-    behind = 0 if path.is_dir() else bytes_behind_end(path)
+    behind = 0 if path.is_dir() else _bytes_behind_end(path)
     remark = (
         f"{path.name}: behind the end of the recording are {behind} more bytes, which are not read"
         if behind
@@ -99,6 +105,38 @@ def examine(path: Path) -> Examined:
         if err.transient:
             raise
     return Examined(path, "lost", problem, {}, None, remark)
+
+
+def _bytes_behind_end(path: Path) -> int:
+    """Return how many bytes follow the end of a ROS 1 bag or an MCAP, which no reader looks at; 0 if its records do not tell."""
+    with suppress(Exception), path.open("rb") as file:  # whatever damaged bytes lead to
+        first = file.readline(100)
+        end = _end_of_bag(file) if first.startswith(b"#ROSBAG") else _end_of_mcap(file)
+        return max(path.stat().st_size - end, 0)
+    return 0
+
+
+def _end_of_bag(file: BinaryIO) -> int:
+    header = Header.read(file, RecordType.BAGHEADER)
+    if not (index := header.get_uint64("index_pos")):
+        raise ValueError(index)
+    file.seek(index)
+    for _ in range(header.get_uint32("conn_count") + header.get_uint32("chunk_count")):
+        op = Header.read(file).get_uint8("op")
+        if op not in {RecordType.CONNECTION, RecordType.CHUNK_INFO}:
+            raise ValueError(op)
+        (size,) = SIZE.unpack(file.read(SIZE.size))
+        file.seek(size, 1)
+    return file.tell()
+
+
+def _end_of_mcap(file: BinaryIO) -> int:
+    file.seek(MAGIC_SIZE)
+    opcode = 0
+    while opcode != Opcode.FOOTER:
+        opcode, length = RECORD_HEADER.unpack(file.read(RECORD_HEADER.size))
+        file.seek(length, 1)
+    return file.tell() + MAGIC_SIZE
 
 
 def _read(recording: Recording) -> tuple[Counter[str], dict[str, int]]:
