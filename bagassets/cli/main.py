@@ -8,7 +8,7 @@ import importlib
 import os
 import sys
 from collections.abc import Sequence
-from errno import EACCES, EDQUOT, EEXIST, EISDIR, ENAMETOOLONG, ENOENT, ENOSPC, ENOTDIR, EPERM, EROFS
+from errno import EACCES, EDQUOT, EEXIST, EIO, EISDIR, ENAMETOOLONG, ENOENT, ENOSPC, ENOTDIR, EPERM, EROFS
 from typing import TYPE_CHECKING
 
 import click
@@ -53,8 +53,8 @@ _MODULES = {"decoders": "plugins", "formats": "plugins"}
 # Importing Dagster makes a million objects that stay: with Python's 700, a quarter of its time is spent on looking.
 _GC_THRESHOLD = 100_000
 
-# Errors of the file system that a path given by the user can cause; any other is a defect.
-_REFUSALS = {EACCES, EDQUOT, EEXIST, EISDIR, ENAMETOOLONG, ENOENT, ENOSPC, ENOTDIR, EPERM, EROFS}
+# Errors of the file system that a path given by the user, or a failing disk, can cause; any other is a defect.
+_REFUSALS = {EACCES, EDQUOT, EEXIST, EIO, EISDIR, ENAMETOOLONG, ENOENT, ENOSPC, ENOTDIR, EPERM, EROFS}
 
 
 class _LazyGroup(click.Group):

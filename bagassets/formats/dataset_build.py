@@ -450,6 +450,7 @@ def build_dataset(
             failed=inputs.failed.get(kind.name, {}),
             damaged=_damaged(plan, store, chosen.parts),
             suspects=suspects,
+            torn_since_s=publication.torn_since_s,
             record=GroupsRecord.from_json(publication.groups()),
             permit=permit,
         )
