@@ -1,5 +1,6 @@
 """`bagassets verify`: check that store and recordings are intact and that actions are reproducible."""
 
+import math
 import random
 import sys
 from contextlib import suppress
@@ -96,16 +97,14 @@ def verify(
     recipe = recipe.absolute()
     loaded = load_recipe(recipe)
     store = Store(loaded.store_path)
-    if minutes is not None:
-        if number is not None:
-            raise click.UsageError("--minutes and --rebuild are two things; ask for one of them.")
-        turns = Turns(recording_assets(loaded), store, with_store=not of_recordings)
-        return _check_in_turn(loaded, store, turns, minutes, report_only=report_only, as_json=as_json)
-    if of_recordings:
-        return _check_recordings(loaded, store, as_json=as_json)
     if number is not None:
+        if minutes is not None:
+            raise click.UsageError("--minutes and --rebuild are two things; ask for one of them.")
         return _rebuild(recipe, loaded, store, number, seed, as_json=as_json)
-    return _check(loaded, store, report_only=report_only, as_json=as_json)
+    if minutes is None and not of_recordings:
+        return _check(loaded, store, report_only=report_only, as_json=as_json)
+    turns = Turns(recording_assets(loaded), store, with_store=not of_recordings)
+    return _check_in_turn(loaded, store, turns, minutes, report_only=report_only, as_json=as_json)
 
 
 def _check(recipe: "Recipe", store: "Store", *, report_only: bool, as_json: bool) -> int:
@@ -161,19 +160,27 @@ def _take_out(
 
 
 def _check_in_turn(
-    recipe: "Recipe", store: "Store", turns: "Turns", minutes: float, *, report_only: bool, as_json: bool
+    recipe: "Recipe",
+    store: "Store",
+    turns: "Turns",
+    minutes: float | None,
+    *,
+    report_only: bool,
+    as_json: bool,
 ) -> int:
-    from bagassets.engine.verified import share_text
+    """Verify store and recordings, or these alone, for some minutes or as long as it takes."""
+    from bagassets.engine.recordings_check import CheckedRecording
     from bagassets.formats.dataset_integrity import find_damage
 
     damages: list[Damage] = []
-    recordings: list[CheckedRecording] = []
-    for number, turn in enumerate(turns.run(minutes * 60), 1):
-        damages += turn.damages
-        if turn.recording is not None:
-            recordings.append(turn.recording)
+    checked: list[CheckedRecording] = []
+    for number, found in enumerate(turns.run(math.inf if minutes is None else minutes * 60), 1):
+        if isinstance(found, CheckedRecording):
+            checked.append(found)
             if not as_json:
-                _print_recording(turn.recording)
+                _print_recording(found)
+        else:
+            damages += found
         _show_progress(f"{number} verified")
     if sys.stderr.isatty():
         echo("", err=True)
@@ -182,39 +189,17 @@ def _check_in_turn(
     told = _take_out(recipe, store, damages, spoiled, report_only=report_only, as_json=as_json)
     for problem in turns.problems:
         echo(f"{problem}; the next run begins where this one did.", err=True)
-    if as_json:
-        echo_json(told | {"recordings": [one.as_json() for one in recordings], "verified": turns.share()})
-    else:
-        echo(share_text(turns.share()))
-    return ExitStatus.FOUND if damages or not all(one.is_sound for one in recordings) else 0
-
-
-def _check_recordings(recipe: "Recipe", store: "Store", *, as_json: bool) -> int:
-    from bagassets.engine.recordings_check import check_recordings
-    from bagassets.engine.verified import Verified, name_of
-    from bagassets.formats.catalogue import recording_assets
-
-    checked = []
-    verified, names = Verified(recipe.state), []
-    for files, recording in check_recordings(recording_assets(recipe), store):
-        checked.append(recording)
-        names.append(name_of(files))
-        if recording.is_verified:
-            verified.note(names[-1])
-        if not as_json:
-            _print_recording(recording)
-    verified.save(names)
     wrong = sum(not recording.is_sound for recording in checked)
     if as_json:
-        echo_json({"recordings": [recording.as_json() for recording in checked]})
-        return ExitStatus.FOUND if wrong else 0
-    size = sum(recording.size for recording in checked)
-    done = (
-        f"{count_text(len(checked), 'recording')}, {readable_bytes(size)} hashed: {wrong or 'none'} changed."
-    )
-    advice = " Restore them from their source; accept intended changes with `bagassets digest --rehash`."
-    echo(done + (advice if wrong else ""), err=True)
-    return ExitStatus.FOUND if wrong else 0
+        echo_json(told | {"recordings": [one.as_json() for one in checked], "verified": turns.share()})
+    else:
+        size = readable_bytes(sum(recording.size for recording in checked))
+        done = f"{count_text(len(checked), 'recording')}, {size} hashed: {wrong or 'none'} changed."
+        advice = " Restore them from their source; accept intended changes with `bagassets digest --rehash`."
+        echo(done + (advice if wrong else ""), err=True)
+        if minutes is not None:
+            echo(turns.share_text())
+    return ExitStatus.FOUND if damages or wrong else 0
 
 
 def _print_recording(recording: "CheckedRecording") -> None:

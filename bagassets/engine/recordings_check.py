@@ -1,7 +1,6 @@
 """Checking the bytes of recordings against their recorded digests, and naming the files and topics that changed."""
 
 import tempfile
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,7 +20,6 @@ from bagassets.recordings.digest import (
     stat_files,
 )
 from bagassets.recordings.digest_record import read_attribute
-from bagassets.recordings.discover import discover
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.artifact import Artifact
 from bagassets.store.store import Store
@@ -109,20 +107,6 @@ class CheckedRecording:
             "topics": [vars(topic) for topic in self.topics],
             "problem": self.problem,
         }
-
-
-def check_recordings(
-    assets: RecordingAssets, store: Store
-) -> Iterator[tuple[RecordingFiles, CheckedRecording]]:
-    """Hash every recording and compare it with its record; nothing is changed.
-
-    Args:
-        assets: the assets of a recording under the recipe.
-        store: the artifact store, which has the inventories.
-    """
-    index = DigestIndex.of(assets.recipe)
-    for _, recording in sorted(discover(assets.recipe.bags).recordings.items()):
-        yield recording, check_recording(assets, store, index, recording)
 
 
 def check_recording(
