@@ -10,7 +10,6 @@ may have come first.
 import json
 import math
 import os
-import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -30,8 +29,6 @@ from bagassets.store.store import Store
 WINDOW_S = 120.0
 # The clock may be set a little while a machine boots.
 _CLOCK_S = 10.0
-# Caches of earlier versions in the state folder; now they are one file.
-_OLD_CACHES = ("plan.sqlite", "nothing-to-do.snapshot", "last-build.json")
 
 
 @contextmanager
@@ -41,7 +38,6 @@ def noted_build(recipe: Recipe, recipe_file: Path) -> Iterator[list[str]]:
     Yields:
         A sentence about each removed artifact.
     """
-    _remove_old_caches(recipe.state)
     builds = BuildLog(recipe.state)
     killed, until_s = _crashed(builds)
     repaired = []
@@ -104,12 +100,3 @@ def _crashed(builds: BuildLog) -> tuple[Sequence[str], float | None]:
         return killed, math.inf if killed else None
     booted_s = booted_at_s()
     return killed, math.inf if booted_s is None else booted_s + _CLOCK_S
-
-
-def _remove_old_caches(state: Path) -> None:
-    with suppress(OSError):
-        for name in _OLD_CACHES:
-            # With their journals and temporary files.
-            for path in [*state.glob(f"{name}*"), *state.glob(f".{name}*")]:
-                path.unlink()
-    shutil.rmtree(state / "published", ignore_errors=True)

@@ -26,7 +26,7 @@ from bagassets.recordings.damage import NO_BEGINNING, DamageError
 from bagassets.recordings.model import OnRead
 from bagassets.recordings.rosbag1 import ENTRY, SIZE, IndexReader, Records, in_order, sized, text_in
 from bagassets.recordings.salvage.damage_map import NO_INDEX, Damage, Extent, Hole, times_around
-from bagassets.recordings.salvage.find_records import next_record, what_is_there
+from bagassets.recordings.salvage.find_records import scan, what_is_there
 from bagassets.recordings.salvage.unpack import unpack_chunk
 
 _MAGIC = b"#ROSBAG V2.0\n"
@@ -66,6 +66,7 @@ class SalvagedBag(IndexReader):
     def __init__(self, path: Path, limits: Limits, on_read: OnRead | None, damage: Damage) -> None:
         self._damage = damage
         self._found: dict[int, _Found] = {}
+        self._latest: _Found | None = None  # which the next records may be the index of
         self._data_end = 0  # where the index begins; 0 if nothing says so
         self._by_id: dict[int, Connection] = {}
         self.fields: dict[int, Header] = {}
@@ -159,20 +160,15 @@ class SalvagedBag(IndexReader):
 
     def _walk(self, begin: int) -> None:
         """Find all chunks with their indexes; what cannot be read between them is a hole."""
-        latest: _Found | None = None
         data_end = self._data_end or self._size
-        while begin < data_end:
-            try:
-                latest, begin = self._record(begin, latest)
-            except SizeLimitError:
-                raise
-            except Exception:  # noqa: BLE001  (as above)
-                at = next_record(self._opened, begin + 1, data_end, _CHUNK_BEGINNING, self._is_chunk)
-                self._note_hole(begin, at)
-                begin, latest = at, None
+        found_there = scan(self._opened, begin, data_end, self._record, _CHUNK_BEGINNING, self._is_chunk)
+        for hole_begin, hole_end, op in found_there:
+            if op is None:
+                self._note_hole(hole_begin, hole_end)
+                self._latest = None
 
-    def _record(self, begin: int, latest: _Found | None) -> tuple[_Found | None, int]:
-        """Take the record at a position; return the chunk that an index behind it belongs to, and where it ends."""
+    def _record(self, begin: int) -> tuple[int, int]:
+        """Take the record at a position; return its opcode and where it ends."""
         header, at, size = self._header(begin)
         end, op = at + size, header.get_uint8("op")
         if op == RecordType.CHUNK:
@@ -189,10 +185,11 @@ class SalvagedBag(IndexReader):
                 self._damage.find(f"{self._file.name}: its last chunk was being written")
             self.chunks[begin] = Chunk(min(end, self._size) - at, at, bytes)
             self._compression[begin] = compression, unpacked
-            latest = self._found[begin] = _Found(min(end, self._size), end > self._size, is_open)
-            return latest, latest.end
+            self._latest = self._found[begin] = _Found(min(end, self._size), end > self._size, is_open)
+            return op, self._latest.end
         if end > self._size or size > _LONGEST_RECORD:
             raise DamageError("cut off")
+        latest = self._latest
         if op == RecordType.IDXDATA and latest is not None and begin == latest.end:
             if size != header.get_uint32("count") * ENTRY.itemsize or header.get_uint32("ver") != 1:
                 raise DamageError("index")
@@ -207,7 +204,7 @@ class SalvagedBag(IndexReader):
             self._infos.append(Reader.read_chunk_info(self))  # in the order of the file, behind all chunks
         elif op not in {RecordType.BAGHEADER, RecordType.IDXDATA}:
             raise DamageError("record")
-        return latest, end
+        return op, end
 
     def _header(self, begin: int) -> tuple[Header, int, int]:
         """Return the header of the record at a position, where its data begin, and their length."""
@@ -216,10 +213,8 @@ class SalvagedBag(IndexReader):
         return header, self._opened.tell(), size
 
     def _is_chunk(self, begin: int) -> bool:
-        with suppress(Exception):
-            header, _, size = self._header(begin)
-            return header.get_uint8("op") == RecordType.CHUNK and size > 0
-        return False
+        header, _, size = self._header(begin)
+        return header.get_uint8("op") == RecordType.CHUNK and size > 0
 
     def _note_hole(self, begin: int, end: int, reason: str = "") -> None:
         lost: Counter[str] = Counter()
@@ -338,7 +333,7 @@ class SalvagedBag(IndexReader):
 
     def _records_in(self, position: int, content: bytes) -> Iterator[tuple[int, Header, int]]:
         """Yield where each record in a chunk begins, its header, and where it ends."""
-        source, begin = BytesIO(content), 0
+        source = BytesIO(content)
 
         def record(at: int) -> tuple[Header, int]:
             header = _header_at(source, at)
@@ -348,28 +343,15 @@ class SalvagedBag(IndexReader):
             header.get_uint32("conn")
             if op == RecordType.MSGDATA:
                 header.get_time("time")
-            end = source.tell() + SIZE.size + len(sized(content, source.tell()))
-            return header, end
+            return header, source.tell() + SIZE.size + len(sized(content, source.tell()))
 
-        def is_record(at: int) -> bool:
-            with suppress(Exception):
-                record(at)
-                return True
-            return False
-
-        while begin < len(content):
-            try:
-                header, end = record(begin)
-            except Exception:  # noqa: BLE001  (as above)
-                at = next_record(source, begin + 1, len(content), _MESSAGE_BEGINNING, is_record)
-                found = self._found[position]
-                if not found.is_cut or found.is_open or at < len(content):
-                    reason = f"bytes {begin} to {at} in the chunk are no record"
-                    self._damage.hole(Hole(self._file.name, position, self._content_end(position), reason))
-                begin = at
-                continue
-            yield begin, header, end
-            begin = end
+        at_hand = self._found[position]
+        for begin, end, header in scan(source, 0, len(content), record, _MESSAGE_BEGINNING, record):
+            if header is not None:
+                yield begin, header, end
+            elif not at_hand.is_cut or at_hand.is_open or end < len(content):
+                reason = f"bytes {begin} to {end} in the chunk are no record"
+                self._damage.hole(Hole(self._file.name, position, self._content_end(position), reason))
 
     # --- messages ------------------------------------------------------------------------
 
