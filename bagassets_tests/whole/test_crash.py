@@ -23,6 +23,7 @@ from bagassets_tests.crash_project import (
     recorded,
     replay,
 )
+from bagassets_tests.in_process import build, make_project
 
 SEED = 3
 
@@ -172,3 +173,27 @@ def test_each_change_fails_once(disk, tmp_path, error):
             break
     assert number > 20
     assert set(failed) == {error}
+
+
+# --- the report -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("torn", [b"", bytes(100), b"<!doctype html><html><body>", None])
+def test_a_report_that_a_power_loss_tore_or_that_is_gone_is_written_anew(built, monkeypatch, torn):
+    report = built.parent / ".bagassets" / "report.html"
+    whole = report.read_bytes()
+    if torn is None:
+        report.unlink()
+    else:
+        report.write_bytes(torn)
+    monkeypatch.setattr(after_crash, "boot_id", lambda: "another one")
+    build(built, monkeypatch)
+    assert report.read_bytes() == whole
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    recipe_file = make_project(tmp_path_factory.mktemp("project"))
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        build(recipe_file, monkeypatch)
+    return recipe_file
