@@ -1,5 +1,6 @@
 """`bagassets verify`: check that store and recordings are intact and that actions are reproducible."""
 
+import math
 import random
 import sys
 from contextlib import suppress
@@ -19,6 +20,9 @@ from bagassets.cli.terminal import echo, echo_json, echo_lines
 
 if TYPE_CHECKING:
     from bagassets.engine.rebuild import KnownAction
+    from bagassets.engine.recordings_check import CheckedRecording
+    from bagassets.engine.verified import Turns
+    from bagassets.formats.dataset_integrity import DatasetDamage
     from bagassets.recipe.model import Recipe
     from bagassets.store.integrity import Damage
     from bagassets.store.store import Store
@@ -32,6 +36,7 @@ Examples:
   bagassets verify
   bagassets verify --report-only --json
   bagassets verify --recordings
+  bagassets verify --minutes 30
   bagassets verify --rebuild 20
 
 \b
@@ -61,6 +66,13 @@ Exit status:
     help="Instead of reading the store, run N random actions again, in a process with a different number of "
     "workers, different BLAS kernels and fewer processor features, and compare the results.",
 )
+@click.option(
+    "--minutes",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="M",
+    help="Read store and recordings (with --recordings, these alone) for M minutes, what was verified longest ago first, and "
+    "go on from there next time. Says how much was verified within 30 days.",
+)
 @click.option("--seed", type=int, help="Choose the same actions as an earlier --rebuild.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
 def verify(
@@ -68,6 +80,7 @@ def verify(
     report_only: bool,
     of_recordings: bool,
     number: int | None,
+    minutes: float | None,
     seed: int | None,
     as_json: bool,
 ) -> int:
@@ -76,25 +89,52 @@ def verify(
     Reads every file of the store and of the datasets. Artifacts with missing or changed files are removed from the
     store, and such files from the datasets: the next build makes them again.
     """
+    from bagassets.engine.verified import Turns
+    from bagassets.formats.catalogue import recording_assets
     from bagassets.recipe import load_recipe
     from bagassets.store.store import Store
 
     recipe = recipe.absolute()
     loaded = load_recipe(recipe)
     store = Store(loaded.store_path)
-    if of_recordings:
-        return _check_recordings(loaded, store, as_json=as_json)
     if number is not None:
+        if minutes is not None:
+            raise click.UsageError("--minutes and --rebuild are two things; ask for one of them.")
         return _rebuild(recipe, loaded, store, number, seed, as_json=as_json)
-    return _check(loaded, store, report_only=report_only, as_json=as_json)
+    if minutes is None and not of_recordings:
+        return _check(loaded, store, report_only=report_only, as_json=as_json)
+    turns = Turns(recording_assets(loaded), store, with_store=not of_recordings)
+    return _check_in_turn(loaded, store, turns, minutes, report_only=report_only, as_json=as_json)
 
 
 def _check(recipe: "Recipe", store: "Store", *, report_only: bool, as_json: bool) -> int:
-    from bagassets.formats.dataset_integrity import find_damage, remove_damaged
+    from bagassets.formats.dataset_integrity import find_damage
 
     damages = _damages(store)
+    artifacts = {d.digest for d in damages if d.kind == "artifact"}
+    spoiled = list(find_damage(recipe, store, artifacts))
+    told = _take_out(recipe, store, damages, spoiled, report_only=report_only, as_json=as_json)
+    status = ExitStatus.FOUND if damages or spoiled else 0
+    if as_json:
+        echo_json(told)
+    elif not status:
+        echo("Store and datasets are intact.")
+    return status
+
+
+def _take_out(
+    recipe: "Recipe",
+    store: "Store",
+    damages: list["Damage"],
+    spoiled: list["DatasetDamage"],
+    *,
+    report_only: bool,
+    as_json: bool,
+) -> JsonObject:
+    """Tell of all damage in store and datasets, remove what is damaged, and return it as JSON."""
+    from bagassets.formats.dataset_integrity import remove_damaged
+
     names = _names(recipe, store) if damages else {}
-    spoiled = list(find_damage(recipe, store, {d.digest for d in damages if d.kind == "artifact"}))
     if not report_only:
         for damage in damages:
             if damage.kind == "artifact":
@@ -102,12 +142,10 @@ def _check(recipe: "Recipe", store: "Store", *, report_only: bool, as_json: bool
             else:
                 store.forget(damage.digest)
         remove_damaged(spoiled)
-    status = ExitStatus.FOUND if damages or spoiled else 0
     if as_json:
         damaged = [vars(d) | {"what": names.get(d.digest)} for d in damages]
         datasets = [{"path": str(d.path), "reason": d.reason} for d in spoiled]
-        echo_json({"damaged": damaged, "datasets": datasets, "taken_out": not report_only})
-        return status
+        return {"damaged": damaged, "datasets": datasets, "taken_out": not report_only}
     for damage in damages:
         of = f" ({names[damage.digest]})" if damage.digest in names else ""
         echo(f"damaged  {damage}{of}")
@@ -116,63 +154,91 @@ def _check(recipe: "Recipe", store: "Store", *, report_only: bool, as_json: bool
     if len(spoiled) > _MOST_SHOWN:
         echo(f"dataset  and {count_text(len(spoiled) - _MOST_SHOWN, 'more file')}")
     done = "Nothing was changed." if report_only else "Removed; the next `bagassets build` makes them again."
-    if status:
+    if damages or spoiled:
         echo(f"Damage: {len(damages)} in the store, {len(spoiled)} in datasets. {done}", err=True)
-    else:
-        echo("Store and datasets are intact.")
-    return status
+    return {}
 
 
-def _check_recordings(recipe: "Recipe", store: "Store", *, as_json: bool) -> int:
-    from bagassets.engine.recordings_check import check_recordings
-    from bagassets.formats.catalogue import recording_assets
+def _check_in_turn(
+    recipe: "Recipe",
+    store: "Store",
+    turns: "Turns",
+    minutes: float | None,
+    *,
+    report_only: bool,
+    as_json: bool,
+) -> int:
+    """Verify store and recordings, or these alone, for some minutes or as long as it takes."""
+    from bagassets.engine.recordings_check import CheckedRecording
+    from bagassets.formats.dataset_integrity import find_damage
 
-    checked = []
-    for recording in check_recordings(recording_assets(recipe), store):
-        checked.append(recording)
-        if as_json:
-            continue
-        for file in recording.files:
-            echo(f"changed  {file}")
-        for topic in recording.topics:
-            echo(f"           {topic}")
-        if recording.files and not recording.topics and recording.problem is None:
-            echo("           no topic: only an index, a header or the name of a tool changed")
-        if recording.problem is not None:
-            echo_lines(f"{'           ' if recording.files else 'unread   '}{recording.problem}")
-        for path in recording.unrecorded:
-            echo(
-                f"unknown  {path}: it has no digest on record; `bagassets build` or `bagassets digest` stores one"
-            )
-        sys.stdout.flush()
+    damages: list[Damage] = []
+    checked: list[CheckedRecording] = []
+    for number, found in enumerate(turns.run(math.inf if minutes is None else minutes * 60), 1):
+        if isinstance(found, CheckedRecording):
+            checked.append(found)
+            if not as_json:
+                _print_recording(found)
+        else:
+            damages += found
+        _show_progress(f"{number} verified")
+    if sys.stderr.isatty():
+        echo("", err=True)
+    artifacts = {d.digest for d in damages if d.kind == "artifact"}
+    spoiled = list(find_damage(recipe, store, artifacts, others=False)) if artifacts else []
+    told = _take_out(recipe, store, damages, spoiled, report_only=report_only, as_json=as_json)
+    for problem in turns.problems:
+        echo(f"{problem}; the next run begins where this one did.", err=True)
     wrong = sum(not recording.is_sound for recording in checked)
     if as_json:
-        echo_json({"recordings": [recording.as_json() for recording in checked]})
-        return ExitStatus.FOUND if wrong else 0
-    size = sum(recording.size for recording in checked)
-    done = (
-        f"{count_text(len(checked), 'recording')}, {readable_bytes(size)} hashed: {wrong or 'none'} changed."
-    )
-    advice = " Restore them from their source; accept intended changes with `bagassets digest --rehash`."
-    echo(done + (advice if wrong else ""), err=True)
-    return ExitStatus.FOUND if wrong else 0
+        echo_json(told | {"recordings": [one.as_json() for one in checked], "verified": turns.share()})
+    else:
+        size = readable_bytes(sum(recording.size for recording in checked))
+        done = f"{count_text(len(checked), 'recording')}, {size} hashed: {wrong or 'none'} changed."
+        advice = " Restore them from their source; accept intended changes with `bagassets digest --rehash`."
+        echo(done + (advice if wrong else ""), err=True)
+        if minutes is not None:
+            echo(turns.share_text())
+    return ExitStatus.FOUND if damages or wrong else 0
+
+
+def _print_recording(recording: "CheckedRecording") -> None:
+    for file in recording.files:
+        echo(f"changed  {file}")
+    for topic in recording.topics:
+        echo(f"           {topic}")
+    if recording.files and not recording.topics and recording.problem is None:
+        echo("           no topic: only an index, a header or the name of a tool changed")
+    if recording.problem is not None:
+        echo_lines(f"{'           ' if recording.files else 'unread   '}{recording.problem}")
+    for path in recording.unrecorded:
+        echo(
+            f"unknown  {path}: it has no digest on record; `bagassets build` or `bagassets digest` stores one"
+        )
+    sys.stdout.flush()
 
 
 def _damages(store: "Store") -> list["Damage"]:
+    from bagassets.engine.verified import note_store
     from bagassets.store.integrity import check_store
 
-    checked = 0
-    on_terminal = sys.stderr.isatty()
+    checked = []
 
-    def progress(number: int) -> None:
-        nonlocal checked
-        checked += number
-        if on_terminal and checked % 50 == 0:
-            click.echo(f"\r{count_text(checked, 'artifact')} checked", nl=False, err=True)
+    def progress(artifact: str) -> None:
+        checked.append(artifact)
+        if len(checked) % 50 == 0:
+            _show_progress(f"{count_text(len(checked), 'artifact')} checked")
 
     damages = list(check_store(store, progress))
-    click.echo(("\r" if on_terminal else "") + f"{count_text(checked, 'artifact')} checked", err=True)
+    note_store(store, checked, damages)
+    begin = "\r" if sys.stderr.isatty() else ""
+    click.echo(f"{begin}{count_text(len(checked), 'artifact')} checked", err=True)
     return damages
+
+
+def _show_progress(text: str) -> None:
+    if sys.stderr.isatty():
+        click.echo(f"\r{text}", nl=False, err=True)
 
 
 def _names(recipe: "Recipe", store: "Store") -> dict[str, str]:

@@ -45,13 +45,16 @@ class DatasetDamage:
         return f"{self.path}: {self.reason}"
 
 
-def find_damage(recipe: Recipe, store: Store, damaged: Collection[str] = ()) -> Iterator[DatasetDamage]:
+def find_damage(
+    recipe: Recipe, store: Store, damaged: Collection[str] = (), *, others: bool = True
+) -> Iterator[DatasetDamage]:
     """Yield the damaged files in the datasets of a recipe; nothing is changed.
 
     Args:
         recipe: the recipe.
         store: the store that the datasets were made from.
         damaged: artifacts that are damaged in the store.
+        others: look at more than the files of these.
 
     Raises:
         DatasetError: a lock file cannot be read.
@@ -60,10 +63,12 @@ def find_damage(recipe: Recipe, store: Store, damaged: Collection[str] = ()) -> 
     for folder in sorted({*dataset_folders(recipe).values()}):
         for path in sorted(folder.glob(f"*/{LOCK}")):
             lock = load_lock(path)
-            yield from check.tables(path.parent, lock.files)
+            if others:
+                yield from check.tables(path.parent, lock.files)
             try:
                 for linked in _links(check, lock, folder):
-                    yield from check.file(*linked)
+                    if others or linked[1].artifact in damaged:
+                        yield from check.file(*linked)
             except DatasetError as err:  # of a package whose format cannot say which files these are
                 yield DatasetDamage(path, f"its files cannot be checked: {err}", None)
             yield from check.unchecked(path.parent)

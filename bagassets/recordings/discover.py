@@ -348,19 +348,14 @@ class _Walk:
 
 
 def _exclusion(bags: Bags, relative: str, *, include: bool = True) -> str | None:
-    if include and not _is_included(bags, relative):
+    # A glob may be about the drive that it is a part of.
+    names = [name for name in (relative, whole_of(relative)) if name is not None]
+    if include and not any(matches(pattern, name) for pattern in bags.include for name in names):
         return "not matched by bags.include"
     for pattern in bags.exclude:
         if matches(pattern, relative):
             return f"excluded by bags.exclude ({pattern})"
     return None
-
-
-def _is_included(bags: Bags, relative: str) -> bool:
-    if any(matches(pattern, relative) for pattern in bags.include):
-        return True
-    whole = whole_of(relative)  # a glob may be about the drive that it is a part of
-    return whole is not None and any(matches(pattern, whole) for pattern in bags.include)
 
 
 def _folder_recording(

@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +14,9 @@ from bagassets.store.store import Store
 
 # Files above this are hashed block by block, not read at once.
 _WHOLE_BYTES = 32 << 20
+
+# Digest of an artifact that is gone -> digest and step of the actions that made it.
+_Lost = dict[str, list[tuple[str, str]]]
 
 
 @dataclass(frozen=True)
@@ -38,18 +41,53 @@ class Damage:
         return f"{self.kind} {self.digest[:16]}{of_step}: {'; '.join(self.reasons[:3])}{more}"
 
 
-def check_store(store: Store, progress: Callable[[int], None] | None = None) -> Iterator[Damage]:
+def check_store(store: Store, progress: Callable[[str], None] | None = None) -> Iterator[Damage]:
     """Read everything in the store and yield what is damaged.
 
     Nothing is changed. Artifacts that a garbage collector removes meanwhile do not count as damaged.
 
     Args:
         store: the store.
-        progress: called with 1 for each artifact that was checked.
+        progress: called with the digest of each artifact that was checked.
     """
     made_by: dict[str, str] = {}
-    lost: dict[str, list[tuple[str, str]]] = {}
-    for path in _entries(store.root / "actions", ".json"):
+    lost: _Lost = {}
+    for folder in record_folders(store):
+        yield from _check_records(store, folder, made_by, lost)
+    artifacts = list(artifacts_in(store))
+    pool = ThreadPoolExecutor(min(8, os.cpu_count() or 1))
+    try:
+        for artifact, reasons in zip(artifacts, pool.map(artifact_damage, artifacts), strict=True):
+            if reasons and artifact.folder.is_dir():
+                lost.pop(artifact.digest, None)
+                yield Damage("artifact", artifact.digest, tuple(reasons), made_by.get(artifact.digest))
+            if progress is not None:
+                progress(artifact.digest)
+    finally:
+        pool.shutdown(cancel_futures=True)
+    yield from _all_lost(lost)
+
+
+def record_folders(store: Store) -> list[Path]:
+    """Return the folders of records of actions."""
+    return _folders(store.root / "actions")
+
+
+def artifacts_in(store: Store) -> Iterator[Artifact]:
+    """Yield all artifacts."""
+    return (Artifact(folder.name, folder) for folder in _entries(_folders(store.root / "artifacts")))
+
+
+def check_records(store: Store, folder: Path) -> Iterator[Damage]:
+    """Read one folder of records and yield what is damaged, as `check_store` does."""
+    lost: _Lost = {}
+    yield from _check_records(store, folder, {}, lost)
+    yield from _all_lost(lost)
+
+
+def _check_records(store: Store, folder: Path, made_by: dict[str, str], lost: _Lost) -> Iterator[Damage]:
+    """Read records; note which step made which artifact, and of artifacts that are gone the actions that made them."""
+    for path in _entries([folder], ".json"):
         name = path.name.partition(".")[0]
         try:
             record = json.loads(path.read_bytes())
@@ -67,17 +105,9 @@ def check_store(store: Store, progress: Callable[[int], None] | None = None) -> 
             continue
         except (OSError, ValueError, KeyError, TypeError) as err:
             yield Damage("action", name, (f"its record cannot be read ({err})",))
-    artifacts = [Artifact(folder.name, folder) for folder in _entries(store.root / "artifacts")]
-    pool = ThreadPoolExecutor(min(8, os.cpu_count() or 1))
-    try:
-        for artifact, reasons in zip(artifacts, pool.map(artifact_damage, artifacts), strict=True):
-            if reasons and artifact.folder.is_dir():
-                lost.pop(artifact.digest, None)
-                yield Damage("artifact", artifact.digest, tuple(reasons), made_by.get(artifact.digest))
-            if progress is not None:
-                progress(1)
-    finally:
-        pool.shutdown(cancel_futures=True)
+
+
+def _all_lost(lost: _Lost) -> Iterator[Damage]:
     for made, actions in sorted(lost.items()):
         for action, step in actions:
             yield Damage("action", action, (f"artifact {made[:16]}, which it made, is gone",), step)
@@ -117,10 +147,11 @@ def _digest(path: Path, size: int) -> str:
     return digest_file(path) if size > _WHOLE_BYTES else digest_bytes(path.read_bytes())
 
 
-def _entries(folder: Path, suffix: str = "") -> Iterator[Path]:
-    """Yield the entries of the subfolders of `folder`, by name, without hidden ones, which are still being written."""
-    if not folder.is_dir():
-        return
-    for part in sorted(folder.iterdir()):
-        if part.is_dir():
-            yield from (p for p in sorted(part.iterdir()) if p.name.endswith(suffix) and p.name[0] != ".")
+def _folders(folder: Path) -> list[Path]:
+    return sorted(part for part in folder.iterdir() if part.is_dir()) if folder.is_dir() else []
+
+
+def _entries(folders: Iterable[Path], suffix: str = "") -> Iterator[Path]:
+    """Yield the entries of folders, by name, without hidden ones, which are still being written."""
+    for folder in folders:
+        yield from (p for p in sorted(folder.iterdir()) if p.name.endswith(suffix) and p.name[0] != ".")

@@ -168,9 +168,8 @@ class SalvagedDatabase(Database):
         for cell in _cells(page, begin, self._usable, broken):
             values = cell.values
             if len(values) == 4 and values[2][0] <= 9 and values[1][0] <= 9 and values[0][0] <= 9:
-                if (
-                    not 0 < cell.rowid <= self._size or 0 < values[3][0] < 12
-                ):  # more than a file of this size can hold
+                # More than a file of this size can hold.
+                if not 0 < cell.rowid <= self._size or 0 < values[3][0] < 12:
                     broken.number += 1
                     continue
                 topic, time_ns = _integer(page, *values[1]), _integer(page, *values[2])

@@ -2,24 +2,18 @@
 
 from collections import Counter
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import BinaryIO, Literal
-
-from mcap.opcode import Opcode
-from mcap.stream_reader import MAGIC_SIZE
-from rosbags.rosbag1.reader import Header, RecordType
+from typing import Literal
 
 from bagassets.base.errors import RecordingError
 from bagassets.base.json_types import JsonObject
 from bagassets.recipe.model import Limits
-from bagassets.recordings.mcap_chunk import RECORD_HEADER
 from bagassets.recordings.open import open_recording
 from bagassets.recordings.recording import Recording
-from bagassets.recordings.rosbag1 import SIZE
 from bagassets.recordings.rosbag2 import ZSTD
+from bagassets.recordings.salvage.behind_end import bytes_behind_end
 from bagassets.recordings.salvage.copy import write_copy
 from bagassets.recordings.salvage.damage_map import DamageMap
 from bagassets.recordings.salvage.open import open_salvaged
@@ -28,6 +22,7 @@ Verdict = Literal["sound", "mendable", "lost"]
 
 # A copy takes every message, whatever builds would make of it.
 _ANY = Limits(chunk_bytes=4_000_000_000, message_bytes=4_000_000_000, connections=10**9, topics=10**9)
+_BEHIND = "All of it can be read, but more bytes follow; other programs may refuse it."
 
 
 @dataclass(frozen=True)
@@ -40,7 +35,6 @@ class Examined:
         problem: what builds that refuse damaged recordings say of it; "" if it is sound.
         topics: topic -> type, and number of messages that can be read.
         damage: what is damaged; None if it is sound, or nothing can be read.
-        remark: a clause about what no reader looks at, and so costs nothing; "" if there is nothing.
     """
 
     path: Path
@@ -48,7 +42,6 @@ class Examined:
     problem: str
     topics: Mapping[str, tuple[str, int]]
     damage: DamageMap | None
-    remark: str = ""
 
     def as_json(self) -> JsonObject:
         """Return it as JSON."""
@@ -56,7 +49,6 @@ class Examined:
             "path": str(self.path),
             "verdict": self.verdict,
             "problem": self.problem,
-            "remark": self.remark,
             "topics": {
                 name: {"type": kind, "messages": number} for name, (kind, number) in self.topics.items()
             },
@@ -75,12 +67,7 @@ def examine(path: Path) -> Examined:
     path = path.absolute()
     if not path.exists():
         raise RecordingError(f"{path}: no such file or folder.")
-    behind = 0 if path.is_dir() else _bytes_behind_end(path)
-    remark = (
-        f"{path.name}: behind the end of the recording are {behind} more bytes, which are not read"
-        if behind
-        else ""
-    )
+    behind = [*bytes_behind_end(path)]
     try:
         if path.suffix == ZSTD:
             packed = "it is packed by zstd, and builds read such files in ROS 2 bag folders only"
@@ -89,7 +76,9 @@ def examine(path: Path) -> Examined:
             counts, missing = _read(recording)
             problem = ", ".join(f"{number} of {name}" for name, number in missing.items() if number > 0)
             if not problem:
-                return Examined(path, "sound", "", _topics(recording, counts), None, remark)
+                damage = DamageMap(tuple(behind), (), {}, counts.total()) if behind else None
+                verdict: Verdict = "mendable" if behind else "sound"
+                return Examined(path, verdict, _BEHIND if behind else "", _topics(recording, counts), damage)
             problem = f"{path}: messages that its index announces are missing: {problem}."
     except RecordingError as err:
         if err.transient:
@@ -99,44 +88,14 @@ def examine(path: Path) -> Examined:
         with open_salvaged(path) as recording:
             counts, missing = _read(recording)
             if recording.damage is not None and counts.total():
+                for one in behind:
+                    recording.damage.find(one)
                 damage = recording.damage.map(missing, counts.total())
-                return Examined(path, "mendable", problem, _topics(recording, counts), damage, remark)
+                return Examined(path, "mendable", problem, _topics(recording, counts), damage)
     except RecordingError as err:
         if err.transient:
             raise
-    return Examined(path, "lost", problem, {}, None, remark)
-
-
-def _bytes_behind_end(path: Path) -> int:
-    """Return how many bytes follow the end of a ROS 1 bag or an MCAP, which no reader looks at; 0 if its records do not tell."""
-    with suppress(Exception), path.open("rb") as file:  # whatever damaged bytes lead to
-        first = file.readline(100)
-        end = _end_of_bag(file) if first.startswith(b"#ROSBAG") else _end_of_mcap(file)
-        return max(path.stat().st_size - end, 0)
-    return 0
-
-
-def _end_of_bag(file: BinaryIO) -> int:
-    header = Header.read(file, RecordType.BAGHEADER)
-    if not (index := header.get_uint64("index_pos")):
-        raise ValueError(index)
-    file.seek(index)
-    for _ in range(header.get_uint32("conn_count") + header.get_uint32("chunk_count")):
-        op = Header.read(file).get_uint8("op")
-        if op not in {RecordType.CONNECTION, RecordType.CHUNK_INFO}:
-            raise ValueError(op)
-        (size,) = SIZE.unpack(file.read(SIZE.size))
-        file.seek(size, 1)
-    return file.tell()
-
-
-def _end_of_mcap(file: BinaryIO) -> int:
-    file.seek(MAGIC_SIZE)
-    opcode = 0
-    while opcode != Opcode.FOOTER:
-        opcode, length = RECORD_HEADER.unpack(file.read(RECORD_HEADER.size))
-        file.seek(length, 1)
-    return file.tell() + MAGIC_SIZE
+    return Examined(path, "lost", problem, {}, None)
 
 
 def _read(recording: Recording) -> tuple[Counter[str], dict[str, int]]:

@@ -10,6 +10,8 @@ from bagassets.base.errors import SizeLimitError
 T = TypeVar("T")
 _BLOCK_BYTES = 1 << 20
 _LONGEST_BEGINNING = 256
+_ZEROS = 32
+ZEROS = "zeros, as if it had not been written to the end"
 _MOST_TRIED = 200_000
 """Of noise that looks like beginnings of records: after so many the rest of a file is given up, so that time is bounded."""
 
@@ -67,4 +69,22 @@ def what_is_there(file: BinaryIO, begin: int, end: int) -> str:
     """Return what stands where no record can be read, as a clause."""
     file.seek(begin)
     is_empty = not file.read(min(end - begin, 4096)).strip(b"\0")
-    return "zeros, as if it had not been written to the end" if is_empty else "no record can be read"
+    return ZEROS if is_empty else "no record can be read"
+
+
+def reaches_into_zeros(file: BinaryIO, begin: int, end: int, beyond: bytes = b"") -> bool:
+    """Tell whether a message ends in zeros and zeros follow, so that it was not written to its end.
+
+    Args:
+        file: holds it; it is left at any position.
+        begin: where the message begins in there.
+        end: where it ends.
+        beyond: what follows the file, if it is the content of a chunk.
+    """
+    file.seek(end)
+    following = file.read(_ZEROS) or beyond
+    if any(following) or not following:
+        return False
+    file.seek(max(begin, end - _ZEROS))
+    tail = file.read(min(end - begin, _ZEROS))
+    return bool(tail) and not any(tail)

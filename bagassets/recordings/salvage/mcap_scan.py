@@ -27,7 +27,7 @@ from bagassets.recordings.mcap_index import CHANNEL, ENTRY_BYTES, ChunkPlace, Mc
 from bagassets.recordings.model import OnRead
 from bagassets.recordings.recording import merged
 from bagassets.recordings.salvage.damage_map import CUT, NO_INDEX, Damage, Extent, Hole, times_around
-from bagassets.recordings.salvage.find_records import scan, what_is_there
+from bagassets.recordings.salvage.find_records import reaches_into_zeros, scan, what_is_there
 from bagassets.recordings.salvage.unpack import unpack_chunk
 from bagassets.recordings.sizes import Sizes
 
@@ -147,6 +147,8 @@ class SalvagedMcap(McapFile):
         self._file.seek(at)
         if opcode == Opcode.MESSAGE:
             channel, _, time_ns, _ = MESSAGE_HEADER.unpack(self._file.read(MESSAGE_HEADER.size))
+            if reaches_into_zeros(self._file, at + MESSAGE_HEADER.size, end):
+                raise DamageError("zeros")
             self._outside.extend((time_ns, channel, at + MESSAGE_HEADER.size, end))
         elif opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
             add_bytes(self._index, opcode, self._file.read(length), self._sizes)
@@ -258,8 +260,20 @@ class SalvagedMcap(McapFile):
 
     def _records_in(self, offset: int, content: bytes) -> Iterator[tuple[int, int, int]]:
         """Yield the opcode of each record in a chunk, and where its fields begin and end; what lies between them is noted."""
-        record, is_message = partial(_record_in, content), partial(self._is_message, content)
-        for begin, end, found in scan(BytesIO(content), 0, len(content), record, _BEGINNING, is_message):
+        source, head = BytesIO(content), self._head(offset)
+        self._file.seek(self._ends[offset])
+        is_sure = head.compression or head.checksum
+        beyond = b"" if is_sure else self._file.read(16)
+
+        def record(at: int) -> tuple[tuple[int, int], int]:
+            (opcode, fields), end = _record_in(content, at)
+            begin = fields + MESSAGE_HEADER.size
+            if opcode == Opcode.MESSAGE and not is_sure and reaches_into_zeros(source, begin, end, beyond):
+                raise DamageError("zeros")
+            return (opcode, fields), end
+
+        is_message = partial(self._is_message, content)
+        for begin, end, found in scan(source, 0, len(content), record, _BEGINNING, is_message):
             if found is not None:
                 yield *found, end
             elif (self.path.name, offset) not in self._damage.holes:

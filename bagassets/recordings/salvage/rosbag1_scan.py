@@ -26,7 +26,7 @@ from bagassets.recordings.damage import NO_BEGINNING, DamageError
 from bagassets.recordings.model import OnRead
 from bagassets.recordings.rosbag1 import ENTRY, SIZE, IndexReader, Records, in_order, sized, text_in, times_of
 from bagassets.recordings.salvage.damage_map import NO_INDEX, Damage, Extent, Hole, times_around
-from bagassets.recordings.salvage.find_records import scan, what_is_there
+from bagassets.recordings.salvage.find_records import reaches_into_zeros, scan, what_is_there
 from bagassets.recordings.salvage.unpack import unpack_chunk
 
 _MAGIC = b"#ROSBAG V2.0\n"
@@ -343,7 +343,11 @@ class SalvagedBag(IndexReader):
             header.get_uint32("conn")
             if op == RecordType.MSGDATA:
                 header.get_time("time")
-            return header, source.tell() + SIZE.size + len(sized(content, source.tell()))
+            begin = source.tell() + SIZE.size
+            end = begin + len(sized(content, begin - SIZE.size))
+            if op == RecordType.MSGDATA and self._reaches_into_zeros(position, source, begin, end):
+                raise DamageError("zeros")
+            return header, end
 
         at_hand = self._found[position]
         for begin, end, header in scan(source, 0, len(content), record, _MESSAGE_BEGINNING, record):
@@ -374,10 +378,21 @@ class SalvagedBag(IndexReader):
             content = chunks.at(position)
             try:
                 data: memoryview | None = records[number].data(content, time_ns, offset)
+                if data and not data[-1]:  # else it was written to its end
+                    begin = offset + SIZE.unpack_from(content, offset)[0] + 2 * SIZE.size
+                    if self._reaches_into_zeros(position, BytesIO(content), begin, begin + len(data)):
+                        raise DamageError("zeros")  # noqa: TRY301  (as what cannot be read)
             except Exception:  # noqa: BLE001  (as above)
                 data = self._looked_for(position, content, records[number].connection, time_ns)
             if data is not None:
                 yield records[number].connection, time_ns, detached(data)
+
+    def _reaches_into_zeros(self, position: int, content: BytesIO, begin: int, end: int) -> bool:
+        """Tell whether a message in a chunk was not written to its end."""
+        if self._compression[position][0] != "none":  # else it was unpacked as a whole
+            return False
+        self._opened.seek(self._content_end(position))
+        return reaches_into_zeros(content, begin, end, self._opened.read(SIZE.size))
 
     def _looked_for(self, position: int, content: bytes, connection: int, time_ns: int) -> memoryview | None:
         """Return a message that is not where the index says, or note that it is lost."""
