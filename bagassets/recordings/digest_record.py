@@ -41,6 +41,17 @@ _DIGEST = re.compile("[0-9a-f]{64}")
 # The kernel's clock of file times is behind by up to a tick; writing an attribute takes that long at most.
 _TICK_NS, _WRITING_NS = 20_000_000, 50_000_000
 
+# Not damage, which is replaced: SQLite may not write, must wait, or has no space.
+_UNWRITABLE = {
+    sqlite3.SQLITE_BUSY,
+    sqlite3.SQLITE_LOCKED,
+    sqlite3.SQLITE_READONLY,
+    sqlite3.SQLITE_IOERR,
+    sqlite3.SQLITE_FULL,
+    sqlite3.SQLITE_CANTOPEN,
+    sqlite3.SQLITE_PERM,
+}
+
 Kept = Literal["attribute", "index", "nowhere"]
 
 
@@ -125,9 +136,9 @@ class DigestIndex:
         try:
             try:
                 self._insert(path, row)
-            except sqlite3.OperationalError:
-                raise  # locked, read-only or full, but not damaged
-            except sqlite3.DatabaseError:
+            except sqlite3.DatabaseError as err:
+                if getattr(err, "sqlite_errorcode", 0) & 0xFF in _UNWRITABLE:
+                    raise
                 self._path.unlink(missing_ok=True)
                 self._insert(path, row)
         except (OSError, sqlite3.Error) as err:
