@@ -9,6 +9,7 @@ import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from zlib import crc32
 
 import cv2
 import numpy as np
@@ -92,7 +93,8 @@ def _recording(name):
             path.write_bytes(data)
             _attempt(lambda: _read(open_recording(path, (), LIMITS)))
             _attempt(lambda: _read(open_salvaged(path, (), LIMITS)))
-            _attempt(lambda: examine(path))
+            if crc32(data) % 8 == 0:  # that reads both ways, too
+                _attempt(lambda: examine(path))
 
     return run
 
