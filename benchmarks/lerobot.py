@@ -25,6 +25,7 @@ from bagassets.formats.assembly import assemble
 from bagassets.formats.format import Part
 from bagassets.formats.lerobot import video
 from bagassets.formats.lerobot.format import LEROBOT
+from bagassets.formats.lerobot.settings import Encoding
 from bagassets.recipe.model_splits import Splits
 from bagassets.recordings.digest import recording_digest, recording_stat
 from bagassets.recordings.discover import discover
@@ -186,7 +187,7 @@ def _encoders(files: list[str], codec: str, crf: int, preset: str, trials: int) 
 
     images: list[Any] = [cv2.imread(path) for path in files]
     encoder = {"av1": "libsvtav1", "h264": "libx264"}[codec]
-    settings = video.EncoderSettings.of(codec, crf, preset, 2, "crop")
+    settings = video.with_defaults(Encoding(codec=codec, crf=crf, preset=preset))
     ours, bare = [], []
     for _ in range(trials):
         started = time.perf_counter()

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.chaos import chaos_table
+from benchmarks.check import ages_table
 from benchmarks.clicks import clicks_table
 from benchmarks.cold import cold_table
 from benchmarks.common import ROOT, median
@@ -59,6 +60,7 @@ def _plotted(tell: Callable[[Any], str], name: str, title: str) -> Callable[[Any
 
 
 FIGURES: dict[str, tuple[str, Callable[[Any], str]]] = {
+    "ages": ("measured", ages_table),
     "call path": ("call_path", call_path_table),
     "chaos": ("chaos", chaos_table),
     "clicks": ("clicks", clicks_table),

@@ -12,7 +12,7 @@ from contextlib import suppress
 from hashlib import blake2b
 from pathlib import Path
 
-from bagassets.base.atomic import write_atomically
+from bagassets.base.files import write_atomically
 from bagassets.base.quantities import count_text, readable_bytes
 from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.engine.recordings_check import CheckedRecording, check_recording

@@ -5,7 +5,6 @@ so that the next build links them again.
 """
 
 import os
-import shutil
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from typing import NoReturn
 from uuid import uuid4
 
 from bagassets.base.errors import DatasetError, StoreError
+from bagassets.base.files import move, remove, remove_all
 from bagassets.base.quantities import count_text
 from bagassets.engine.freshness.published import Publication
 from bagassets.formats.catalogue import format_of
@@ -134,10 +134,10 @@ def remove_damaged(damages: Collection[DatasetDamage]) -> None:
     for unit in sorted({damage.unit for damage in damages if damage.unit is not None}):
         if unit.is_dir():
             retired = unit.with_name(f"{unit.name}.tmp-{uuid4().hex}")
-            unit.rename(retired)
-            shutil.rmtree(retired, ignore_errors=True)
+            move(unit, retired)
+            remove_all(retired)
         else:
-            unit.unlink(missing_ok=True)
+            remove(unit)
 
 
 class _Check:

@@ -14,10 +14,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from uuid import uuid4
 
+from bagassets.base import files
 from bagassets.base.errors import StoreError
 from bagassets.base.lock_files import LockFile, is_locked
-
-__all__ = ["HOLDERS", "action_lock", "in_use", "in_use_since_s"]
 
 _FOLDER, _ACTIONS = "leases", "underway"
 # Where the file system has no locks, a lease is valid for this long.
@@ -35,7 +34,6 @@ def in_use(root: Path) -> Iterator[None]:
     folder = root / _FOLDER
     path = folder / f"{socket.gethostname()}-{os.getpid()}-{uuid4().hex}"
     try:
-        folder.mkdir(parents=True, exist_ok=True)
         lease = LockFile.open(path, shared=True, new=True)
     except OSError as err:
         raise StoreError(f"{path}: the store cannot be written ({err.strerror}).") from err
@@ -44,7 +42,7 @@ def in_use(root: Path) -> Iterator[None]:
             lease.lock()
         # Whoever checked between creating and locking it took it for a dead process's lease and removed it.
         with suppress(OSError):
-            path.touch()
+            files.mark(path)
         yield
     finally:
         with suppress(OSError):
@@ -64,7 +62,7 @@ def in_use_since_s(root: Path) -> float | None:
             if _is_held(path, begun_s):
                 since.append(begun_s)
             else:
-                path.unlink()
+                files.remove(path)
     return min(since, default=None)
 
 
@@ -79,7 +77,7 @@ def _is_held(path: Path, begun_s: float) -> bool:
 
 
 @dataclass
-class Holders:
+class _Holders:
     """Who holds locks of actions, and whether a holder need not be waited for.
 
     A worker that was declared dead may be frozen, and hold its locks for ever.
@@ -93,7 +91,7 @@ class Holders:
     has_ended: Callable[[str], bool] | None = None
 
 
-HOLDERS = Holders()
+HOLDERS = _Holders()
 """Of this process; set by whoever knows."""
 
 
@@ -107,7 +105,6 @@ def action_lock(root: Path, action_digest: str) -> Iterator[None]:
     path = root / _ACTIONS / f"{action_digest}.lock"
     file: LockFile | None = None
     with suppress(OSError):
-        path.parent.mkdir(parents=True, exist_ok=True)
         file = LockFile.open(path, shared=True)
         if _lock(file):
             file.write(HOLDERS.name)

@@ -40,7 +40,6 @@ WORDS = {
     ("recordings/describe.py", "frames"): "coordinate frames",
     ("sample/oddities.py", "annotations"): "a topic",
     ("sample/recipe.py", "nuscenes"): "a folder",
-    ("view/messages.py", "calibration"): "a topic",
 }
 # Where a name of ours is meant, and stays for a reason.
 NAMED = {

@@ -34,7 +34,7 @@ from bagassets.store.canonical import digest_bytes, digest_json
 from bagassets_tests.killed_recorder import leave_journal, leave_log
 from bagassets_tests.pose_data import Written
 from bagassets_tests.series import write_part, write_parts
-from bagassets_tests.small_drive import START_NS
+from bagassets_tests.small_drive import START_NS, write_drive
 
 TOPICS = {"/odom": "nav_msgs/msg/Odometry", "/tf_static": "tf2_msgs/msg/TFMessage"}
 OTHER = {**TOPICS, "/imu": "sensor_msgs/msg/Imu"}
@@ -449,6 +449,23 @@ def test_convert_says_which_part_is_missing(tmp_path, capsys, names, odd):
     errors = capsys.readouterr().err
     assert ("warning: " in errors) == bool(odd)
     assert f"warning: {tmp_path / 'd.mcap'}: {odd}; the drive is converted as it is.\n" in errors or not odd
+
+
+def test_inspect_shows_a_drive_in_parts_as_the_drive_in_one_file(cut, tmp_path, capsys, monkeypatch):
+    whole = tmp_path / "whole" / "drive.bag"
+    write_drive(whole, "ros1", 2.0)
+    monkeypatch.chdir(cut)
+    shown = {}
+    for name, files in {
+        "whole": [str(whole)],
+        "parts": [f"drive_{number}.bag" for number in range(3)],
+    }.items():
+        assert main(["inspect", "--json", *files]) == 0
+        shown[name] = json.loads(capsys.readouterr().out)
+    for key in ("start_ns", "end_ns", "duration_s", "daylight", "gnss", "notes"):
+        assert shown["parts"][key] == shown["whole"][key]
+    counts = {name: {one["name"]: one["count"] for one in made["topics"]} for name, made in shown.items()}
+    assert counts["parts"] == counts["whole"]
 
 
 def test_a_rig_may_match_a_part():

@@ -46,9 +46,8 @@ class Damage:
         self.holes: dict[tuple[str, int], Hole] = {}
         self.findings: dict[str, None] = {}
         self.is_total_known = True
-        self.is_listed = (
-            False  # whether all topics are counted elsewhere, those in holes of unknown topics included
-        )
+        # Whether all topics are counted elsewhere, those in holes of unknown topics included.
+        self.is_listed = False
 
     def find(self, finding: str) -> None:
         """Note something that costs no message."""

@@ -2,18 +2,19 @@
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
 from bagassets.base.errors import BagAssetsError
 from bagassets.base.json_types import JsonMapping
-from bagassets.recipe.model import Limits
 from bagassets.recordings.damage import DamageError, refuse_pointer, unreadable
+from bagassets.recordings.database_file import Database
 from bagassets.recordings.journals import scratch_folder
+from bagassets.recordings.mcap_file import McapFile
 from bagassets.recordings.merge_topics import merge_topics
-from bagassets.recordings.model import METADATA, OnRead
-from bagassets.recordings.recording import Recording
+from bagassets.recordings.model import METADATA
+from bagassets.recordings.recording import How, Recording
 from bagassets.recordings.rosbag2 import (
     ZSTD,
     Rosbag2Recording,
@@ -36,35 +37,26 @@ class SalvagedFolder(Rosbag2Recording):
 
     Args:
         path: the folder.
-        message_definitions: folders of `.msg` files.
-        limits: of the recipe.
-        on_read: called with how far reading has come.
+        how: how it is opened.
         damage: takes what is found damaged.
 
     Raises:
         RecordingError: none of its files can be read.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        message_definitions: Sequence[Path],
-        limits: Limits,
-        on_read: OnRead | None,
-        damage: Damage,
-    ) -> None:
-        self._limits, self._on_read, self._noted = limits, on_read, damage
+    def __init__(self, path: Path, how: How, damage: Damage) -> None:
+        self._how, self._noted = how, damage
         self._stack = ExitStack()
         metadata, mode, files = self._described(path)
         self._compressed_messages = mode == "message"
         try:
             there = [file for file in files if file.exists()]
-            self._sizes = Sizes(path, sum(file.stat().st_size for file in there), limits)
+            self._sizes = Sizes(path, sum(file.stat().st_size for file in there), how.limits)
             opened = [
                 self._salvaged(file, metadata, is_packed=mode == "file" or file.suffix == ZSTD)
                 for file in files
             ]
-            self._files = [one for one in opened if not isinstance(one, BagAssetsError)]  # type: ignore[misc]
+            self._files = [one for one in opened if not isinstance(one, BagAssetsError)]
             if not self._files:
                 errors = (one for one in opened if isinstance(one, BagAssetsError))
                 raise next(errors, DamageError("none of its files is there"))  # noqa: TRY301  (others are closed below)
@@ -74,7 +66,7 @@ class SalvagedFolder(Rosbag2Recording):
             if metadata is not _NO_METADATA:  # it says how many there were
                 damage.is_total_known = damage.is_listed = True
                 damage.findings = {one: None for one in damage.findings if not one.endswith(END_UNKNOWN)}
-            topics = merge_topics(path, self._sources(metadata), message_definitions, limits)
+            topics = merge_topics(path, self._sources(metadata), how.message_definitions, how.limits)
             Recording.__init__(self, path, "ros2", topics)
         except BaseException:
             self._stack.close()
@@ -93,7 +85,7 @@ class SalvagedFolder(Rosbag2Recording):
 
     def _salvaged(
         self, file: Path, metadata: JsonMapping, *, is_packed: bool
-    ) -> SalvagedDatabase | SalvagedMcap | BagAssetsError:
+    ) -> Database | McapFile | BagAssetsError:
         """Open one file; return why that cannot be, if so, which is noted."""
         size = file.stat().st_size if file.exists() else 0
         try:
@@ -102,7 +94,7 @@ class SalvagedFolder(Rosbag2Recording):
                 return self._reader(file)
             with scratch_folder(file, size) as folder:
                 plain = folder / file.stem
-                if problem := unpack_file(file, plain, self._sizes, self._on_read):
+                if problem := unpack_file(file, plain, self._sizes, self._how.on_read):
                     self._noted.is_total_known = False
                     self._noted.hole(Hole(file.name, size, size, problem))
                 return self._reader(plain)
@@ -113,12 +105,12 @@ class SalvagedFolder(Rosbag2Recording):
         except Exception as err:  # noqa: BLE001  (whatever damaged bytes lead to)
             return self._lost(file, size, unreadable(file, err), metadata)
 
-    def _reader(self, file: Path) -> SalvagedDatabase | SalvagedMcap:
-        opened: SalvagedDatabase | SalvagedMcap
+    def _reader(self, file: Path) -> Database | McapFile:
+        opened: Database | McapFile
         if file.suffix == ".mcap":
-            opened = SalvagedMcap(file, self._limits, self._on_read, self._noted, self._sizes)
+            opened = SalvagedMcap(file, self._how.limits, self._how.on_read, self._noted, self._sizes)
         else:
-            opened = SalvagedDatabase(file, self._limits, self._on_read, self._noted)
+            opened = SalvagedDatabase(file, self._how.limits, self._how.on_read, self._noted)
         self._stack.callback(opened.close)
         return opened
 
@@ -150,9 +142,9 @@ class SalvagedFolder(Rosbag2Recording):
         database.note_unnamed()
 
     @property
-    def files(self) -> "tuple[SalvagedDatabase | SalvagedMcap, ...]":
+    def files(self) -> tuple[Database | McapFile, ...]:
         """The open files."""
-        return tuple(self._files)  # type: ignore[arg-type]
+        return tuple(self._files)
 
     def rows(self, file: SalvagedDatabase) -> Iterator[tuple[int, int, bytes | memoryview]]:
         """Yield topic id, log time and payload of the messages in one of the files, decompressed."""

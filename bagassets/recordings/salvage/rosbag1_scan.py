@@ -6,7 +6,7 @@ due (https://wiki.ros.org/Bags/Format/2.0).
 
 import re
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from io import BytesIO
@@ -24,7 +24,7 @@ from bagassets.recipe.model import Limits
 from bagassets.recordings.chunks import LatestChunks, detached
 from bagassets.recordings.damage import NO_BEGINNING, DamageError
 from bagassets.recordings.model import OnRead
-from bagassets.recordings.rosbag1 import ENTRY, SIZE, IndexReader, Records, in_order, sized, text_in
+from bagassets.recordings.rosbag1 import ENTRY, SIZE, IndexReader, Records, in_order, sized, text_in, times_of
 from bagassets.recordings.salvage.damage_map import NO_INDEX, Damage, Extent, Hole, times_around
 from bagassets.recordings.salvage.find_records import reaches_into_zeros, scan, what_is_there
 from bagassets.recordings.salvage.unpack import unpack_chunk
@@ -229,7 +229,7 @@ class SalvagedBag(IndexReader):
         )
 
     def _extents(self) -> list[Extent]:
-        spans = [(position, _span_of(one.index)) for position, one in self._found.items()]
+        spans = [(position, _span_of(one.index.values())) for position, one in self._found.items()]
         return [Extent(position, *span) for position, span in spans if span is not None]
 
     def _note_missing_index(self) -> None:
@@ -283,7 +283,7 @@ class SalvagedBag(IndexReader):
         if len(offsets) and (int(offsets[-1]) >= unpacked or (np.diff(offsets) == 0).any()):
             return False
         if not all(
-            (np.diff(_times(one)) >= 0).all() and (np.diff(one["offset"].astype(np.int64)) > 0).all()
+            (np.diff(times_of(one)) >= 0).all() and (np.diff(one["offset"].astype(np.int64)) > 0).all()
             for one in found.index.values()
         ):
             return False
@@ -308,7 +308,7 @@ class SalvagedBag(IndexReader):
         content, problem = unpack_chunk(packed, compression, most, is_cut=found.is_cut)
         if problem and not (found.is_open and compression == "none"):  # whose records tell where they end
             end = self._content_end(position)
-            own_ns = _span_of(found.index)
+            own_ns = _span_of(found.index.values())
             if content or own_ns is None:  # what is missing comes after all that was found up to there
                 first_ns, last_ns = times_around(self._extents(), end, end)
             else:
@@ -366,9 +366,7 @@ class SalvagedBag(IndexReader):
 
     def span_ns(self) -> tuple[int, int] | None:
         """Return first and last log time of what can be read."""
-        spans = [_span_of(dict(enumerate(e for _, e in parts))) for parts in self._entries.values()]
-        found = [span for span in spans if span is not None]
-        return (min(first for first, _ in found), max(last for _, last in found)) if found else None
+        return _span_of(entries for parts in self._entries.values() for _, entries in parts)
 
     def messages(  # type: ignore[override]  # as that of its base
         self, connections: Collection[int]
@@ -419,15 +417,10 @@ def _header_at(source: BinaryIO, begin: int) -> Header:
     return Header.read(source)
 
 
-def _span_of(index: Mapping[int, NDArray[np.void]]) -> tuple[int, int] | None:
+def _span_of(index: Iterable[NDArray[np.void]]) -> tuple[int, int] | None:
     """Return first and last log time of entries; None if there are none."""
-    times = [_times(entries) for entries in index.values() if len(entries)]
+    times = [times_of(entries) for entries in index if len(entries)]
     return (min(int(one.min()) for one in times), max(int(one.max()) for one in times)) if times else None
-
-
-def _times(entries: NDArray[np.void]) -> NDArray[np.int64]:
-    times: NDArray[np.int64] = entries["seconds"].astype(np.int64) * 10**9 + entries["nanoseconds"]
-    return times
 
 
 def _read_as(bag: SalvagedBag, source: BinaryIO, begin: int) -> Connection:
