@@ -31,15 +31,9 @@ _DIGEST = re.compile("[0-9a-f]{64}")
 _TICK_NS, _WRITING_NS = 20_000_000, 50_000_000
 
 # Not damage, which is replaced: SQLite may not write, must wait, or has no space.
-_UNWRITABLE = {
-    sqlite3.SQLITE_BUSY,
-    sqlite3.SQLITE_LOCKED,
-    sqlite3.SQLITE_READONLY,
-    sqlite3.SQLITE_IOERR,
-    sqlite3.SQLITE_FULL,
-    sqlite3.SQLITE_CANTOPEN,
-    sqlite3.SQLITE_PERM,
-}
+_UNWRITABLE = tuple(
+    f"SQLITE_{name}" for name in ("BUSY", "LOCKED", "READONLY", "IOERR", "FULL", "CANTOPEN", "PERM")
+)
 
 Kept = Literal["attribute", "index", "nowhere"]
 
@@ -126,7 +120,7 @@ class DigestIndex:
             try:
                 self._insert(path, row)
             except sqlite3.DatabaseError as err:
-                if getattr(err, "sqlite_errorcode", 0) & 0xFF in _UNWRITABLE:
+                if getattr(err, "sqlite_errorname", "").startswith(_UNWRITABLE):
                     raise
                 self._path.unlink(missing_ok=True)
                 self._insert(path, row)
