@@ -55,7 +55,7 @@ Exit status:
     "of_recordings",
     is_flag=True,
     help="Instead of reading the store, hash every recording and name the files that do not match their digest on "
-    "record, with the topics that changed. Nothing is written.",
+    "record, with the topics that changed. They are not written to.",
 )
 @click.option(
     "--rebuild",
@@ -145,8 +145,9 @@ def _check(
         remove_damaged(spoiled)
     wrong = sum(not recording.is_sound for recording in checked)
     status = ExitStatus.FOUND if damages or spoiled or wrong else 0
-    for problem in turns.problems if minutes is not None else ():
-        echo(f"{problem}; the next run begins where this one did.", err=True)
+    for note in turns.notes if minutes is not None else ():
+        if note.problem:
+            echo(f"{note.problem}; the next run begins where this one did.", err=True)
     if as_json:
         damaged = [vars(d) | {"what": names.get(d.digest)} for d in damages]
         datasets = [{"path": str(d.path), "reason": d.reason} for d in spoiled]
@@ -244,7 +245,8 @@ def _rebuild(
             }
             outcomes.append(outcome)
             if not as_json:
-                echo(f"{outcome['result']:<9}  {action}" + _details(outcome))
+                why = outcome["error"] or names_text(outcome["differing"])
+                echo(f"{outcome['result']:<9}  {action}{': ' if why else ''}{why}")
     different = sum(outcome["result"] != "same" for outcome in outcomes)
     if as_json:
         echo_json({"seed": seed, "environment": environment, "actions": outcomes})
@@ -256,9 +258,3 @@ def _rebuild(
             err=True,
         )
     return ExitStatus.FOUND if different else 0
-
-
-def _details(outcome: JsonObject) -> str:
-    if outcome["error"]:
-        return f": {outcome['error']}"
-    return f": {names_text(outcome['differing'])}" if outcome["differing"] else ""

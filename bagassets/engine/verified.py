@@ -79,6 +79,10 @@ class Turns:
         with_store: verify its artifacts, and records of actions.
         with_recordings: verify recordings.
 
+    Attributes:
+        artifacts: digest -> artifact.
+        notes: when what is in the store, and recordings, were last found whole.
+
     Raises:
         RecordingError: the bag root is not there.
     """
@@ -92,8 +96,9 @@ class Turns:
         self._recordings = {f"{one.key} {one.size} {one.mtime_ns}": one for one in recordings}
         self.artifacts = {one.digest: one for one in artifacts_in(store)} if with_store else {}
         self._folders = {one.name: one for one in record_folders(store)} if with_store else {}
+        self._in_store = (*self._folders, *self.artifacts)
         self._made_by: dict[str, str] = {}
-        self._stored, self._recorded = Verified(store.root), Verified(assets.recipe.state)
+        self.notes = self._stored, self._recorded = Verified(store.root), Verified(assets.recipe.state)
 
     def run(self, most_s: float = math.inf) -> Iterator[list[Damage] | CheckedRecording]:
         """Verify one after the other, the oldest first if there is little time, and yield what was found.
@@ -102,7 +107,7 @@ class Turns:
         found whole.
         """
         end_s = time.monotonic() + most_s
-        names = dict.fromkeys((*self._folders, *self.artifacts), self._stored)
+        names = dict.fromkeys(self._in_store, self._stored)
         names |= dict.fromkeys(self._recordings, self._recorded)
         # Of what is equally old, store and recordings take turns.
         ages = {name: (names[name].times.get(name, 0), blake2b(name.encode()).digest()) for name in names}
@@ -123,7 +128,10 @@ class Turns:
         with ThreadPoolExecutor(_THREADS) as pool:
             for are_artifacts, alike in groupby(names, self.artifacts.__contains__):
                 while some := list(islice(alike, _THREADS if are_artifacts else 1)):
-                    yield from zip(some, pool.map(self._verify, some), strict=True)
+                    side_by_side = (
+                        pool.map if are_artifacts else map
+                    )  # an interrupt need not wait for a recording
+                    yield from zip(some, side_by_side(self._verify, some), strict=True)
                     if time.monotonic() >= end_s:
                         return
 
@@ -135,13 +143,8 @@ class Turns:
         return list(check_artifact(self.artifacts[name], self._made_by.get(name)))
 
     def _save(self, *, now: bool) -> None:
-        self._stored.save((*self._folders, *self.artifacts), now=now)
+        self._stored.save(self._in_store, now=now)
         self._recorded.save(self._recordings, now=now)
-
-    @property
-    def problems(self) -> list[str]:
-        """Why it cannot be noted what was verified."""
-        return list(filter(None, [self._stored.problem, self._recorded.problem]))
 
     def share(self) -> dict[str, int]:
         """Return how much was verified within the last 30 days, and of how much."""

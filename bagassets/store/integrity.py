@@ -1,7 +1,7 @@
 """Checking a store: every artifact byte for byte, and that every record leads to one."""
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -47,12 +47,13 @@ def check_store(store: Store) -> Iterator[Damage]:
 
 def record_folders(store: Store) -> list[Path]:
     """Return the folders of records of actions."""
-    return _folders(store.root / "actions")
+    return sorted(store.root.glob("actions/*/"))
 
 
 def artifacts_in(store: Store) -> Iterator[Artifact]:
-    """Yield all artifacts."""
-    return (Artifact(folder.name, folder) for folder in _entries(_folders(store.root / "artifacts")))
+    """Yield all artifacts but those that are still being written."""
+    folders = sorted(store.root.glob("artifacts/*/*"))
+    return (Artifact(folder.name, folder) for folder in folders if folder.name[0] != ".")
 
 
 def check_records(store: Store, folder: Path, made_by: dict[str, str]) -> Iterator[Damage]:
@@ -63,7 +64,7 @@ def check_records(store: Store, folder: Path, made_by: dict[str, str]) -> Iterat
         folder: of `record_folders`.
         made_by: takes artifact -> step that made it.
     """
-    for path in _entries([folder], ".json"):
+    for path in sorted(folder.glob("*.json")):
         name = path.name.partition(".")[0]
         try:
             record = json.loads(path.read_bytes())
@@ -121,13 +122,3 @@ def artifact_damage(artifact: Artifact) -> list[str]:
 
 def _digest(path: Path, size: int) -> str:
     return digest_file(path) if size > _WHOLE_BYTES else digest_bytes(path.read_bytes())
-
-
-def _folders(folder: Path) -> list[Path]:
-    return sorted(part for part in folder.iterdir() if part.is_dir()) if folder.is_dir() else []
-
-
-def _entries(folders: Iterable[Path], suffix: str = "") -> Iterator[Path]:
-    """Yield the entries of folders, by name, without hidden ones, which are still being written."""
-    for folder in folders:
-        yield from (p for p in sorted(folder.iterdir()) if p.name.endswith(suffix) and p.name[0] != ".")
