@@ -33,7 +33,7 @@ from benchmarks.common import ROOT, machine, markdown
 
 __all__ = ["crash_table"]
 
-_crash: Any = import_module("bagassets_tests.crash_project")
+_CODE = "bagassets_tests.crash_project"  # imported when it is needed, as it imports Dagster
 _PARTS = ("crash", "failure", "history")
 _EACH = 25
 
@@ -52,6 +52,7 @@ def main() -> int:
     )
     parser.add_argument("--json", type=Path, help="write the figures here")
     options = parser.parse_args()
+    import_module(_CODE)  # workers are forked with it
     begun, tries, problems = time.monotonic(), Counter[tuple[str, str]](), list[str]()
     good = Counter[tuple[str, str]]()
     with tempfile.TemporaryDirectory(dir=options.folder if options.folder.is_dir() else None) as name:
@@ -99,6 +100,8 @@ def _tried(folder: Path, options: argparse.Namespace) -> Iterator[Try]:
 def _work(
     folder: Path, number: int, options: argparse.Namespace, answer: Callable[[Try | None], None]
 ) -> None:
+    code: Any = import_module(_CODE)
+
     def mine(all_of_it: Any) -> Iterator[Any]:
         """Those of all tries that are in the sample, and this worker's."""
         dice = random.Random(options.seed)
@@ -108,22 +111,22 @@ def _work(
 
     try:
         folder.mkdir()
-        project = _crash.Project(folder)
-        for command in _crash.SCENARIOS if options.only != "history" else ():
-            scenario = _crash.recorded(project, command)
-            _crash.import_what_was_needed()
+        project = code.Project(folder)
+        for command in code.SCENARIOS if options.only != "history" else ():
+            scenario = code.recorded(project, command)
+            code.import_what_was_needed()
             if options.only != "failure":
-                for crash in mine(_crash.crashes(scenario, options.seed)):
-                    problem = _crash.replay(project, scenario, crash)
+                for crash in mine(code.crashes(scenario, options.seed)):
+                    problem = code.replay(project, scenario, crash)
                     answer(("crash", command, problem and f"{crash}: {problem}"))
             if options.only != "crash":
-                for failure in mine(_crash.failures(scenario)):
-                    problem = _crash.fail(project, scenario, *failure)
+                for failure in mine(code.failures(scenario)):
+                    problem = code.fail(project, scenario, *failure)
                     if problem is not None:
                         answer(("failure", command, problem and f"{failure}: {problem}"))
         if options.only in (None, "history"):
-            histories = _crash.Histories(folder)
-            for steps in mine(product(_crash.STEPS, repeat=3)):
+            histories = code.Histories(folder)
+            for steps in mine(product(code.STEPS, repeat=3)):
                 problem = histories.run(steps, options.seed)
                 answer(("history", "three steps", problem and f"{', '.join(steps)}: {problem}"))
     except BaseException as err:
