@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from bagassets.engine.rebuild import KnownAction
     from bagassets.engine.recordings_check import CheckedRecording
     from bagassets.engine.verified import Turns
-    from bagassets.formats.dataset_integrity import DatasetDamage
     from bagassets.recipe.model import Recipe
     from bagassets.store.integrity import Damage
     from bagassets.store.store import Store
@@ -56,7 +55,7 @@ Exit status:
     "of_recordings",
     is_flag=True,
     help="Instead of reading the store, hash every recording and name the files that do not match their digest on "
-    "record, with the topics that changed. Nothing is written.",
+    "record, with the topics that changed. They are not written to.",
 )
 @click.option(
     "--rebuild",
@@ -101,79 +100,30 @@ def verify(
         if minutes is not None:
             raise click.UsageError("--minutes and --rebuild are two things; ask for one of them.")
         return _rebuild(recipe, loaded, store, number, seed, as_json=as_json)
-    if minutes is None and not of_recordings:
-        return _check(loaded, store, report_only=report_only, as_json=as_json)
-    turns = Turns(recording_assets(loaded), store, with_store=not of_recordings)
-    return _check_in_turn(loaded, store, turns, minutes, report_only=report_only, as_json=as_json)
+    with_recordings = of_recordings or minutes is not None
+    assets = recording_assets(loaded)
+    turns = Turns(assets, store, with_store=not of_recordings, with_recordings=with_recordings)
+    return _check(loaded, store, turns, minutes, of_recordings, report_only=report_only, as_json=as_json)
 
 
-def _check(recipe: "Recipe", store: "Store", *, report_only: bool, as_json: bool) -> int:
-    from bagassets.formats.dataset_integrity import find_damage
-
-    damages = _damages(store)
-    artifacts = {d.digest for d in damages if d.kind == "artifact"}
-    spoiled = list(find_damage(recipe, store, artifacts))
-    told = _take_out(recipe, store, damages, spoiled, report_only=report_only, as_json=as_json)
-    status = ExitStatus.FOUND if damages or spoiled else 0
-    if as_json:
-        echo_json(told)
-    elif not status:
-        echo("Store and datasets are intact.")
-    return status
-
-
-def _take_out(
-    recipe: "Recipe",
-    store: "Store",
-    damages: list["Damage"],
-    spoiled: list["DatasetDamage"],
-    *,
-    report_only: bool,
-    as_json: bool,
-) -> JsonObject:
-    """Tell of all damage in store and datasets, remove what is damaged, and return it as JSON."""
-    from bagassets.formats.dataset_integrity import remove_damaged
-
-    names = _names(recipe, store) if damages else {}
-    if not report_only:
-        for damage in damages:
-            if damage.kind == "artifact":
-                store.remove(damage.digest)
-            else:
-                store.forget(damage.digest)
-        remove_damaged(spoiled)
-    if as_json:
-        damaged = [vars(d) | {"what": names.get(d.digest)} for d in damages]
-        datasets = [{"path": str(d.path), "reason": d.reason} for d in spoiled]
-        return {"damaged": damaged, "datasets": datasets, "taken_out": not report_only}
-    for damage in damages:
-        of = f" ({names[damage.digest]})" if damage.digest in names else ""
-        echo(f"damaged  {damage}{of}")
-    for spoiled_file in spoiled[:_MOST_SHOWN]:
-        echo(f"dataset  {spoiled_file}")
-    if len(spoiled) > _MOST_SHOWN:
-        echo(f"dataset  and {count_text(len(spoiled) - _MOST_SHOWN, 'more file')}")
-    done = "Nothing was changed." if report_only else "Removed; the next `bagassets build` makes them again."
-    if damages or spoiled:
-        echo(f"Damage: {len(damages)} in the store, {len(spoiled)} in datasets. {done}", err=True)
-    return {}
-
-
-def _check_in_turn(
+def _check(
     recipe: "Recipe",
     store: "Store",
     turns: "Turns",
     minutes: float | None,
+    of_recordings: bool,
     *,
     report_only: bool,
     as_json: bool,
 ) -> int:
-    """Verify store and recordings, or these alone, for some minutes or as long as it takes."""
+    """Verify what is asked for, for some minutes or as long as it takes, and remove what is damaged."""
     from bagassets.engine.recordings_check import CheckedRecording
-    from bagassets.formats.dataset_integrity import find_damage
+    from bagassets.formats.dataset_integrity import find_damage, remove_damaged
 
     damages: list[Damage] = []
     checked: list[CheckedRecording] = []
+    is_all = minutes is None and not of_recordings
+    on_terminal = sys.stderr.isatty()
     for number, found in enumerate(turns.run(math.inf if minutes is None else minutes * 60), 1):
         if isinstance(found, CheckedRecording):
             checked.append(found)
@@ -181,25 +131,52 @@ def _check_in_turn(
                 _print_recording(found)
         else:
             damages += found
-        _show_progress(f"{number} verified")
-    if sys.stderr.isatty():
-        echo("", err=True)
+        if on_terminal and number % 50 == 0:
+            click.echo(f"\r{number} checked", nl=False, err=True)
+    begin = "\r" if on_terminal else ""
+    if is_all:
+        click.echo(f"{begin}{count_text(len(turns.artifacts), 'artifact')} checked", err=True)
     artifacts = {d.digest for d in damages if d.kind == "artifact"}
-    spoiled = list(find_damage(recipe, store, artifacts, others=False)) if artifacts else []
-    told = _take_out(recipe, store, damages, spoiled, report_only=report_only, as_json=as_json)
-    for problem in turns.problems:
-        echo(f"{problem}; the next run begins where this one did.", err=True)
+    spoiled = list(find_damage(recipe, store, artifacts, others=is_all)) if is_all or artifacts else []
+    names = _names(recipe, store) if damages else {}
+    if not report_only:
+        for damage in damages:
+            (store.remove if damage.kind == "artifact" else store.forget)(damage.digest)
+        remove_damaged(spoiled)
     wrong = sum(not recording.is_sound for recording in checked)
+    status = ExitStatus.FOUND if damages or spoiled or wrong else 0
+    for note in turns.notes if minutes is not None else ():
+        if note.problem:
+            echo(f"{note.problem}; the next run begins where this one did.", err=True)
     if as_json:
-        echo_json(told | {"recordings": [one.as_json() for one in checked], "verified": turns.share()})
-    else:
+        damaged = [vars(d) | {"what": names.get(d.digest)} for d in damages]
+        datasets = [{"path": str(d.path), "reason": d.reason} for d in spoiled]
+        told: JsonObject = {"damaged": damaged, "datasets": datasets, "taken_out": not report_only}
+        more = {"recordings": [one.as_json() for one in checked], "verified": turns.share()}
+        echo_json(told if is_all else told | more)
+        return status
+    for damage in damages:
+        of = f" ({names[damage.digest]})" if damage.digest in names else ""
+        echo(f"damaged  {damage}{of}")
+    for spoiled_file in spoiled[:_MOST_SHOWN]:
+        echo(f"dataset  {spoiled_file}")
+    if len(spoiled) > _MOST_SHOWN:
+        echo(f"dataset  and {count_text(len(spoiled) - _MOST_SHOWN, 'more file')}")
+    if damages or spoiled:
+        done = (
+            "Nothing was changed." if report_only else "Removed; the next `bagassets build` makes them again."
+        )
+        echo(f"Damage: {len(damages)} in the store, {len(spoiled)} in datasets. {done}", err=True)
+    elif is_all:
+        echo("Store and datasets are intact.")
+    if not is_all:
         size = readable_bytes(sum(recording.size for recording in checked))
-        done = f"{count_text(len(checked), 'recording')}, {size} hashed: {wrong or 'none'} changed."
         advice = " Restore them from their source; accept intended changes with `bagassets digest --rehash`."
-        echo(done + (advice if wrong else ""), err=True)
-        if minutes is not None:
-            echo(turns.share_text())
-    return ExitStatus.FOUND if damages or wrong else 0
+        hashed = f"{count_text(len(checked), 'recording')}, {size} hashed: {wrong or 'none'} changed."
+        echo(f"{begin}{hashed}{advice if wrong else ''}", err=True)
+    if minutes is not None:
+        echo(turns.share_text())
+    return status
 
 
 def _print_recording(recording: "CheckedRecording") -> None:
@@ -216,29 +193,6 @@ def _print_recording(recording: "CheckedRecording") -> None:
             f"unknown  {path}: it has no digest on record; `bagassets build` or `bagassets digest` stores one"
         )
     sys.stdout.flush()
-
-
-def _damages(store: "Store") -> list["Damage"]:
-    from bagassets.engine.verified import note_store
-    from bagassets.store.integrity import check_store
-
-    checked = []
-
-    def progress(artifact: str) -> None:
-        checked.append(artifact)
-        if len(checked) % 50 == 0:
-            _show_progress(f"{count_text(len(checked), 'artifact')} checked")
-
-    damages = list(check_store(store, progress))
-    note_store(store, checked, damages)
-    begin = "\r" if sys.stderr.isatty() else ""
-    click.echo(f"{begin}{count_text(len(checked), 'artifact')} checked", err=True)
-    return damages
-
-
-def _show_progress(text: str) -> None:
-    if sys.stderr.isatty():
-        click.echo(f"\r{text}", nl=False, err=True)
 
 
 def _names(recipe: "Recipe", store: "Store") -> dict[str, str]:
@@ -291,7 +245,8 @@ def _rebuild(
             }
             outcomes.append(outcome)
             if not as_json:
-                echo(f"{outcome['result']:<9}  {action}" + _details(outcome))
+                why = outcome["error"] or names_text(outcome["differing"])
+                echo(f"{outcome['result']:<9}  {action}{': ' if why else ''}{why}")
     different = sum(outcome["result"] != "same" for outcome in outcomes)
     if as_json:
         echo_json({"seed": seed, "environment": environment, "actions": outcomes})
@@ -303,9 +258,3 @@ def _rebuild(
             err=True,
         )
     return ExitStatus.FOUND if different else 0
-
-
-def _details(outcome: JsonObject) -> str:
-    if outcome["error"]:
-        return f": {outcome['error']}"
-    return f": {names_text(outcome['differing'])}" if outcome["differing"] else ""

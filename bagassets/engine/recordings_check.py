@@ -93,11 +93,6 @@ class CheckedRecording:
         """True if every file could be read and matches its record."""
         return not self.files and self.problem is None
 
-    @property
-    def is_verified(self) -> bool:
-        """True if, besides, every file has a record."""
-        return self.is_sound and not self.unrecorded
-
     def as_json(self) -> JsonObject:
         """Return the result as JSON."""
         return {

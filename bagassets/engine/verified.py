@@ -6,10 +6,13 @@ count as never verified.
 
 import json
 import math
+import os
 import time
 from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from hashlib import blake2b
+from itertools import groupby, islice
 from pathlib import Path
 
 from bagassets.base.files import write_atomically
@@ -18,11 +21,12 @@ from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.engine.recordings_check import CheckedRecording, check_recording
 from bagassets.recordings.digest_record import DigestIndex
 from bagassets.recordings.discover import discover
-from bagassets.store.integrity import Damage, artifact_damage, artifacts_in, check_records, record_folders
+from bagassets.store.integrity import Damage, artifacts_in, check_artifact, check_records, record_folders
 from bagassets.store.store import Store
 
 RECENT_DAYS = 30
 _SAVE_S = 10.0  # so much is verified again after a kill
+_THREADS = min(8, os.cpu_count() or 1)
 
 
 class Verified:
@@ -72,69 +76,83 @@ class Turns:
     Args:
         assets: the assets of a recording under the recipe.
         store: the artifact store.
-        with_store: not of recordings alone.
+        with_store: verify its artifacts, and records of actions.
+        with_recordings: verify recordings.
+
+    Attributes:
+        artifacts: digest -> artifact.
+        notes: when what is in the store, and recordings, were last found whole.
 
     Raises:
         RecordingError: the bag root is not there.
     """
 
-    def __init__(self, assets: RecordingAssets, store: Store, *, with_store: bool) -> None:
+    def __init__(
+        self, assets: RecordingAssets, store: Store, *, with_store: bool, with_recordings: bool
+    ) -> None:
         self._assets, self._store, self._index = assets, store, DigestIndex.of(assets.recipe)
-        recordings = discover(assets.recipe.bags).recordings.values()
+        recordings = discover(assets.recipe.bags).recordings.values() if with_recordings else ()
         # One that is written to has another name, and counts as never verified.
         self._recordings = {f"{one.key} {one.size} {one.mtime_ns}": one for one in recordings}
-        self._artifacts = {one.digest: one for one in artifacts_in(store)} if with_store else {}
+        self.artifacts = {one.digest: one for one in artifacts_in(store)} if with_store else {}
         self._folders = {one.name: one for one in record_folders(store)} if with_store else {}
-        self._stored, self._recorded = Verified(store.root), Verified(assets.recipe.state)
+        self._in_store = (*self._folders, *self.artifacts)
+        self._made_by: dict[str, str] = {}
+        self.notes = self._stored, self._recorded = Verified(store.root), Verified(assets.recipe.state)
 
     def run(self, most_s: float = math.inf) -> Iterator[list[Damage] | CheckedRecording]:
         """Verify one after the other, the oldest first if there is little time, and yield what was found.
 
-        One is begun no later than after `most_s`, and one at least. Nothing is changed but what is noted of those that were
+        None is begun after `most_s`, but one at least is verified. Nothing is changed but what is noted of those that were
         found whole.
         """
         end_s = time.monotonic() + most_s
-        names = dict.fromkeys(self._recordings, self._recorded)
-        names |= dict.fromkeys((*self._folders, *self._artifacts), self._stored)
-        by_age = sorted(names, key=lambda name: (names[name].times.get(name, 0), _mixed(name)))
+        names = dict.fromkeys(self._in_store, self._stored)
+        names |= dict.fromkeys(self._recordings, self._recorded)
+        # Of what is equally old, store and recordings take turns.
+        ages = {name: (names[name].times.get(name, 0), blake2b(name.encode()).digest()) for name in names}
+        order = sorted(names, key=ages.__getitem__) if most_s < math.inf else list(names)
         try:
-            for name in by_age if most_s < math.inf else names:
-                found = self._verify(name)
-                if found.is_verified if isinstance(found, CheckedRecording) else not found:
+            for name, found in self._results(order, end_s):
+                if not found if isinstance(found, list) else found.is_sound and not found.unrecorded:
                     names[name].note(name)
                 yield found
                 self._save(now=False)
-                if time.monotonic() >= end_s:
-                    return
         finally:
             self._save(now=True)
+
+    def _results(
+        self, names: Sequence[str], end_s: float
+    ) -> Iterator[tuple[str, list[Damage] | CheckedRecording]]:
+        """Yield what is found: artifacts are read side by side, some at a time."""
+        with ThreadPoolExecutor(_THREADS) as pool:
+            for are_artifacts, alike in groupby(names, self.artifacts.__contains__):
+                while some := list(islice(alike, _THREADS if are_artifacts else 1)):
+                    side_by_side = (
+                        pool.map if are_artifacts else map
+                    )  # an interrupt need not wait for a recording
+                    yield from zip(some, side_by_side(self._verify, some), strict=True)
+                    if time.monotonic() >= end_s:
+                        return
 
     def _verify(self, name: str) -> list[Damage] | CheckedRecording:
         if name in self._recordings:
             return check_recording(self._assets, self._store, self._index, self._recordings[name])
         if name in self._folders:
-            return list(check_records(self._store, self._folders[name]))
-        artifact = self._artifacts[name]
-        reasons = artifact_damage(artifact)
-        is_there = artifact.folder.is_dir()  # else it was collected meanwhile
-        return [Damage("artifact", name, tuple(reasons))] if reasons and is_there else []
+            return list(check_records(self._store, self._folders[name], self._made_by))
+        return list(check_artifact(self.artifacts[name], self._made_by.get(name)))
 
     def _save(self, *, now: bool) -> None:
-        self._stored.save((*self._folders, *self._artifacts), now=now)
+        self._stored.save(self._in_store, now=now)
         self._recorded.save(self._recordings, now=now)
-
-    @property
-    def problems(self) -> list[str]:
-        """Why it cannot be noted what was verified."""
-        return list(filter(None, [self._stored.problem, self._recorded.problem]))
 
     def share(self) -> dict[str, int]:
         """Return how much was verified within the last 30 days, and of how much."""
         recent = [self._recordings[name].size for name in self._recorded.recent(self._recordings)]
         return {
             "days": RECENT_DAYS,
-            "artifacts": len(self._stored.recent(self._artifacts)),
-            "of_artifacts": len(self._artifacts),
+            "artifacts": len(self._stored.recent(self.artifacts)),
+            "of_artifacts": len(self.artifacts),
             "recordings": len(recent),
             "of_recordings": len(self._recordings),
             "recording_bytes": sum(recent),
@@ -149,19 +167,3 @@ class Turns:
             f"{share['recordings']} of {count_text(share['of_recordings'], 'recording')} "
             f"({readable_bytes(share['recording_bytes'])} of {readable_bytes(share['of_recording_bytes'])})."
         )
-
-
-def _mixed(name: str) -> bytes:
-    """Of what is equally old, store and recordings take turns."""
-    return blake2b(name.encode()).digest()
-
-
-def note_store(store: Store, artifacts: Sequence[str], damages: Sequence[Damage]) -> None:
-    """Note that a whole store was verified: all its records and these artifacts, but for what is damaged."""
-    verified, damaged = Verified(store.root), {damage.digest for damage in damages}
-    torn = {damage.digest[:2] for damage in damages if damage.kind == "action"}
-    whole = [folder.name for folder in record_folders(store) if folder.name not in torn]
-    whole += [name for name in artifacts if name not in damaged]
-    for name in whole:
-        verified.note(name)
-    verified.save(whole)

@@ -30,6 +30,11 @@ _DIGEST = re.compile("[0-9a-f]{64}")
 # The kernel's clock of file times is behind by up to a tick; writing an attribute takes that long at most.
 _TICK_NS, _WRITING_NS = 20_000_000, 50_000_000
 
+# Not damage, which is replaced: SQLite may not write, must wait, or has no space.
+_UNWRITABLE = tuple(
+    f"SQLITE_{name}" for name in ("BUSY", "LOCKED", "READONLY", "IOERR", "FULL", "CANTOPEN", "PERM")
+)
+
 Kept = Literal["attribute", "index", "nowhere"]
 
 
@@ -114,9 +119,9 @@ class DigestIndex:
         try:
             try:
                 self._insert(path, row)
-            except sqlite3.OperationalError:
-                raise  # locked, read-only or full, but not damaged
-            except sqlite3.DatabaseError:
+            except sqlite3.DatabaseError as err:
+                if getattr(err, "sqlite_errorname", "").startswith(_UNWRITABLE):
+                    raise
                 self._path.unlink(missing_ok=True)
                 self._insert(path, row)
         except (OSError, sqlite3.Error) as err:

@@ -1,9 +1,7 @@
 """Checking a store: every artifact byte for byte, and that every record leads to one."""
 
 import json
-import os
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -14,9 +12,6 @@ from bagassets.store.store import Store
 
 # Files above this are hashed block by block, not read at once.
 _WHOLE_BYTES = 32 << 20
-
-# Digest of an artifact that is gone -> digest and step of the actions that made it.
-_Lost = dict[str, list[tuple[str, str]]]
 
 
 @dataclass(frozen=True)
@@ -41,53 +36,35 @@ class Damage:
         return f"{self.kind} {self.digest[:16]}{of_step}: {'; '.join(self.reasons[:3])}{more}"
 
 
-def check_store(store: Store, progress: Callable[[str], None] | None = None) -> Iterator[Damage]:
-    """Read everything in the store and yield what is damaged.
-
-    Nothing is changed. Artifacts that a garbage collector removes meanwhile do not count as damaged.
-
-    Args:
-        store: the store.
-        progress: called with the digest of each artifact that was checked.
-    """
+def check_store(store: Store) -> Iterator[Damage]:
+    """Read everything in the store and yield what is damaged; nothing is changed."""
     made_by: dict[str, str] = {}
-    lost: _Lost = {}
     for folder in record_folders(store):
-        yield from _check_records(store, folder, made_by, lost)
-    artifacts = list(artifacts_in(store))
-    pool = ThreadPoolExecutor(min(8, os.cpu_count() or 1))
-    try:
-        for artifact, reasons in zip(artifacts, pool.map(artifact_damage, artifacts), strict=True):
-            if reasons and artifact.folder.is_dir():
-                lost.pop(artifact.digest, None)
-                yield Damage("artifact", artifact.digest, tuple(reasons), made_by.get(artifact.digest))
-            if progress is not None:
-                progress(artifact.digest)
-    finally:
-        pool.shutdown(cancel_futures=True)
-    yield from _all_lost(lost)
+        yield from check_records(store, folder, made_by)
+    for artifact in artifacts_in(store):
+        yield from check_artifact(artifact, made_by.get(artifact.digest))
 
 
 def record_folders(store: Store) -> list[Path]:
     """Return the folders of records of actions."""
-    return _folders(store.root / "actions")
+    return sorted(store.root.glob("actions/*/"))
 
 
 def artifacts_in(store: Store) -> Iterator[Artifact]:
-    """Yield all artifacts."""
-    return (Artifact(folder.name, folder) for folder in _entries(_folders(store.root / "artifacts")))
+    """Yield all artifacts but those that are still being written."""
+    folders = sorted(store.root.glob("artifacts/*/*"))
+    return (Artifact(folder.name, folder) for folder in folders if folder.name[0] != ".")
 
 
-def check_records(store: Store, folder: Path) -> Iterator[Damage]:
-    """Read one folder of records and yield what is damaged, as `check_store` does."""
-    lost: _Lost = {}
-    yield from _check_records(store, folder, {}, lost)
-    yield from _all_lost(lost)
+def check_records(store: Store, folder: Path, made_by: dict[str, str]) -> Iterator[Damage]:
+    """Read one folder of records and yield those that are torn, or whose artifact is gone.
 
-
-def _check_records(store: Store, folder: Path, made_by: dict[str, str], lost: _Lost) -> Iterator[Damage]:
-    """Read records; note which step made which artifact, and of artifacts that are gone the actions that made them."""
-    for path in _entries([folder], ".json"):
+    Args:
+        store: the store.
+        folder: of `record_folders`.
+        made_by: takes artifact -> step that made it.
+    """
+    for path in sorted(folder.glob("*.json")):
         name = path.name.partition(".")[0]
         try:
             record = json.loads(path.read_bytes())
@@ -95,10 +72,9 @@ def _check_records(store: Store, folder: Path, made_by: dict[str, str], lost: _L
             if digest_json(record["action"]) != name:
                 yield Damage("action", name, ("its record was changed",), step)
             elif "artifact" in record:
-                made = str(record["artifact"])
-                made_by[made] = step
-                if not store.has(made):
-                    lost.setdefault(made, []).append((name, step))
+                made_by[made := str(record["artifact"])] = step
+                if not store.artifact_folder(made).is_dir():
+                    yield Damage("action", name, (f"artifact {made[:16]}, which it made, is gone",), step)
             elif "error" not in record:
                 yield Damage("action", name, ("its record has neither an artifact nor an error",), step)
         except FileNotFoundError:
@@ -107,10 +83,11 @@ def _check_records(store: Store, folder: Path, made_by: dict[str, str], lost: _L
             yield Damage("action", name, (f"its record cannot be read ({err})",))
 
 
-def _all_lost(lost: _Lost) -> Iterator[Damage]:
-    for made, actions in sorted(lost.items()):
-        for action, step in actions:
-            yield Damage("action", action, (f"artifact {made[:16]}, which it made, is gone",), step)
+def check_artifact(artifact: Artifact, step: str | None = None) -> Iterator[Damage]:
+    """Yield what is wrong with an artifact, if anything is; one that a garbage collector removes meanwhile is not damaged."""
+    reasons = artifact_damage(artifact)
+    if reasons and artifact.folder.is_dir():
+        yield Damage("artifact", artifact.digest, tuple(reasons), step)
 
 
 def artifact_damage(artifact: Artifact) -> list[str]:
@@ -145,13 +122,3 @@ def artifact_damage(artifact: Artifact) -> list[str]:
 
 def _digest(path: Path, size: int) -> str:
     return digest_file(path) if size > _WHOLE_BYTES else digest_bytes(path.read_bytes())
-
-
-def _folders(folder: Path) -> list[Path]:
-    return sorted(part for part in folder.iterdir() if part.is_dir()) if folder.is_dir() else []
-
-
-def _entries(folders: Iterable[Path], suffix: str = "") -> Iterator[Path]:
-    """Yield the entries of folders, by name, without hidden ones, which are still being written."""
-    for folder in folders:
-        yield from (p for p in sorted(folder.iterdir()) if p.name.endswith(suffix) and p.name[0] != ".")

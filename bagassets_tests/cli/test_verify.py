@@ -98,9 +98,7 @@ def load_recipe_with(recipe, text):
 
 class TestStore:
     def test_a_store_as_it_was_written_is_whole(self, project):
-        counted = []
-        assert list(check_store(store_of(project), counted.append)) == []
-        assert sorted(counted) == sorted(path.name for path in (project.store_path / "artifacts").glob("*/*"))
+        assert list(check_store(store_of(project))) == []
         assert list(find_damage(project, store_of(project))) == []
 
     def test_an_empty_store_is_whole(self, tmp_path):
@@ -307,6 +305,10 @@ class TestMinutes:
 
     MOMENT = 1e-9  # one thing is verified nevertheless
 
+    @pytest.fixture(autouse=True)
+    def one_thread(self, monkeypatch):
+        monkeypatch.setattr("bagassets.engine.verified._THREADS", 1)
+
     def times(self, project):
         return json.loads((project.store_path / "verified.json").read_text())
 
@@ -410,13 +412,13 @@ class TestMinutes:
     def test_an_interrupt_keeps_what_was_verified(self, project, monkeypatch):
         looked_at = []
 
-        def interrupted(artifact):
+        def interrupted(artifact, _step):
             if len(looked_at) == 3:
                 raise KeyboardInterrupt
             looked_at.append(artifact.digest)
             return []
 
-        monkeypatch.setattr("bagassets.engine.verified.artifact_damage", interrupted)
+        monkeypatch.setattr("bagassets.engine.verified.check_artifact", interrupted)
         command = ["verify", "--minutes", "10", "--recipe", str(project.state.parent / "recipe.yaml")]
         with pytest.raises(click.Abort):
             CliRunner().invoke(root, command, standalone_mode=False, catch_exceptions=False)
