@@ -34,22 +34,20 @@ class LockFile:
         self._descriptor: int | None = descriptor
 
     @classmethod
-    def open(cls, path: Path, *, shared: bool = False, new: bool = False, create: bool = True) -> Self:
+    def open(cls, path: Path, *, shared: bool = False, new: bool = False) -> Self:
         """Open a lock file; it, and folders above it, are made if need be.
 
         Args:
             path: the file.
             shared: True if the group may lock it as well, as far as the umask allows.
             new: True if it must not exist yet.
-            create: create it if it is missing.
 
         Raises:
             OSError: it cannot be opened.
         """
         mode = _GROUP if shared else _OWNER
-        flags = os.O_RDWR | _FLAGS | (os.O_CREAT if create else 0) | (os.O_EXCL if new else 0)
-        if create:
-            make_folder(path.parent)
+        flags = os.O_RDWR | os.O_CREAT | _FLAGS | (os.O_EXCL if new else 0)
+        make_folder(path.parent)
         descriptor = open_lock(path, flags, mode)
         stat = os.fstat(descriptor)
         if stat.st_mode & 0o777 & ~mode and stat.st_uid == os.geteuid():

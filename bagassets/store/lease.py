@@ -9,6 +9,7 @@ import os
 import socket
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
@@ -26,33 +27,23 @@ _POLL_S, _LOOK_S = 0.01, 1.0
 
 
 @contextmanager
-def in_use(root: Path) -> Iterator[None]:
-    """Hold a lease on the store in `root`; a process has one, however often it asks.
+def in_use(root: Path) -> Iterator[Path]:
+    """Hold a lease on the store in `root`, and yield its file; a process has one, however often it asks.
 
     Raises:
         StoreError: the store cannot be written.
     """
-    with _lease(root):
-        yield
-
-
-@contextmanager
-def _lease(root: Path) -> Iterator[Path]:
-    """Hold the lease of this process, and yield its file."""
     place = root.absolute(), os.getpid()
     with _MUTEX:
-        lease, uses = _LEASES[place] if place in _LEASES else (_take_lease(root), 0)
-        _LEASES[place] = lease, uses + 1
+        lease = _LEASES[place] = _LEASES.get(place) or _take_lease(root)
+        _USES[place] += 1
     try:
         yield lease.path
     finally:
-        with _MUTEX:
-            lease, uses = _LEASES.pop(place)
-            if uses > 1:
-                _LEASES[place] = lease, uses - 1
-            else:
-                with suppress(OSError):
-                    lease.remove()
+        with _MUTEX, suppress(OSError):
+            _USES[place] -= 1
+            if not _USES[place]:
+                _LEASES.pop(place).remove()
 
 
 def _take_lease(root: Path) -> LockFile:
@@ -115,7 +106,8 @@ class _Holders:
 HOLDERS = _Holders()
 """Of this process; set by whoever knows."""
 
-_LEASES: dict[tuple[Path, int], tuple[LockFile, int]] = {}  # of this process, and how many use each
+_LEASES: dict[tuple[Path, int], LockFile] = {}  # of this process
+_USES: Counter[tuple[Path, int]] = Counter()
 _MUTEX = threading.Lock()
 
 
@@ -130,7 +122,7 @@ def action_lock(root: Path, action_digest: str) -> Iterator[None]:
     path, is_held = root / _ACTIONS / f"{action_digest}.lock", False
     with ExitStack() as stack:
         with suppress(OSError, StoreError):
-            lease = stack.enter_context(_lease(root))
+            lease = stack.enter_context(in_use(root))
             files.make_folder(path.parent)
             is_held = _linked(lease, path)
         try:
@@ -152,8 +144,8 @@ def _linked(lease: Path, path: Path) -> bool:
         with suppress(FileExistsError):
             files.link(lease, path)
             return True
-        with suppress(FileNotFoundError), LockFile.open(path, shared=True, create=False) as other:
-            if other.try_lock():  # its holder is dead, and it is still there
+        with LockFile.open(path, shared=True) as other:
+            if other.try_lock():  # its holder is dead, or done by now
                 if other.is_in_place:
                     files.remove(path)
                 continue

@@ -368,7 +368,7 @@ class TestPlanCache:
         monkeypatch.setattr("bagassets.engine.freshness.plan_cache.MOST_CHECKED", 0)
         cache = PlanCache(tmp_path / "state", store)
         cache.load()
-        cache.save({PLAN.key: (FINGERPRINT, PLAN.as_row(), PLAN.artifacts)}, [], all_checked=True)
+        cache.save({PLAN.key: (FINGERPRINT, PLAN.as_row(), PLAN.artifacts)}, [])
 
         def holds(*, thorough):
             cache = PlanCache(tmp_path / "state", store, thorough=thorough)
@@ -388,15 +388,6 @@ class TestPlanCache:
         assert not holds(thorough=False), "and where others came beside it"
         shutil.rmtree(store / "c2" / ("c2" * 32))
         assert not holds(thorough=False), "or it went"
-
-    def test_where_not_all_were_looked_at_the_next_plan_looks_again(self, tmp_path, store, monkeypatch):
-        monkeypatch.setattr("bagassets.engine.freshness.plan_cache.MOST_CHECKED", 0)
-        cache = PlanCache(tmp_path / "state", store)
-        cache.load()
-        self.save(cache, PLAN)
-        (store / "ab" / ("ab" * 32) / "files" / "new").write_text("")
-        cache = PlanCache(tmp_path / "state", store, thorough=False)
-        assert not cache.holds(cache.load()[PLAN.key])
 
     def test_a_kept_plan_is_the_plan(self):
         whole = replace(PLAN, findings=(("warn", "check", "problem"),))

@@ -25,7 +25,7 @@ from bagassets.store.action import Action, Step
 from bagassets.store.canonical import canonical_json, digest_bytes, digest_file, digest_json
 from bagassets.store.identity import id_of_store, identify
 from bagassets.store.integrity import artifact_damage, check_store
-from bagassets.store.lease import action_lock, in_use
+from bagassets.store.lease import HOLDERS, action_lock, in_use
 from bagassets.store.store import Store
 
 pytestmark = pytest.mark.once
@@ -600,6 +600,27 @@ def test_nobody_waits_for_a_process_that_is_done_with_an_action_and_goes_on(stor
         waiting.join(30)
         assert got not in ([], [lease])
         other.communicate("\n")
+
+
+def test_nobody_waits_for_a_process_whose_run_was_given_up(store, monkeypatch):
+    script = (
+        "import sys; from pathlib import Path\n"
+        "from bagassets.store.lease import HOLDERS, action_lock\n"
+        "HOLDERS.name = 'a run'\n"
+        "with action_lock(Path(sys.argv[1]), 'a'):\n"
+        "    print('held', flush=True); sys.stdin.readline()\n"
+    )
+    command = [sys.executable, "-c", script, str(store.root)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
+        assert other.stdout.readline() == "held\n"
+        asked = []
+        monkeypatch.setattr("bagassets.store.lease._LOOK_S", 0.0)
+        monkeypatch.setattr(HOLDERS, "has_ended", lambda name: asked.append(name) or len(asked) > 1)
+        with action_lock(store.root, "a"):
+            assert asked == ["a run", "a run"]
+            assert (store.root / "underway" / "a.lock").exists(), "it is the other one's still"
+        other.communicate("\n")
+    assert list((store.root / "underway").iterdir()) == []
 
 
 def test_a_failure_is_not_waited_for_twice(store):

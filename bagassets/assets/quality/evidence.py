@@ -1,6 +1,7 @@
 """The evidence that the rules of checks get."""
 
 from collections.abc import Callable
+from functools import cache
 from typing import TypeVar, cast
 
 import numpy as np
@@ -38,21 +39,19 @@ class Evidence(Contents):
         self.recipe = recipe
         self.rig = rig
         self.store = store
-        self._current = current
-        self._read: dict[object, object] = {}
+        self._current = cache(current)
+        self._stamps_ns = cache(self._read_stamps_ns)
+        self._read: dict[Callable[[Evidence], object], object] = {}
 
     def artifact(self, asset: str) -> Artifact:
         """Return the current artifact of an asset."""
-        return self._once(asset, lambda: self._current(asset))
+        return self._current(asset)
 
     def once(self, read: "Callable[[Evidence], T]") -> T:
         """Return `read(self)`, called only once however many rules ask for it."""
-        return self._once(read, lambda: read(self))
-
-    def _once(self, name: object, read: Callable[[], T]) -> T:
-        if name not in self._read:
-            self._read[name] = read()
-        return cast("T", self._read[name])
+        if read not in self._read:
+            self._read[read] = read(self)
+        return cast("T", self._read[read])
 
     @property
     def checks(self) -> Checks:
@@ -71,9 +70,7 @@ class Evidence(Contents):
 
     def channels(self, asset: str) -> JsonObject:
         """Return the content of `channels.json` of an asset of channels."""
-        channels: JsonObject = self._once(
-            ("channels", asset), lambda: self.artifact(asset).read_json("channels.json")
-        )
+        channels: JsonObject = self.artifact(asset).read_json("channels.json")
         return channels
 
     def parts(self, asset: str) -> dict[str, Artifact]:
@@ -90,10 +87,7 @@ class Evidence(Contents):
         entries = self.channels(FRAMES.name) | self.channels(SWEEPS.name)
         return self._stamps_ns(entries[channel]["artifact"])
 
-    def _stamps_ns(self, digest: str) -> Stamps:
-        def read() -> Stamps:
-            index = self.store.artifact(digest).read_table("index.parquet", ["stamp_ns"])
-            stamps_ns: Stamps = numbers(index.column("stamp_ns")).astype(np.int64)
-            return stamps_ns
-
-        return self._once(digest, read)
+    def _read_stamps_ns(self, digest: str) -> Stamps:
+        index = self.store.artifact(digest).read_table("index.parquet", ["stamp_ns"])
+        stamps_ns: Stamps = numbers(index.column("stamp_ns")).astype(np.int64)
+        return stamps_ns

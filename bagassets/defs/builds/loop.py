@@ -80,9 +80,14 @@ class BuildLoop:
         found = self.now.plan.discovery.recordings
         if not self.snapshot.carry_on(found[key] for key in self._worked_on & found.keys()):
             return self.look()
-        self._replan(self._worked_on, checks_kept=True)
+        self._replan(self._worked_on)
         self.is_partial = False
         return self.now
+
+    def _replan(self, keys: frozenset[str]) -> None:
+        with span("plan"):
+            plan = replan_instance(self._instance, self._workspace, self.now.plan, keys, self._on_planned)
+        self.now = work_of(self._instance, self._workspace, plan, self.now.asked)
 
     def _begin_look(self) -> tuple[Asked, Planner]:
         self.snapshot, self.is_partial = Snapshot(self._instance, self._workspace, self._own.files), False
@@ -197,14 +202,6 @@ class BuildLoop:
         self._replan(keys)
         if self.now.asked.datasets and DATASET not in worked_on and not self.interrupted:
             record_inputs(self._instance, self._workspace, self.now.inputs)
-
-    def _replan(self, keys: frozenset[str], *, checks_kept: bool = False) -> None:
-        before = self.now.plan
-        with span("plan"):
-            plan = replan_instance(
-                self._instance, self._workspace, before, keys, self._on_planned, checks_kept=checks_kept
-            )
-        self.now = work_of(self._instance, self._workspace, plan, self.now.asked)
 
     def _note_unsettled(self, keys: Collection[str]) -> None:
         """Note the recordings whose runs did not end well, also those of a worker that was killed."""

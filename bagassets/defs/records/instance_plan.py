@@ -28,7 +28,6 @@ def planner_of(
     kept: Mapping[str, BagPlan] = MappingProxyType({}),
     *,
     thorough: bool = True,
-    checks_kept: bool = False,
 ) -> Planner:
     """Return what plans everything, from what Dagster's records and the folders are now.
 
@@ -38,9 +37,8 @@ def planner_of(
         live: partition keys to take as registered; default: those that are.
         discovery: recordings to take as being on disk; default: those that are.
         ids: see `Plan.storage_ids`; default: as they are.
-        kept: states of recordings that are not planned again.
+        kept: see `Planner`.
         thorough: see `Planner`.
-        checks_kept: likewise.
 
     Raises:
         BagAssetsError: the recipe or the bag root is not usable.
@@ -60,7 +58,6 @@ def planner_of(
             kept,
             partial(quick_findings, workspace.recipe, workspace.store, found),
             thorough=thorough,
-            checks_kept=checks_kept,
         )
 
 
@@ -75,8 +72,6 @@ def replan_instance(
     before: Plan,
     worked_on: Collection[str],
     on_planned: Callable[[int, int], None] | None = None,
-    *,
-    checks_kept: bool = False,
 ) -> Plan:
     """Plan again the recordings that runs may have changed; the others keep their plan.
 
@@ -90,7 +85,6 @@ def replan_instance(
         worked_on: recordings that had a run; others with new records, whoever wrote them, are found by these
             records.
         on_planned: see `Planner.plan`.
-        checks_kept: look at the artifacts of the others, as planning everything does.
     """
     live = live_partitions(instance, workspace.names)
     ids = latest_ids(instance, workspace.names, all_assets())
@@ -106,9 +100,7 @@ def replan_instance(
         if key in kept or all(path.exists() for path in recording.files)
     }
     discovery = replace(before.discovery, recordings=there)
-    planner = planner_of(
-        instance, workspace, live, discovery, ids, kept, thorough=not checks_kept, checks_kept=checks_kept
-    )
+    planner = planner_of(instance, workspace, live, discovery, ids, kept, thorough=False)
     plan = planner.plan(on_planned)
     same = {key: records for key, records in before.recorded.items() if key in planner.kept}
     return replace(plan, recorded={**same, **plan.recorded})
