@@ -69,7 +69,7 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
         own_outcomes = own_build.outcomes(own_work) if own_work.states else {}
         is_partial = build.is_partial or own_build.has_run
         if is_partial and options.is_whole and build.has_succeeded and not own_work.failed:
-            own_work = own.survey(instance, build.look(), options)
+            own_work = own.survey(instance, build.look_on(), options)
 
         before, now = build.before, build.now
         if options.is_whole and now.plan.bags and not report_path(recipe).exists():
