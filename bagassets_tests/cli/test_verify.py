@@ -101,6 +101,16 @@ class TestStore:
         assert list(check_store(store_of(project))) == []
         assert list(find_damage(project, store_of(project))) == []
 
+    @pytest.mark.parametrize("is_torn", [True, False])
+    def test_a_folder_that_a_killed_build_left_is_no_damaged_dataset(self, project, is_torn):
+        current = project.nuscenes.output / VERSION
+        left = current.with_name(f"{VERSION}.tmp-0123")
+        shutil.copytree(current, left)
+        (left / ("dataset.lock.json" if is_torn else "sample.json")).write_bytes(b"")
+        assert list(find_damage(project, store_of(project))) == []
+        make_dataset(project)
+        assert not left.exists()
+
     def test_an_empty_store_is_whole(self, tmp_path):
         assert list(check_store(Store(tmp_path / "none"))) == []
 
