@@ -21,7 +21,7 @@ BIN := $(VENV)/bin
 export BAGASSETS_DEVKIT_PYTHON := $(CURDIR)/$(DEVKIT)/bin/python
 export BAGASSETS_LEROBOT_PYTHON ?= $(CURDIR)/$(LEROBOT)/bin/python
 
-.PHONY: demo test test-all test-lerobot lint docs clean bench bench-all bench-lerobot bench-incremental bench-peers bench-plan bench-check chaos soak mutants fuzz
+.PHONY: demo test test-all test-lerobot lint docs clean bench bench-all bench-lerobot bench-incremental bench-peers bench-plan bench-check chaos crash soak mutants fuzz
 .DEFAULT_GOAL := demo
 
 # Whoever has an environment of that name, with other things in it, keeps it.
@@ -131,6 +131,10 @@ bench-lerobot: $(VENV)/.made $(LEROBOT)/.made
 bench-plan: $(VENV)/.made
 	@mkdir -p build
 	$(BIN)/python benchmarks/plan.py --json build/plan.json
+
+# Every state in which a crash can leave files: by hand, an hour, with the results committed. CRASH="--share 0.05" tries some.
+crash: $(VENV)/.made
+	$(BIN)/python -m benchmarks.crash --json benchmarks/results/crash.json $(CRASH)
 
 # Before a release: refuses if results in the docs were measured too many commits ago.
 bench-check: $(VENV)/.made

@@ -38,7 +38,7 @@ from bagassets_tests.small_drive import write_drive
 STATE, DATASET, OTHER = ".bagassets", "dataset/nuscenes", "restored"
 TREES = (STATE, "dataset", OTHER)
 RECIPE = QUICK.replace("min_length_s: 0.5", "min_length_s: 0.05")
-EDITED = RECIPE.replace("min_length_s: 0.05", "min_length_s: 0.05, keyframe_hz: 5")
+EDITED = RECIPE.replace("min_length_s: 0.05", "min_length_s: 0.05, keyframe_hz: 4")
 _WORTH_IMPORTING = {
     "bagassets",
     "cv2",

@@ -20,6 +20,7 @@ from benchmarks.check import ages_table
 from benchmarks.clicks import clicks_table
 from benchmarks.cold import cold_table
 from benchmarks.common import ROOT, median
+from benchmarks.crash import crash_table
 from benchmarks.damaged import damaged_table
 from benchmarks.doors import doors_table, tiny_table
 from benchmarks.first_contact import first_contact_table
@@ -66,6 +67,7 @@ FIGURES: dict[str, tuple[str, Callable[[Any], str]]] = {
     "clicks": ("clicks", clicks_table),
     "code size": ("code_size", code_size_table),
     "cold": ("cold", cold_table),
+    "crash": ("crash", crash_table),
     "damaged": ("damaged", damaged_table),
     "doors": ("doors", doors_table),
     "doors tiny": ("doors", tiny_table),

@@ -88,7 +88,12 @@ def paths_fingerprint(paths: list[str]) -> str:
 
 
 def tree_fingerprint(root: str, *, hidden: bool = False) -> str:
-    """Return the fingerprint of everything below a folder.
+    """Return the fingerprint of everything below a folder; see `tree_lines`."""
+    return digest_lines(tree_lines(root, hidden=hidden))
+
+
+def tree_lines(root: str, *, hidden: bool = False) -> list[str]:
+    """Return a line for everything below a folder, in order: its path, up to the first NUL, and what changes with it.
 
     Links are followed, as in the search for recordings, and their targets count, too.
 
@@ -102,7 +107,7 @@ def tree_fingerprint(root: str, *, hidden: bool = False) -> str:
     lines: list[str] = []
     _walk(root, (), lines, hidden=hidden)
     lines.sort()
-    return digest_lines(lines)
+    return lines
 
 
 def _walk(folder: str, ancestors: tuple[tuple[int, int], ...], lines: list[str], *, hidden: bool) -> None:

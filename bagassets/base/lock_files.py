@@ -24,27 +24,32 @@ class LockFile:
     """An open lock file; closing it, or leaving its `with` block, releases the lock.
 
     The lock belongs to the open file (`flock`): forked children share it, and it lasts until all have closed it.
+
+    Attributes:
+        path: the file.
     """
 
     def __init__(self, path: Path, descriptor: int) -> None:
-        self._path = path
+        self.path = path
         self._descriptor: int | None = descriptor
 
     @classmethod
-    def open(cls, path: Path, *, shared: bool = False, new: bool = False) -> Self:
+    def open(cls, path: Path, *, shared: bool = False, new: bool = False, create: bool = True) -> Self:
         """Open a lock file; it, and folders above it, are made if need be.
 
         Args:
             path: the file.
             shared: True if the group may lock it as well, as far as the umask allows.
             new: True if it must not exist yet.
+            create: create it if it is missing.
 
         Raises:
             OSError: it cannot be opened.
         """
         mode = _GROUP if shared else _OWNER
-        flags = os.O_RDWR | os.O_CREAT | _FLAGS | (os.O_EXCL if new else 0)
-        make_folder(path.parent)
+        flags = os.O_RDWR | _FLAGS | (os.O_CREAT if create else 0) | (os.O_EXCL if new else 0)
+        if create:
+            make_folder(path.parent)
         descriptor = open_lock(path, flags, mode)
         stat = os.fstat(descriptor)
         if stat.st_mode & 0o777 & ~mode and stat.st_uid == os.geteuid():
@@ -85,7 +90,7 @@ class LockFile:
     def is_in_place(self) -> bool:
         """True if the path still leads to this file: a holder may have removed it before we locked it."""
         with suppress(FileNotFoundError):
-            return os.path.samestat(self._path.stat(), os.fstat(self._open_descriptor))
+            return os.path.samestat(self.path.stat(), os.fstat(self._open_descriptor))
         return False
 
     def read(self) -> str:
@@ -110,7 +115,7 @@ class LockFile:
         """
         if self._descriptor is not None:
             try:
-                remove(self._path)
+                remove(self.path)
             finally:
                 self.close()
 
@@ -123,7 +128,7 @@ class LockFile:
     @property
     def _open_descriptor(self) -> int:
         if self._descriptor is None:
-            raise ValueError(f"{self._path}: closed")
+            raise ValueError(f"{self.path}: closed")
         return self._descriptor
 
 

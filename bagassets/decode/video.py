@@ -146,7 +146,10 @@ class VideoStream:
         if units.has_b_slices and (
             packet.codec == "h264" or (self._context is not None and self._context.has_b_frames)
         ):
-            self._refuse_reordering()
+            raise RecordingError(
+                f"{self._where}: its video has B-frames, which refer to later pictures, so that messages are out of order; record it "
+                "without (such as `bf=0`), or leave the channel out."
+            )
         is_key = not KEY[packet.codec].isdisjoint(units.types)
         if self._is_missing_before(packet, units) and not (is_key or self._broken):
             yield from self.finish()
@@ -235,12 +238,6 @@ class VideoStream:
         for number in numbers:
             packet, log_time_ns = self._waiting.pop(number)
             yield Picture(packet, log_time_ns, reason=reason, is_damage=True)
-
-    def _refuse_reordering(self) -> None:
-        raise RecordingError(
-            f"{self._where}: its video has B-frames, which refer to later pictures, so that messages are out of order; record it "
-            "without (such as `bf=0`), or leave the channel out."
-        )
 
 
 def _bgr(frame: "VideoFrame") -> NDArray[np.uint8]:

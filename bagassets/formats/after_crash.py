@@ -3,7 +3,7 @@
 Files appear by renaming, so a killed process leaves no torn one. But nothing waits for the disk: when a machine loses power,
 files of the last half minute may exist with zeros or nothing in them. So the first build after a reboot, or after a build
 that was killed, reads the artifacts written in the last `WINDOW_S` seconds before the newest one, the joined files of
-datasets, and copies in datasets that are as new. After a reboot, the newest one is that from before it: runs of the web UI
+datasets, copies in datasets that are as new, and the report. After a reboot, the newest one is that from before it: runs of the web UI
 may have come first.
 """
 
@@ -15,11 +15,13 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from bagassets.base.cache import Cache
+from bagassets.base.files import remove
 from bagassets.base.fingerprints import PlanNeeded, boot_id, booted_at_s
 from bagassets.engine.freshness.decide import BuildLog
 from bagassets.engine.freshness.published import Publication
 from bagassets.forkserver.process import ProcessId
 from bagassets.formats.dataset_build import dataset_code_versions
+from bagassets.formats.report_data import report_path
 from bagassets.recipe.model import Recipe
 from bagassets.store.artifact import MANIFEST, Artifact
 from bagassets.store.integrity import artifact_damage
@@ -62,6 +64,10 @@ def repair_last_writes(recipe: Recipe, until_s: float) -> list[str]:
         if reasons and artifact.folder.is_dir():
             store.remove(artifact.digest)
             sentences.append(f"{artifact.folder}: {reasons[0]}; torn by a crash, so it is made again")
+    report = report_path(recipe)
+    with suppress(OSError):
+        if report.stat().st_mtime >= since_s and not report.read_bytes().rstrip().endswith(b"</html>"):
+            remove(report)
     for asset in dataset_code_versions(recipe):
         Publication(recipe.state, asset).distrust(since_s, links=bool(sentences))
     return sentences

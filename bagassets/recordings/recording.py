@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from heapq import heappop, heappush, heapreplace
 from itertools import islice
 from pathlib import Path
-from typing import Generic, NamedTuple, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, Generic, NamedTuple, Self, TypeVar
 
 from bagassets.base.errors import BagAssetsError
 from bagassets.recipe.model import Limits
@@ -16,6 +16,11 @@ from bagassets.recordings.merge_topics import merge_topics
 from bagassets.recordings.model import Format, Message, OnRead, RawMessage
 from bagassets.recordings.salvage.damage_map import Damage
 from bagassets.recordings.topic import ForeignBytes, RefusedBytes, Topic, TopicSource
+
+if TYPE_CHECKING:
+    from bagassets.recordings.database_file import Database
+    from bagassets.recordings.mcap_file import McapFile
+    from bagassets.recordings.rosbag1 import IndexReader
 
 _BYTES = (bytes, memoryview, bytearray)
 _FIRST_NS, _LAST_NS = -(2**63), 2**63 - 1
@@ -140,19 +145,7 @@ class How(NamedTuple):
     on_read: OnRead | None
 
 
-class _File(Protocol):
-    def counts(self) -> Mapping[int, int]: ...
-
-    def sources(self, counts: Mapping[int, int]) -> dict[int, TopicSource]: ...
-
-    def messages(self, connections: Collection[int], /) -> Iterator[tuple[int, int, bytes | memoryview]]: ...
-
-    def span_ns(self) -> tuple[int, int] | None: ...
-
-    def close(self) -> None: ...
-
-
-F = TypeVar("F", bound=_File)
+F = TypeVar("F", bound="Database | McapFile | IndexReader")
 
 
 class FileRecording(Recording, Generic[F]):

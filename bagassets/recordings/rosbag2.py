@@ -37,35 +37,47 @@ class Rosbag2Recording(Recording):
         self._how = how
         self._stack = ExitStack()
         try:
-            metadata = read_metadata(path / METADATA)
-            mode = compression_mode(metadata)
+            metadata, mode, files = self._described(path)
             self._compressed_messages = mode == "message"
-            files = _storage_files(path, metadata)
-            self._sizes = Sizes(path, sum(file.stat().st_size for file in files), how.limits)
-            self._files = [
-                self._open(file, compressed=mode == "file" or file.suffix == ZSTD) for file in files
-            ]
+            size = sum(file.stat().st_size for file in files if file.exists())
+            self._sizes = Sizes(path, size, how.limits)
+            self._files = self._opened(files, metadata, mode)
             topics = merge_topics(path, self._sources(metadata), how.message_definitions, how.limits)
             super().__init__(path, "ros2", topics)
         except BaseException:
             self._stack.close()
             raise
 
-    def _open(self, file: Path, *, compressed: bool) -> "Database | McapFile":
+    def _described(self, path: Path) -> tuple[JsonMapping, str, list[Path]]:
+        """Return the metadata, what is compressed, and the files."""
+        metadata = read_metadata(path / METADATA)
+        return metadata, compression_mode(metadata), _storage_files(path, metadata)
+
+    def _opened(self, files: Sequence[Path], metadata: JsonMapping, mode: str) -> list[Database | McapFile]:
+        """Open the files; which of them can be, a reader of damaged folders decides."""
+        del metadata
+        return [self._open(file, mode) for file in files]
+
+    def _open(self, file: Path, mode: str) -> Database | McapFile:
         refuse_pointer(file)
-        if compressed:
-            with scratch_folder(file, file.stat().st_size) as folder:
-                plain = folder / file.stem
-                decompress_file(file, plain, self._sizes, self._how.on_read)
-                return self._open(plain, compressed=False)  # which no longer needs its name
-        opened: Database | McapFile
+        if mode != "file" and file.suffix != ZSTD:
+            opened = self._reader(file)
+            self._stack.callback(opened.close)
+            return opened
+        with scratch_folder(file, file.stat().st_size) as folder:
+            plain = folder / file.stem
+            self._unpack(file, plain)
+            return self._open(plain, "none")  # which no longer needs its name
+
+    def _unpack(self, file: Path, plain: Path) -> None:
+        decompress_file(file, plain, self._sizes, self._how.on_read)
+
+    def _reader(self, file: Path) -> Database | McapFile:
         if file.suffix == ".mcap":
             opened = McapFile(file, self._how.limits, self._how.on_read, self._sizes)
             opened.check = True
-        else:
-            opened = Database(file, self._how.limits, self._how.on_read)
-        self._stack.callback(opened.close)
-        return opened
+            return opened
+        return Database(file, self._how.limits, self._how.on_read)
 
     def _sources(self, metadata: JsonMapping) -> list[TopicSource]:
         within = [file.sources() for file in self._files]

@@ -6,7 +6,7 @@ Layout::
     actions/<2 hex>/<digest>.json           the artifact that an action produced
     actions/<2 hex>/<digest>.failed.json    the error it ended with
     tmp/                                    artifacts that are being made
-    underway/<digest>.lock                  held by the process that makes it
+    underway/<digest>.lock                  the lease of the process that makes it, by another name
     store.id                                by which machines know whether they see the same store (`identity`)
 
 Everything appears by an atomic rename or link, so processes and machines may share a store.

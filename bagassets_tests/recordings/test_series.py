@@ -18,7 +18,7 @@ from bagassets.base.errors import RecordingError
 from bagassets.cli.main import main
 from bagassets.engine.choose import choose_recordings
 from bagassets.engine.splits import Ties, deal
-from bagassets.recipe.model import Bags
+from bagassets.recipe.model import Bags, Limits
 from bagassets.recipe.model_annotations import AnnotationFiles
 from bagassets.recipe.model_splits import Splits
 from bagassets.recordings import join_parts
@@ -27,8 +27,9 @@ from bagassets.recordings.digest import recording_digest
 from bagassets.recordings.discover import bags_of_parts, discover, series_with
 from bagassets.recordings.open import open_recording
 from bagassets.recordings.part_facts import part_facts
+from bagassets.recordings.salvage.open import open_salvaged
 from bagassets.recordings.series import Part, PartFacts, candidates, judge
-from bagassets.recordings.topic import ForeignBytes
+from bagassets.recordings.topic import ForeignBytes, RefusedBytes
 from bagassets.sample.recorder import open_recorder
 from bagassets.store.canonical import digest_bytes, digest_json
 from bagassets_tests.killed_recorder import leave_journal, leave_log
@@ -181,6 +182,19 @@ def test_a_cut_drive_is_one_recording_with_key_and_messages_of_the_whole(drives)
     assert cut.files == tuple(parts)
     assert cut.size == sum(path.stat().st_size for path in parts)
     assert content(cut) == content(one)
+
+
+def test_its_parts_are_opened_as_it_is(drives):
+    """With its limits, and telling how far reading has come, of whole parts and of damaged ones."""
+    _, parts = drives
+    [one] = discover(bags(parts[0].parent)).recordings.values()
+    for opener in (open_recording, open_salvaged):
+        read = set()
+        limits = Limits.model_construct(message_bytes=1)
+        with opener(one, limits=limits, on_read=lambda path, *_, read=read: read.add(path)) as opened:
+            assert opened.format == one.format
+            assert all(isinstance(message.data, RefusedBytes) for message in opened.messages(opened.topics))
+        assert read == set(parts)
 
 
 def test_its_digest_is_one_of_its_parts_in_order(drives):

@@ -25,6 +25,7 @@ from bagassets.store.action import Action, Step
 from bagassets.store.canonical import canonical_json, digest_bytes, digest_file, digest_json
 from bagassets.store.identity import id_of_store, identify
 from bagassets.store.integrity import artifact_damage, check_store
+from bagassets.store.lease import action_lock, in_use
 from bagassets.store.store import Store
 
 pytestmark = pytest.mark.once
@@ -560,6 +561,45 @@ def test_an_action_whose_maker_died_is_made(store):
     subprocess.run(command, check=True)
     assert (store.root / "underway" / f"{action_of().digest}.lock").exists()
     assert not run_action(store, action_of(), write("a", b"1")).cached
+
+
+def test_locks_are_names_of_the_one_lease_of_a_process(store):
+    with in_use(store.root), action_lock(store.root, "a"), action_lock(store.root, "b"), in_use(store.root):
+        (lease,) = (store.root / "leases").iterdir()
+        locks = list((store.root / "underway").iterdir())
+        assert {lock.name for lock in locks} == {"a.lock", "b.lock"}
+        assert all(lock.samefile(lease) for lock in locks)
+    assert not any([*(store.root / "leases").iterdir(), *(store.root / "underway").iterdir()])
+
+
+def test_nobody_waits_for_a_process_that_is_done_with_an_action_and_goes_on(store):
+    script = (
+        "import sys; from pathlib import Path\n"
+        "from bagassets.store.lease import action_lock, in_use\n"
+        "with in_use(Path(sys.argv[1])):\n"
+        "    with action_lock(Path(sys.argv[1]), 'a'):\n"
+        "        print('held', flush=True); sys.stdin.readline()\n"
+        "    print('left', flush=True); sys.stdin.readline()\n"
+    )
+    command = [sys.executable, "-c", script, str(store.root)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
+        assert other.stdout.readline() == "held\n"
+        got = []
+
+        def wait():
+            with action_lock(store.root, "a"):
+                got.append((store.root / "underway" / "a.lock").stat().st_ino)
+
+        waiting = threading.Thread(target=wait)
+        waiting.start()
+        waiting.join(0.2)
+        assert got == []
+        (lease,) = {one.stat().st_ino for one in (store.root / "underway").iterdir()}
+        print(file=other.stdin, flush=True)
+        assert other.stdout.readline() == "left\n"
+        waiting.join(30)
+        assert got not in ([], [lease])
+        other.communicate("\n")
 
 
 def test_a_failure_is_not_waited_for_twice(store):

@@ -39,17 +39,20 @@ class Evidence(Contents):
         self.rig = rig
         self.store = store
         self._current = current
-        self._read: dict[Callable[[Evidence], object], object] = {}
+        self._read: dict[object, object] = {}
 
     def artifact(self, asset: str) -> Artifact:
         """Return the current artifact of an asset."""
-        return self._current(asset)
+        return self._once(asset, lambda: self._current(asset))
 
     def once(self, read: "Callable[[Evidence], T]") -> T:
         """Return `read(self)`, called only once however many rules ask for it."""
-        if read not in self._read:
-            self._read[read] = read(self)
-        return cast("T", self._read[read])
+        return self._once(read, lambda: read(self))
+
+    def _once(self, name: object, read: Callable[[], T]) -> T:
+        if name not in self._read:
+            self._read[name] = read()
+        return cast("T", self._read[name])
 
     @property
     def checks(self) -> Checks:
@@ -68,7 +71,9 @@ class Evidence(Contents):
 
     def channels(self, asset: str) -> JsonObject:
         """Return the content of `channels.json` of an asset of channels."""
-        channels: JsonObject = self.artifact(asset).read_json("channels.json")
+        channels: JsonObject = self._once(
+            ("channels", asset), lambda: self.artifact(asset).read_json("channels.json")
+        )
         return channels
 
     def parts(self, asset: str) -> dict[str, Artifact]:
@@ -86,6 +91,9 @@ class Evidence(Contents):
         return self._stamps_ns(entries[channel]["artifact"])
 
     def _stamps_ns(self, digest: str) -> Stamps:
-        index = self.store.artifact(digest).read_table("index.parquet", ["stamp_ns"])
-        stamps_ns: Stamps = numbers(index.column("stamp_ns")).astype(np.int64)
-        return stamps_ns
+        def read() -> Stamps:
+            index = self.store.artifact(digest).read_table("index.parquet", ["stamp_ns"])
+            stamps_ns: Stamps = numbers(index.column("stamp_ns")).astype(np.int64)
+            return stamps_ns
+
+        return self._once(digest, read)

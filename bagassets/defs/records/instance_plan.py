@@ -28,6 +28,7 @@ def planner_of(
     kept: Mapping[str, BagPlan] = MappingProxyType({}),
     *,
     thorough: bool = True,
+    checks_kept: bool = False,
 ) -> Planner:
     """Return what plans everything, from what Dagster's records and the folders are now.
 
@@ -39,6 +40,7 @@ def planner_of(
         ids: see `Plan.storage_ids`; default: as they are.
         kept: states of recordings that are not planned again.
         thorough: see `Planner`.
+        checks_kept: likewise.
 
     Raises:
         BagAssetsError: the recipe or the bag root is not usable.
@@ -58,6 +60,7 @@ def planner_of(
             kept,
             partial(quick_findings, workspace.recipe, workspace.store, found),
             thorough=thorough,
+            checks_kept=checks_kept,
         )
 
 
@@ -72,6 +75,8 @@ def replan_instance(
     before: Plan,
     worked_on: Collection[str],
     on_planned: Callable[[int, int], None] | None = None,
+    *,
+    checks_kept: bool = False,
 ) -> Plan:
     """Plan again the recordings that runs may have changed; the others keep their plan.
 
@@ -85,6 +90,7 @@ def replan_instance(
         worked_on: recordings that had a run; others with new records, whoever wrote them, are found by these
             records.
         on_planned: see `Planner.plan`.
+        checks_kept: look at the artifacts of the others, as planning everything does.
     """
     live = live_partitions(instance, workspace.names)
     ids = latest_ids(instance, workspace.names, all_assets())
@@ -100,8 +106,11 @@ def replan_instance(
         if key in kept or all(path.exists() for path in recording.files)
     }
     discovery = replace(before.discovery, recordings=there)
-    plan = planner_of(instance, workspace, live, discovery, ids, kept).plan(on_planned)
-    same = {key: records for key, records in before.recorded.items() if key in kept}
+    planner = planner_of(
+        instance, workspace, live, discovery, ids, kept, thorough=not checks_kept, checks_kept=checks_kept
+    )
+    plan = planner.plan(on_planned)
+    same = {key: records for key, records in before.recorded.items() if key in planner.kept}
     return replace(plan, recorded={**same, **plan.recorded})
 
 

@@ -22,11 +22,12 @@ from pathlib import Path
 from typing import Any, Self
 
 import dagster as dg
-from sqlalchemy import Connection, Engine, QueuePool, create_engine, event
+from sqlalchemy import Connection, Engine, QueuePool, create_engine, event, update
 from sqlalchemy.exc import DisconnectionError
 
 from bagassets.defs.dagster_private import (
     ASSET_EVENTS,
+    AssetKeyTable,
     ConfigurableClassData,
     DagsterSqliteStorage,
     SqlEventLogStorage,
@@ -101,9 +102,34 @@ class _EventLogStorage(SqliteEventLogStorage):
     """The events of each run in a file of its own, as Dagster has them, but with files that stay open."""
 
     def has_table(self, table_name: str) -> bool:
-        """Return whether there is a table: Dagster asks for some of them with each event of an asset."""
-        with self.index_connection() as connection:
-            return bool(connection.dialect.has_table(connection, table_name))
+        """Return whether there is a table: Dagster asks for some of them with each event of an asset, and none goes."""
+        if table_name not in self._there:
+            with self.index_connection() as connection:
+                if not connection.dialect.has_table(connection, table_name):
+                    return False
+            self._there.add(table_name)
+        return True
+
+    def _has_asset_key_col_on_connection(self, conn: Connection, column_name: str) -> bool:
+        """Return whether the table of assets has a column, which is asked as often."""
+        if column_name not in self._there and super()._has_asset_key_col_on_connection(conn, column_name):
+            self._there.add(column_name)
+        return column_name in self._there
+
+    def _store_asset_event(self, conn: Connection, event: dg.EventLogEntry, event_id: int) -> None:
+        """Note the latest event of an asset; Dagster inserts, and updates once that has failed: nearly always."""
+        asset = event.get_dagster_event().asset_key
+        has_times = self._has_asset_key_index_cols_on_connection(conn)
+        values = self._get_asset_entry_values(event, event_id, has_times)
+        if asset is None or not values:
+            return
+        ours = AssetKeyTable.c.asset_key == asset.to_string()
+        if not conn.execute(update(AssetKeyTable).where(ours).values(**values)).rowcount:
+            super()._store_asset_event(conn, event, event_id)
+
+    @cached_property
+    def _there(self) -> set[str]:
+        return set()
 
     def dispose(self) -> None:
         """Close what is open."""

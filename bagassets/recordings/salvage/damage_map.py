@@ -112,13 +112,7 @@ class DamageMap:
 
     def as_json(self) -> JsonObject:
         """Return it as JSON."""
-        return {
-            "findings": list(self.findings),
-            "holes": [asdict(hole) for hole in self.holes],
-            "lost": dict(self.lost),
-            "read": self.read,
-            "is_total_known": self.is_total_known,
-        }
+        return asdict(self)
 
     @classmethod
     def from_json(cls, value: JsonMapping) -> Self:

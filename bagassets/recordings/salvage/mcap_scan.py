@@ -3,7 +3,6 @@
 Chunks are unpacked by the scan only if nothing else says which channels they hold, and how many messages.
 """
 
-import os
 import re
 from array import array
 from collections import Counter
@@ -63,24 +62,17 @@ class SalvagedMcap(McapFile):
         damage: Damage,
         whole: Sizes | None = None,
     ) -> None:
-        self.path, self.check = path, True
-        self._on_read, self._limits, self._damage = on_read, limits, damage
-        self._file = path.open("rb")
-        try:
-            self._size = os.fstat(self._file.fileno()).st_size
-            self._sizes = Sizes(path, self._size, limits, whole)
-            self._index = McapIndex()
-            self._extents: list[Extent] = []
-            self._outside = array("Q")  # log time, channel, begin and end of each message outside of chunks
-            self._in_chunk: dict[int, Counter[int]] = {}
-            self._ends: dict[int, int] = {}
-            self._chunk = -1  # which the next records may be the index of
-            self._scan()
-        except BaseException:
-            self._file.close()
-            raise
+        self._damage = damage
+        self._extents: list[Extent] = []
+        self._outside = array("Q")  # log time, channel, begin and end of each message outside of chunks
+        self._in_chunk: dict[int, Counter[int]] = {}
+        self._ends: dict[int, int] = {}
+        self._chunk = -1  # which the next records may be the index of
+        super().__init__(path, limits, on_read, whole)
 
-    def _scan(self) -> None:
+    def _read_index(self, *, search: bool) -> McapIndex:
+        del search
+        self._index = McapIndex()
         announced = self._announced()
         self._has_chunks = announced is not None and bool(announced.chunks)
         has_end = self._walk()
@@ -104,6 +96,7 @@ class SalvagedMcap(McapFile):
         spans = [one for one in self._all_extents() if self._in_chunk.get(one.begin, True)]
         if spans:
             self._index.span_ns = min(one.first_ns for one in spans), max(one.last_ns for one in spans)
+        return self._index
 
     def _announced(self) -> McapIndex | None:
         """Return what the summary says, and take its channels; None without one that can be read."""

@@ -165,7 +165,6 @@ class SalvagedBag(IndexReader):
         for hole_begin, hole_end, op in found_there:
             if op is None:
                 self._note_hole(hole_begin, hole_end)
-                self._latest = None
 
     def _record(self, begin: int) -> tuple[int, int]:
         """Take the record at a position; return its opcode and where it ends."""
