@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Self
 
+from bagassets.base.cache import is_damage
 from bagassets.base.errors import StoreError
 
 if TYPE_CHECKING:
@@ -29,11 +30,6 @@ ATTRIBUTE = "user.bagassets.digest"
 _DIGEST = re.compile("[0-9a-f]{64}")
 # The kernel's clock of file times is behind by up to a tick; writing an attribute takes that long at most.
 _TICK_NS, _WRITING_NS = 20_000_000, 50_000_000
-
-# Not damage, which is replaced: SQLite may not write, must wait, or has no space.
-_UNWRITABLE = tuple(
-    f"SQLITE_{name}" for name in ("BUSY", "LOCKED", "READONLY", "IOERR", "FULL", "CANTOPEN", "PERM")
-)
 
 Kept = Literal["attribute", "index", "nowhere"]
 
@@ -95,7 +91,7 @@ class DigestIndex:
                     )
                     self._rows = {row[0]: _IndexRow(*row[1:]) for row in rows}
                 self._read_at = state
-        except sqlite3.Error:
+        except (sqlite3.Error, ValueError):  # see `is_damage`
             return None  # no table yet, or the file is damaged
         return self._rows.get(str(path))
 
@@ -119,8 +115,8 @@ class DigestIndex:
         try:
             try:
                 self._insert(path, row)
-            except sqlite3.DatabaseError as err:
-                if getattr(err, "sqlite_errorname", "").startswith(_UNWRITABLE):
+            except (sqlite3.DatabaseError, ValueError) as err:
+                if not is_damage(err):
                     raise
                 self._path.unlink(missing_ok=True)
                 self._insert(path, row)

@@ -7,6 +7,7 @@ import json
 import os
 import tempfile
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from zlib import crc32
@@ -20,7 +21,9 @@ from bagassets.assets.boxes.files.kitti import read_kitti_labels, read_kitti_tra
 from bagassets.assets.boxes.files.nuscenes_tables import TableSet, read_tables
 from bagassets.assets.boxes.files.sustechpoints import read_sustechpoints
 from bagassets.assets.boxes.files.times import read_times
+from bagassets.base.cache import NAME, Cache, Changes
 from bagassets.base.errors import BagAssetsError
+from bagassets.base.fingerprints import PlanNeeded
 from bagassets.decode.boxes import BoxDecoder
 from bagassets.decode.compressed_image import checked_size, decode_pixels
 from bagassets.decode.fields import check_points
@@ -329,7 +332,7 @@ def _recipes(_folder):
 
 
 def _digest_record(data):
-    """A digest record as an attribute of a file, and as the database of a project."""
+    """A digest record as an attribute of a file, and as a database of a project."""
     with _scratch() as folder:
         path = Path(folder) / "a.bag"
         path.write_bytes(b"x")
@@ -345,6 +348,13 @@ def _digest_record(data):
         index.get(path, path.stat())
         index.suspects_edit(path, path.stat())
         index.put(path, path.stat(), "0" * 64)
+        (Path(folder) / NAME).write_bytes(data)
+        cache, changes = Cache(folder), Changes()
+        with suppress(PlanNeeded):
+            cache.all("kind")
+        cache.remove_if_damaged()
+        changes.put("kind", "key", b"content")
+        cache.write(changes)
 
 
 def _digest_records(folder):
@@ -352,7 +362,11 @@ def _digest_records(folder):
     path.write_bytes(b"x")
     DigestIndex(folder).put(path, path.stat(), "0" * 64)
     record = {"digest": "0" * 64, "size": 1, "mtime_ns": 5, "ctime_ns": 6, "written_ns": 7}
-    return [json.dumps(record).encode(), (folder / "digests.sqlite").read_bytes()]
+    changes = Changes()
+    changes.put("kind", "key", b"content")
+    Cache(folder).write(changes)
+    files = [(folder / name).read_bytes() for name in ("digests.sqlite", NAME)]
+    return [json.dumps(record).encode(), *files]
 
 
 TARGETS = {
