@@ -91,6 +91,10 @@ PATCHES = {
         "the id of the event just recorded is not looked up",
         ((_STORAGE, 'return getattr(self._thread, "event_id", None)', "return None"),),
     ),
+    "asset_keys": Patch(
+        "the latest event of an asset is updated before an insert is tried",
+        ((_STORAGE, "if not conn.execute(ours.values(**values)).rowcount:", "if ours is not None:"),),
+    ),
     "alembic": Patch(
         "Alembic is not asked whether a database is new",
         (

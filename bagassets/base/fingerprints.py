@@ -10,26 +10,6 @@ from functools import cache
 from hashlib import blake2b
 from typing import Any
 
-__all__ = [
-    "PlanNeeded",
-    "Signature",
-    "boot_id",
-    "booted_at_s",
-    "code_fingerprint",
-    "contents_fingerprint",
-    "digest_lines",
-    "files_fingerprint",
-    "loaded_code_fingerprint",
-    "paths_fingerprint",
-    "project_fingerprint",
-    "recipe_fingerprint",
-    "records_fingerprint",
-    "signature",
-    "signature_of",
-    "site_folders",
-    "tree_fingerprint",
-]
-
 _PACKAGE = os.path.dirname(os.path.dirname(os.path.realpath(__file__)))
 _SOURCES = (".py", ".so", ".yaml", ".json", ".msg")
 _DISTRIBUTIONS = (".dist-info", ".egg-info", ".pth", ".egg-link")
@@ -108,7 +88,12 @@ def paths_fingerprint(paths: list[str]) -> str:
 
 
 def tree_fingerprint(root: str, *, hidden: bool = False) -> str:
-    """Return the fingerprint of everything below a folder.
+    """Return the fingerprint of everything below a folder; see `tree_lines`."""
+    return digest_lines(tree_lines(root, hidden=hidden))
+
+
+def tree_lines(root: str, *, hidden: bool = False) -> list[str]:
+    """Return a line for everything below a folder, in order: its path, up to the first NUL, and what changes with it.
 
     Links are followed, as in the search for recordings, and their targets count, too.
 
@@ -122,7 +107,7 @@ def tree_fingerprint(root: str, *, hidden: bool = False) -> str:
     lines: list[str] = []
     _walk(root, (), lines, hidden=hidden)
     lines.sort()
-    return digest_lines(lines)
+    return lines
 
 
 def _walk(folder: str, ancestors: tuple[tuple[int, int], ...], lines: list[str], *, hidden: bool) -> None:

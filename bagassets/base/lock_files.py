@@ -11,6 +11,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Self
 
+from bagassets.base.files import make_folder, open_lock, remove
+
 RUN_LOCKS = "locks"
 """Folder in the state folder of a project: the locks of recordings that a run works on."""
 
@@ -22,15 +24,18 @@ class LockFile:
     """An open lock file; closing it, or leaving its `with` block, releases the lock.
 
     The lock belongs to the open file (`flock`): forked children share it, and it lasts until all have closed it.
+
+    Attributes:
+        path: the file.
     """
 
     def __init__(self, path: Path, descriptor: int) -> None:
-        self._path = path
+        self.path = path
         self._descriptor: int | None = descriptor
 
     @classmethod
     def open(cls, path: Path, *, shared: bool = False, new: bool = False) -> Self:
-        """Open a lock file, and create it if it is missing.
+        """Open a lock file; it, and folders above it, are made if need be.
 
         Args:
             path: the file.
@@ -42,7 +47,8 @@ class LockFile:
         """
         mode = _GROUP if shared else _OWNER
         flags = os.O_RDWR | os.O_CREAT | _FLAGS | (os.O_EXCL if new else 0)
-        descriptor = os.open(path, flags, mode)
+        make_folder(path.parent)
+        descriptor = open_lock(path, flags, mode)
         stat = os.fstat(descriptor)
         if stat.st_mode & 0o777 & ~mode and stat.st_uid == os.geteuid():
             os.fchmod(descriptor, stat.st_mode & mode)  # made by a version that let others read it
@@ -82,7 +88,7 @@ class LockFile:
     def is_in_place(self) -> bool:
         """True if the path still leads to this file: a holder may have removed it before we locked it."""
         with suppress(FileNotFoundError):
-            return os.path.samestat(self._path.stat(), os.fstat(self._open_descriptor))
+            return os.path.samestat(self.path.stat(), os.fstat(self._open_descriptor))
         return False
 
     def read(self) -> str:
@@ -107,7 +113,7 @@ class LockFile:
         """
         if self._descriptor is not None:
             try:
-                self._path.unlink(missing_ok=True)
+                remove(self.path)
             finally:
                 self.close()
 
@@ -120,7 +126,7 @@ class LockFile:
     @property
     def _open_descriptor(self) -> int:
         if self._descriptor is None:
-            raise ValueError(f"{self._path}: closed")
+            raise ValueError(f"{self.path}: closed")
         return self._descriptor
 
 

@@ -19,15 +19,6 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 
-__all__ = [
-    "counts_line",
-    "move_text",
-    "print_remarks",
-    "print_summary",
-    "splits_text",
-    "ui_command",
-]
-
 _WIDTH_OF_LOGS = 120
 _COLOURS = {"built": "green", "hit": "cyan", "failed": "bold red", "stopped": "yellow", "skipped": "dim",
             "not made": "yellow", "error": "bold red", "warn": "yellow"}  # fmt: skip

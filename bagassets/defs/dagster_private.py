@@ -80,7 +80,7 @@ if TYPE_CHECKING:
 
     # One database for the events of all runs: `sqlite_storage`; checks in it: `recorder`, `old_runs`.
     from dagster._core.events import ASSET_EVENTS  # 1.7
-    from dagster._core.storage.event_log.schema import AssetCheckExecutionsTable  # 1.7
+    from dagster._core.storage.event_log.schema import AssetCheckExecutionsTable, AssetKeyTable  # 1.7
     from dagster._core.storage.event_log.sql_event_log import SqlEventLogStorage  # 1.7
     from dagster._core.storage.event_log.sqlite.sqlite_event_log import SqliteEventLogStorage  # 1.7
     from dagster._core.storage.event_log.polling_event_watcher import SqlPollingEventWatcher  # 1.7

@@ -154,7 +154,7 @@ class Planner:
         project: fingerprint of the code, the recipe and the files that it names; None has all recordings examined.
         storage_ids: asset -> partition key -> id of Dagster's latest record.
         fetch: takes some of `storage_ids` and partition keys; returns partition key -> asset -> what Dagster recorded last.
-        kept: states of recordings that are not planned again.
+        kept: states of recordings that are not planned again if their artifacts are unchanged.
         check: returns what quick checks find in a recording with nothing to do (`BagPlan.findings`); kept with its plan.
         thorough: look at all artifacts, however many there are; see `PlanCache`.
     """
@@ -175,6 +175,7 @@ class Planner:
         artifacts = self.store.root / "artifacts"
         self._cache = PlanCache(self.assets.recipe.state, artifacts, thorough=self.thorough)
         self._before = self._cache.load()
+        self.kept = {key: bag for key, bag in self.kept.items() if self._still_holds(key, bag)}
         self._unsettled = Unsettled(self.assets.recipe.state).noted()
         self._fingerprints = {} if self.project is None else self._current_fingerprints(self.project)
         # Of the recordings whose last plan may hold: that plan, and the fingerprint as it is now.
@@ -219,7 +220,6 @@ class Planner:
         self._cache.save(
             {key: (self._fingerprints[key], bag.as_row(), bag.artifacts) for key, bag in settled.items()},
             self._before.keys() - unchanged - settled.keys(),
-            all_checked=not self.kept,
         )
         ordered = {key: bags[key] for key in recordings}
         found = self.discovery
@@ -287,11 +287,17 @@ class Planner:
             if entry.fingerprint != now:
                 continue
             bag = KeptPlan(key, entry.row, entry.made, entry.mark)
-            if self._cache.holds(entry):
+            if self._still_holds(key, bag):
                 found[key] = bag
-            else:
-                _remove_incomplete(self.store, bag)
         return found
+
+    def _still_holds(self, key: str, bag: BagPlan) -> bool:
+        """Return whether a plan's artifacts are unchanged, as far as they are checked; where there is something to do, nobody looks."""
+        if key not in self._before:
+            return not bag.settled
+        if not (holds := self._cache.holds(self._before[key])):
+            _remove_incomplete(self.store, bag)
+        return holds
 
     def _recorded_anew(self, keys: Iterable[str]) -> dict[str, BagPlan]:
         """Return the last plans of recordings that changed, but only in time, and `bag` is on record with the new one.

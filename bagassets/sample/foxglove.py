@@ -19,8 +19,6 @@ from bagassets.sample.recorder import Compression, McapRecorder
 from bagassets.view.mcap_scene import register
 from bagassets.view.messages import stamp
 
-__all__ = ["FoxgloveRecorder"]
-
 
 class FoxgloveRecorder(McapRecorder):
     """An MCAP; messages are made as those of ROS 2, and converted to the ones of Foxglove that say the same."""

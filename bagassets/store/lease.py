@@ -7,17 +7,18 @@ of an action keeps other processes from making the same artifact a second time.
 
 import os
 import socket
+import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from uuid import uuid4
 
+from bagassets.base import files
 from bagassets.base.errors import StoreError
 from bagassets.base.lock_files import LockFile, is_locked
-
-__all__ = ["HOLDERS", "action_lock", "in_use", "in_use_since_s"]
 
 _FOLDER, _ACTIONS = "leases", "underway"
 # Where the file system has no locks, a lease is valid for this long.
@@ -26,29 +27,38 @@ _POLL_S, _LOOK_S = 0.01, 1.0
 
 
 @contextmanager
-def in_use(root: Path) -> Iterator[None]:
-    """Hold a lease on the store in `root`.
+def in_use(root: Path) -> Iterator[Path]:
+    """Hold a lease on the store in `root`, and yield its file; a process has one, however often it asks.
 
     Raises:
         StoreError: the store cannot be written.
     """
-    folder = root / _FOLDER
-    path = folder / f"{socket.gethostname()}-{os.getpid()}-{uuid4().hex}"
+    place = root.absolute(), os.getpid()
+    with _MUTEX:
+        lease = _LEASES[place] = _LEASES.get(place) or _take_lease(root)
+        _USES[place] += 1
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        yield lease.path
+    finally:
+        with _MUTEX, suppress(OSError):
+            _USES[place] -= 1
+            if not _USES[place]:
+                _LEASES.pop(place).remove()
+
+
+def _take_lease(root: Path) -> LockFile:
+    path = root / _FOLDER / f"{socket.gethostname()}-{os.getpid()}-{uuid4().hex}"
+    try:
         lease = LockFile.open(path, shared=True, new=True)
     except OSError as err:
         raise StoreError(f"{path}: the store cannot be written ({err.strerror}).") from err
-    try:
-        with suppress(OSError):
-            lease.lock()
-        # Whoever checked between creating and locking it took it for a dead process's lease and removed it.
-        with suppress(OSError):
-            path.touch()
-        yield
-    finally:
-        with suppress(OSError):
-            lease.remove()
+    with suppress(OSError):
+        lease.lock()
+        lease.write(HOLDERS.name)
+    # Whoever checked between creating and locking it took it for a dead process's lease and removed it.
+    with suppress(OSError):
+        files.mark(path)
+    return lease
 
 
 def in_use_since_s(root: Path) -> float | None:
@@ -64,7 +74,7 @@ def in_use_since_s(root: Path) -> float | None:
             if _is_held(path, begun_s):
                 since.append(begun_s)
             else:
-                path.unlink()
+                files.remove(path)
     return min(since, default=None)
 
 
@@ -79,7 +89,7 @@ def _is_held(path: Path, begun_s: float) -> bool:
 
 
 @dataclass
-class Holders:
+class _Holders:
     """Who holds locks of actions, and whether a holder need not be waited for.
 
     A worker that was declared dead may be frozen, and hold its locks for ever.
@@ -93,46 +103,54 @@ class Holders:
     has_ended: Callable[[str], bool] | None = None
 
 
-HOLDERS = Holders()
+HOLDERS = _Holders()
 """Of this process; set by whoever knows."""
+
+_LEASES: dict[tuple[Path, int], LockFile] = {}  # of this process
+_USES: Counter[tuple[Path, int]] = Counter()
+_MUTEX = threading.Lock()
 
 
 @contextmanager
 def action_lock(root: Path, action_digest: str) -> Iterator[None]:
     """Hold the lock of an action in the store in `root`, once no other process holds it that is worth waiting for.
 
-    The system releases it if the process dies. It only saves work: where the file system has no locks, or the
-    folder cannot be written, two processes make the same artifact.
+    It is one more name of the lease of its holder, so that no file has to be made for it, and nobody waits for a process
+    that died. It only saves work: where the file system has no locks or no hard links, or the folder cannot be written,
+    two processes make the same artifact.
     """
-    path = root / _ACTIONS / f"{action_digest}.lock"
-    file: LockFile | None = None
-    with suppress(OSError):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        file = LockFile.open(path, shared=True)
-        if _lock(file):
-            file.write(HOLDERS.name)
-        else:
-            file.close()
-            file = None
-    try:
-        yield
-    finally:
-        if file is not None:
-            with suppress(OSError):
-                file.remove()  # whoever waits for it has it open; whoever comes now finds the artifact
+    path, is_held = root / _ACTIONS / f"{action_digest}.lock", False
+    with ExitStack() as stack:
+        with suppress(OSError, StoreError):
+            lease = stack.enter_context(in_use(root))
+            files.make_folder(path.parent)
+            is_held = _linked(lease, path)
+        try:
+            yield
+        finally:
+            if is_held:
+                with suppress(OSError):
+                    files.remove(path)  # whoever waits for it sees that; whoever comes now finds the artifact
 
 
-def _lock(file: LockFile) -> bool:
-    """Wait for a lock; return False if its holder was given up."""
-    if HOLDERS.has_ended is None:
-        file.lock()
-        return True
+def _linked(lease: Path, path: Path) -> bool:
+    """Wait for a lock; return False if its holder was given up.
+
+    Raises:
+        OSError: the file system lacks what it takes.
+    """
     looked_s = time.monotonic()
-    while not file.try_lock():
-        if time.monotonic() - looked_s > _LOOK_S:
-            looked_s = time.monotonic()
-            holder = file.read()
-            if holder and HOLDERS.has_ended(holder):
-                return False
+    while True:
+        with suppress(FileExistsError):
+            files.link(lease, path)
+            return True
+        with LockFile.open(path, shared=True) as other:
+            if other.try_lock():  # its holder is dead, or done by now
+                if other.is_in_place:
+                    files.remove(path)
+                continue
+            if HOLDERS.has_ended is not None and time.monotonic() - looked_s > _LOOK_S:
+                looked_s = time.monotonic()
+                if (holder := other.read()) and HOLDERS.has_ended(holder):
+                    return False
         time.sleep(_POLL_S)
-    return True

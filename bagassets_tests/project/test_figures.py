@@ -50,7 +50,7 @@ NOT_MEASURED = {
     "ui.md": ["looks every 30 seconds, that of `bagassets ui` every 2 seconds"],
 }
 # Measured by a script of its own, and compared with its page by a test of its own.
-SHOWN_ELSEWHERE = {"install_size", "project_size"}
+SHOWN_ELSEWHERE = {"newest_lerobot", "install_size", "project_size"}
 
 
 @pytest.mark.parametrize("page", pages(), ids=lambda page: page.name)

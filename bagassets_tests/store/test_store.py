@@ -17,12 +17,15 @@ from blake3 import blake3
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bagassets.base import files
 from bagassets.base.errors import BagAssetsError, DecodeError, StoreError
 from bagassets.engine.freshness.artifacts import artifacts_fingerprint, packed
 from bagassets.engine.run_action import run_action
 from bagassets.store.action import Action, Step
 from bagassets.store.canonical import canonical_json, digest_bytes, digest_file, digest_json
+from bagassets.store.identity import id_of_store, identify
 from bagassets.store.integrity import artifact_damage, check_store
+from bagassets.store.lease import HOLDERS, action_lock, in_use
 from bagassets.store.store import Store
 
 pytestmark = pytest.mark.once
@@ -449,24 +452,22 @@ class TestFileSystems:
         with pytest.raises(StoreError, match=r"the store cannot be read .*check the disk"):
             run_action(Store(tmp_path / "store"), action_of(), write("a", b"x"))
 
-    @pytest.mark.parametrize(
-        ("method", "place"), [("write_bytes", "actions"), ("write_bytes", "tmp"), ("rename", "tmp")]
-    )
+    @pytest.mark.parametrize(("method", "place"), [("write", "actions"), ("write", "tmp"), ("move", "tmp")])
     def test_a_disk_that_fails_late_leaves_nothing(self, store, monkeypatch, method, place):
-        real = getattr(Path, method)
+        real = getattr(files, method)
         refused = []
 
-        def full(path, *args):
+        def full(path, *args, **options):
             if place in path.parts:
                 refused.append(path)
                 raise OSError(28, "No space left on device")
-            return real(path, *args)
+            return real(path, *args, **options)
 
-        monkeypatch.setattr(Path, method, full)
+        monkeypatch.setattr(files, method, full)
         with pytest.raises(StoreError, match=r"No space left on device.*free disk space"):
             run_action(store, action_of(), write("a", b"x"))
         assert refused
-        monkeypatch.setattr(Path, method, real)
+        monkeypatch.setattr(files, method, real)
         assert list((store.root / "tmp").iterdir()) == []
         assert list(store.root.rglob(".*")) == []
         assert list(check_store(store)) == []
@@ -474,7 +475,7 @@ class TestFileSystems:
 
     def test_a_failure_that_cannot_be_recorded_hides_none(self, store, monkeypatch):
         def fail(out):
-            monkeypatch.setattr(Path, "write_bytes", full)
+            monkeypatch.setattr(files, "write", full)
             raise DecodeError("topic /x: bad")
 
         def full(*args, **options):
@@ -482,6 +483,16 @@ class TestFileSystems:
 
         with pytest.raises(BagAssetsError, match="topic /x: bad"):
             run_action(store, action_of(), fail)
+
+
+@pytest.mark.parametrize("torn", [b"", bytes(33), b"0123456789abcdef"])
+def test_an_id_that_a_power_loss_tore_is_given_anew_once(tmp_path, torn):
+    before = identify(tmp_path)
+    (tmp_path / "store.id").write_bytes(torn)
+    assert id_of_store(tmp_path) is None
+    after = identify(tmp_path)
+    assert after not in (None, before)
+    assert identify(tmp_path) == id_of_store(tmp_path) == after
 
 
 @pytest.mark.parametrize("torn", [b"", b"{", b"{}"])
@@ -550,6 +561,66 @@ def test_an_action_whose_maker_died_is_made(store):
     subprocess.run(command, check=True)
     assert (store.root / "underway" / f"{action_of().digest}.lock").exists()
     assert not run_action(store, action_of(), write("a", b"1")).cached
+
+
+def test_locks_are_names_of_the_one_lease_of_a_process(store):
+    with in_use(store.root), action_lock(store.root, "a"), action_lock(store.root, "b"), in_use(store.root):
+        (lease,) = (store.root / "leases").iterdir()
+        locks = list((store.root / "underway").iterdir())
+        assert {lock.name for lock in locks} == {"a.lock", "b.lock"}
+        assert all(lock.samefile(lease) for lock in locks)
+    assert not any([*(store.root / "leases").iterdir(), *(store.root / "underway").iterdir()])
+
+
+def test_nobody_waits_for_a_process_that_is_done_with_an_action_and_goes_on(store):
+    script = (
+        "import sys; from pathlib import Path\n"
+        "from bagassets.store.lease import action_lock, in_use\n"
+        "with in_use(Path(sys.argv[1])):\n"
+        "    with action_lock(Path(sys.argv[1]), 'a'):\n"
+        "        print('held', flush=True); sys.stdin.readline()\n"
+        "    print('left', flush=True); sys.stdin.readline()\n"
+    )
+    command = [sys.executable, "-c", script, str(store.root)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
+        assert other.stdout.readline() == "held\n"
+        got = []
+
+        def wait():
+            with action_lock(store.root, "a"):
+                got.append((store.root / "underway" / "a.lock").stat().st_ino)
+
+        waiting = threading.Thread(target=wait)
+        waiting.start()
+        waiting.join(0.2)
+        assert got == []
+        (lease,) = {one.stat().st_ino for one in (store.root / "underway").iterdir()}
+        print(file=other.stdin, flush=True)
+        assert other.stdout.readline() == "left\n"
+        waiting.join(30)
+        assert got not in ([], [lease])
+        other.communicate("\n")
+
+
+def test_nobody_waits_for_a_process_whose_run_was_given_up(store, monkeypatch):
+    script = (
+        "import sys; from pathlib import Path\n"
+        "from bagassets.store.lease import HOLDERS, action_lock\n"
+        "HOLDERS.name = 'a run'\n"
+        "with action_lock(Path(sys.argv[1]), 'a'):\n"
+        "    print('held', flush=True); sys.stdin.readline()\n"
+    )
+    command = [sys.executable, "-c", script, str(store.root)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
+        assert other.stdout.readline() == "held\n"
+        asked = []
+        monkeypatch.setattr("bagassets.store.lease._LOOK_S", 0.0)
+        monkeypatch.setattr(HOLDERS, "has_ended", lambda name: asked.append(name) or len(asked) > 1)
+        with action_lock(store.root, "a"):
+            assert asked == ["a run", "a run"]
+            assert (store.root / "underway" / "a.lock").exists(), "it is the other one's still"
+        other.communicate("\n")
+    assert list((store.root / "underway").iterdir()) == []
 
 
 def test_a_failure_is_not_waited_for_twice(store):

@@ -1,6 +1,7 @@
 """The evidence that the rules of checks get."""
 
 from collections.abc import Callable
+from functools import cache
 from typing import TypeVar, cast
 
 import numpy as np
@@ -9,6 +10,7 @@ from bagassets.assets.contents import Contents
 from bagassets.assets.frames import FRAMES
 from bagassets.assets.sweeps import SWEEPS
 from bagassets.assets.timeline.keyframes import Stamps
+from bagassets.base.columns import numbers
 from bagassets.base.json_types import JsonObject
 from bagassets.recipe.model import Recipe, Rig
 from bagassets.recipe.model_base import Clock
@@ -37,7 +39,8 @@ class Evidence(Contents):
         self.recipe = recipe
         self.rig = rig
         self.store = store
-        self._current = current
+        self._current = cache(current)
+        self._stamps_ns = cache(self._read_stamps_ns)
         self._read: dict[Callable[[Evidence], object], object] = {}
 
     def artifact(self, asset: str) -> Artifact:
@@ -84,7 +87,7 @@ class Evidence(Contents):
         entries = self.channels(FRAMES.name) | self.channels(SWEEPS.name)
         return self._stamps_ns(entries[channel]["artifact"])
 
-    def _stamps_ns(self, digest: str) -> Stamps:
+    def _read_stamps_ns(self, digest: str) -> Stamps:
         index = self.store.artifact(digest).read_table("index.parquet", ["stamp_ns"])
-        stamps_ns: Stamps = index.column("stamp_ns").to_numpy().astype(np.int64)
+        stamps_ns: Stamps = numbers(index.column("stamp_ns")).astype(np.int64)
         return stamps_ns

@@ -70,8 +70,28 @@ class BuildLoop:
         self.now = self._end_look(*self._begin_look())
         return self.now
 
+    def look_on(self, worked_on: Collection[str] = ()) -> PendingWork:
+        """Look at what runs may have changed; at everything, if anything else has changed since that was looked at.
+
+        Args:
+            worked_on: keys that runs were about since the last look.
+        """
+        self._worked_on |= frozenset(worked_on) - {DATASET}
+        found = self.now.plan.discovery.recordings
+        if not self.snapshot.carry_on(found[key] for key in self._worked_on & found.keys()):
+            return self.look()
+        self._replan(self._worked_on)
+        self.is_partial = False
+        return self.now
+
+    def _replan(self, keys: frozenset[str]) -> None:
+        with span("plan"):
+            plan = replan_instance(self._instance, self._workspace, self.now.plan, keys, self._on_planned)
+        self.now = work_of(self._instance, self._workspace, plan, self.now.asked)
+
     def _begin_look(self) -> tuple[Asked, Planner]:
         self.snapshot, self.is_partial = Snapshot(self._instance, self._workspace, self._own.files), False
+        self._worked_on: frozenset[str] = frozenset()
         discovery = self._workspace.discover()
         asked = what_is_asked(self._workspace, discovery, self._options, self._own)
         with span("read records"):
@@ -133,7 +153,7 @@ class BuildLoop:
                 self._note_unsettled(worked_on)
                 # Most likely nothing is left to be done then, as only a look at everything can tell.
                 if DATASET in asked and self._options.is_whole and self.has_succeeded:
-                    self.look()
+                    self.look_on(worked_on)
                     return
                 self._look_again(worked_on)
                 following = {}
@@ -178,9 +198,8 @@ class BuildLoop:
         """Look at what runs may have changed, and record what datasets are made from, unless a run has done so."""
         self.is_partial = True
         keys = frozenset(worked_on) - {DATASET}
-        with span("plan"):
-            plan = replan_instance(self._instance, self._workspace, self.now.plan, keys, self._on_planned)
-        self.now = work_of(self._instance, self._workspace, plan, self.now.asked)
+        self._worked_on |= keys
+        self._replan(keys)
         if self.now.asked.datasets and DATASET not in worked_on and not self.interrupted:
             record_inputs(self._instance, self._workspace, self.now.inputs)
 

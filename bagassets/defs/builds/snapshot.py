@@ -6,7 +6,7 @@ from pathlib import Path
 
 import dagster as dg
 
-from bagassets.base.fingerprints import PlanNeeded
+from bagassets.base.fingerprints import PlanNeeded, tree_lines
 from bagassets.defs.records.events import event_database
 from bagassets.defs.records.instance_plan import workspace_fingerprint
 from bagassets.defs.records.workspace import Workspace
@@ -18,6 +18,7 @@ from bagassets.formats.dataset_build import dataset_code_versions, dataset_folde
 from bagassets.propose.project import dagster_home
 from bagassets.recipe.load import paths_written
 from bagassets.recordings.join_parts import FOR_NOW
+from bagassets.recordings.model import RecordingFiles
 
 
 class Snapshot:
@@ -29,8 +30,9 @@ class Snapshot:
     def __init__(
         self, instance: dg.DagsterInstance, workspace: Workspace, own_files: Sequence[str] = ()
     ) -> None:
-        self._recipe = workspace.recipe
-        self._fingerprints: list[str] | None = None
+        self._workspace, self._recipe = workspace, workspace.recipe
+        self._marks: dict[str, str] | None = None
+        self._tree: list[str] = []
         recipe_file = Path(workspace.recipe_file).absolute()
         # Where the events of assets are: the file of SQLite, or the URL of PostgreSQL; other databases have neither.
         database = event_database(instance) or getattr(instance.event_log_storage, "postgres_url", None)
@@ -56,10 +58,33 @@ class Snapshot:
             partitions=workspace.names.partitions,
             artifacts=str(self._recipe.store_path / "artifacts"),
         )
-        project = workspace_fingerprint(workspace)
+        self._take()
+
+    def _take(self) -> None:
+        self._marks, self._tree = None, []
+        project = workspace_fingerprint(self._workspace)
         if project is not None:
             with suppress(PlanNeeded):
-                self._fingerprints = [mark for _, mark in decide.fingerprints_of(self._places, project)]
+                self._tree = tree_lines(self._places["bag_root"])
+                self._marks = dict(decide.fingerprints_of(self._places, project, self._tree))
+
+    def carry_on(self, recordings: Iterable[RecordingFiles]) -> bool:
+        """Take the fingerprints again; return whether nothing has changed but Dagster's records and what runs change.
+
+        These store the digest of a recording with its files, whose time of change that changes. So the last plan holds for
+        other recordings, and one of these, with all that is on record now, is one of everything.
+
+        Args:
+            recordings: that runs were about.
+        """
+        before, tree = self._marks, self._tree
+        self._take()
+        if before is None or self._marks is None:
+            return False
+        ours = {str(file) for recording in recordings for file in recording.files}
+        may_change = {decide.RECORDS, decide.RECORDINGS}
+        is_alike = all(self._marks[name] == mark for name, mark in before.items() if name not in may_change)
+        return is_alike and _without_changes_of(ours, tree) == _without_changes_of(ours, self._tree)
 
     def save(self, plan: Plan, own: Collection[str] = (), remarks: Iterable[Remark] = ()) -> None:
         """Save the snapshot if the plan has nothing to do; else remove the last one.
@@ -71,7 +96,7 @@ class Snapshot:
         """
         bags = plan.bags.values()
         is_waiting = any(FOR_NOW in reason for reason in plan.excluded.values())
-        if self._fingerprints is None or is_waiting or not all(bag.settled for bag in bags):
+        if self._marks is None or is_waiting or not all(bag.settled for bag in bags):
             decide.forget_note(self._recipe.state)
             return
         skipped = sum(bag.skipped is not None for bag in bags)
@@ -79,7 +104,7 @@ class Snapshot:
         decide.note_nothing_to_do(
             self._recipe.state,
             self._places,
-            self._fingerprints,
+            [*self._marks.values()],
             artifacts={digest for bag in bags for digest in bag.artifacts},
             published=[*dataset_code_versions(self._recipe)],
             lines=[
@@ -89,3 +114,8 @@ class Snapshot:
                 *([f"{', '.join(own)}: up to date"] if own else ()),
             ],
         )
+
+
+def _without_changes_of(files: Collection[str], tree: Iterable[str]) -> list[str]:
+    """Return the lines of a tree, those of some files without their time of change."""
+    return [line.rpartition("\0")[0] if line.partition("\0")[0] in files else line for line in tree]

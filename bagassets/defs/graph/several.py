@@ -9,10 +9,10 @@ import os
 import signal
 import traceback
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 
-from bagassets.base.errors import BagAssetsError, RunEndedError
+from bagassets.base.errors import BagAssetsError, RunEndedError, StoreError
 from bagassets.base.json_types import JsonObject
 from bagassets.base.quantities import count_text
 from bagassets.base.trace import name_process
@@ -31,7 +31,7 @@ from bagassets.engine.unsettled import Unsettled
 from bagassets.forkserver.client import Client, ServerRefusedError
 from bagassets.forkserver.worker import note
 from bagassets.recordings.model import RecordingFiles
-from bagassets.store.lease import HOLDERS
+from bagassets.store.lease import HOLDERS, in_use
 
 _MOST_NAMED = 3
 _PART = f"{__name__}:make_part"
@@ -56,11 +56,14 @@ def make_each(
         RunEndedError: the run was given up meanwhile.
     """
     found = workspace.discover().recordings if batch else {}
-    for key, assets in batch.items():
-        recorder, ended = Recorder(step.instance, workspace, key, step, assets), Ended()
-        with noted(step, recorder, ended):
-            _make_recording(step, recorder, lock, found.get(key))
-        yield key, ended[key]
+    with ExitStack() as stack:
+        with suppress(StoreError):  # each recording reports it
+            stack.enter_context(in_use(workspace.store.root))  # one lease for all of them
+        for key, assets in batch.items():
+            recorder, ended = Recorder(step.instance, workspace, key, step, assets), Ended()
+            with noted(step, recorder, ended):
+                _make_recording(step, recorder, lock, found.get(key))
+            yield key, ended[key]
 
 
 def make_side_by_side(step: RunStep, workspace: Workspace, lock: RecordingLock, batch: Batch) -> Ended:

@@ -37,7 +37,7 @@ def planner_of(
         live: partition keys to take as registered; default: those that are.
         discovery: recordings to take as being on disk; default: those that are.
         ids: see `Plan.storage_ids`; default: as they are.
-        kept: states of recordings that are not planned again.
+        kept: see `Planner`.
         thorough: see `Planner`.
 
     Raises:
@@ -100,8 +100,9 @@ def replan_instance(
         if key in kept or all(path.exists() for path in recording.files)
     }
     discovery = replace(before.discovery, recordings=there)
-    plan = planner_of(instance, workspace, live, discovery, ids, kept).plan(on_planned)
-    same = {key: records for key, records in before.recorded.items() if key in kept}
+    planner = planner_of(instance, workspace, live, discovery, ids, kept, thorough=False)
+    plan = planner.plan(on_planned)
+    same = {key: records for key, records in before.recorded.items() if key in planner.kept}
     return replace(plan, recorded={**same, **plan.recorded})
 
 

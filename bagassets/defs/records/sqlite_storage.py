@@ -22,11 +22,12 @@ from pathlib import Path
 from typing import Any, Self
 
 import dagster as dg
-from sqlalchemy import Connection, Engine, QueuePool, create_engine, event
+from sqlalchemy import Connection, Engine, QueuePool, create_engine, event, update
 from sqlalchemy.exc import DisconnectionError
 
 from bagassets.defs.dagster_private import (
     ASSET_EVENTS,
+    AssetKeyTable,
     ConfigurableClassData,
     DagsterSqliteStorage,
     SqlEventLogStorage,
@@ -101,9 +102,27 @@ class _EventLogStorage(SqliteEventLogStorage):
     """The events of each run in a file of its own, as Dagster has them, but with files that stay open."""
 
     def has_table(self, table_name: str) -> bool:
-        """Return whether there is a table: Dagster asks for some of them with each event of an asset."""
-        with self.index_connection() as connection:
-            return bool(connection.dialect.has_table(connection, table_name))
+        """Return whether there is a table: Dagster asks for some of them with each event of an asset, and none goes."""
+        if table_name not in self._there:
+            with self.index_connection() as connection:
+                if connection.dialect.has_table(connection, table_name):
+                    self._there.add(table_name)
+        return table_name in self._there
+
+    def _store_asset_event(self, conn: Connection, event: dg.EventLogEntry, event_id: int) -> None:
+        """Note the latest event of an asset; Dagster inserts, and updates once that has failed, as it nearly always does."""
+        asset, values = (
+            event.get_dagster_event().asset_key,
+            self._get_asset_entry_values(event, event_id, True),
+        )
+        if asset is not None and values:
+            ours = update(AssetKeyTable).where(AssetKeyTable.c.asset_key == asset.to_string())
+            if not conn.execute(ours.values(**values)).rowcount:
+                super()._store_asset_event(conn, event, event_id)
+
+    @cached_property
+    def _there(self) -> set[str]:
+        return set()
 
     def dispose(self) -> None:
         """Close what is open."""

@@ -36,6 +36,7 @@ class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get
     key_prefix: list[str] = Field(default=[])
     _recipe: Recipe | None = PrivateAttr(default=None)
     _assets: RecordingAssets | None = PrivateAttr(default=None)
+    _store: Store | None = PrivateAttr(default=None)
     _recipe_fingerprint: str = PrivateAttr(default="")
     _found_in_run: tuple[str, Any] | None = PrivateAttr(default=None)
 
@@ -81,9 +82,10 @@ class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get
     @property
     def store(self) -> Store:
         """The artifact store, in which this project is noted as a user."""
-        store = Store(self.recipe.store_path)
-        note_user(store.root, Path(self.recipe_file))
-        return store
+        if self._store is None:
+            self._store = Store(self.recipe.store_path)
+            note_user(self._store.root, Path(self.recipe_file))
+        return self._store
 
     @property
     def index(self) -> DigestIndex:

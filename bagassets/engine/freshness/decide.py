@@ -20,15 +20,19 @@ from bagassets.base.fingerprints import (
     boot_id,
     code_fingerprint,
     contents_fingerprint,
+    digest_lines,
     files_fingerprint,
     paths_fingerprint,
     project_fingerprint,
     recipe_fingerprint,
     records_fingerprint,
-    tree_fingerprint,
+    tree_lines,
 )
 from bagassets.engine.freshness.artifacts import Group, check_groups, groups_of, packed
 from bagassets.engine.freshness.published import Publication
+
+RECORDS, RECORDINGS = "a record", "a recording"
+"""Names of the fingerprints of Dagster's records, and of what is below the bag root."""
 
 _STATE = ".bagassets"
 _WORTH_A_FORK = 32 * 1000  # bytes of the list, 32 for each artifact
@@ -173,7 +177,7 @@ def _checked_beside(check: Callable[[], None], *, is_long: bool) -> Iterator[Non
         raise PlanNeeded("an artifact or a dataset has changed")
 
 
-def fingerprints_of(places: Places, project: str) -> Iterator[tuple[str, str]]:
+def fingerprints_of(places: Places, project: str, tree: list[str] | None = None) -> Iterator[tuple[str, str]]:
     """Yield name and fingerprint of everything that a plan depends on, except store and datasets; cheap ones first.
 
     They are noted as they were before the plan was made: a change made during planning then differs from them, and the
@@ -182,6 +186,7 @@ def fingerprints_of(places: Places, project: str) -> Iterator[tuple[str, str]]:
     Args:
         places: what the plan depends on.
         project: fingerprint of the code, the recipe and the files that it names.
+        tree: `tree_lines` of the bag root; default: as they are.
 
     Raises:
         PlanNeeded: something cannot be read.
@@ -189,8 +194,8 @@ def fingerprints_of(places: Places, project: str) -> Iterator[tuple[str, str]]:
     yield "the project", project
     yield "a link", paths_fingerprint(places["written"])
     yield "a file", files_fingerprint(places["beside"])
-    yield "a record", records_fingerprint(places["database"], places["partitions"])
-    yield "a recording", tree_fingerprint(places["bag_root"])
+    yield RECORDS, records_fingerprint(places["database"], places["partitions"])
+    yield RECORDINGS, digest_lines(tree_lines(places["bag_root"]) if tree is None else tree)
 
 
 # --- the build that found nothing to do --------------------------------------------------

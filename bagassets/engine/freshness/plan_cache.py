@@ -132,16 +132,13 @@ class PlanCache:
         self,
         plans: Mapping[str, tuple[RecordingFingerprint, bytes, Iterable[str]]],
         gone: Iterable[str],
-        *,
-        all_checked: bool = False,
     ) -> None:
         """Store plans and drop others; if that fails, the next plan examines these recordings.
 
         Args:
             plans: partition key -> fingerprint of the recording, its plan, encoded, and the digests of the artifacts that the
                 plan rests on.
-            gone: partition keys to drop.
-            all_checked: all other plans in the cache hold.
+            gone: partition keys to drop; all others in the cache hold.
         """
         changes = Changes()
         for key in gone:
@@ -154,7 +151,7 @@ class PlanCache:
                 changes.drop(_KIND, key)
             else:
                 changes.put(_KIND, key, _written(CachedPlan(fingerprint, made, marks, row)))
-        if all_checked and self._folders != self._folders_before:
+        if self._folders != self._folders_before:
             changes.put(_FOLDERS, "", json.dumps(self._folders).encode())
         self._cache.write(changes)
 

@@ -6,7 +6,6 @@ an inserted episode are written again; packets of videos carry none.
 """
 
 import json
-import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property, partial
 from pathlib import Path
@@ -16,6 +15,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from bagassets.base import files
 from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.engine.splits import SplitShare
 from bagassets.formats.format import Joined, Kept, Member
@@ -136,22 +136,24 @@ class Join:
 
     def _write(self, name: str, write: Callable[[Path], object]) -> None:
         path = self._out / name
-        path.parent.mkdir(parents=True, exist_ok=True)
+        files.make_folder(path.parent)
         write(path)
         self._digests[name] = digest_file(path)
 
     def _shared(self, name: str, key: str, write: Callable[[Path], object]) -> bool:
         """Link a file of the dataset on disk that was joined from the same, or write it; return whether it was there."""
         self._keys[name] = key
-        files: JsonMapping = self._before.get("files", {})
-        same = next((one for one, other in files.items() if other == key and one in self._kept.digests), None)
+        before: JsonMapping = self._before.get("files", {})
+        same = next(
+            (one for one, other in before.items() if other == key and one in self._kept.digests), None
+        )
         if same is None:
             self._write(name, write)
             self._written.append(name)
             return False
         path = self._out / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        os.link(self._kept.path(same), path)
+        files.make_folder(path.parent)
+        files.link(self._kept.path(same), path)
         self._digests[name] = self._kept.digests[same]
         return True
 

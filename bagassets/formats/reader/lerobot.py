@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from bagassets.base.errors import DatasetError
 from bagassets.base.json_types import JsonObject
 from bagassets.formats.reader.film import Film
-from bagassets.formats.reader.source import ImagesAlone, Reading, SceneRow
+from bagassets.formats.reader.source import ImagesOnly, Reading, SceneRow
 from bagassets.formats.reader.table_folder import TableFolder
 from bagassets.geometry.se3 import SE3
 
@@ -27,7 +27,7 @@ _MOST_OPEN = 16  # files of data, or videos
 T = TypeVar("T")
 
 
-class LeRobotSource(ImagesAlone):
+class LeRobotSource(ImagesOnly):
     """The content of a LeRobot dataset; it has no poses, no points and no boxes.
 
     Attributes:

@@ -44,8 +44,8 @@ class SceneRow:
     samples: range
 
 
-class ImagesAlone:
-    """What a format returns whose samples are single images, without boxes."""
+class ImagesOnly:
+    """A source whose images are all samples, without boxes."""
 
     def before(self, index: int, channel: str, number: int) -> Sequence[Reading]:
         """Return nothing: every image is a sample."""

@@ -6,7 +6,7 @@ from math import cos, sin
 
 from bagassets.base.errors import DatasetError
 from bagassets.base.json_types import JsonObject
-from bagassets.formats.reader.source import ImagesAlone, Reading, SceneRow
+from bagassets.formats.reader.source import ImagesOnly, Reading, SceneRow
 from bagassets.formats.reader.table_folder import LOCK, TableFolder
 from bagassets.geometry.euler import of_half_angles
 from bagassets.geometry.se3 import SE3
@@ -14,7 +14,7 @@ from bagassets.geometry.se3 import SE3
 _MANIFEST = ".manifest.json"
 
 
-class VisionSource(ImagesAlone):
+class VisionSource(ImagesOnly):
     """The content of a vision dataset; it has no points and no boxes.
 
     The global frame of a sequence is the ego frame at its first image.

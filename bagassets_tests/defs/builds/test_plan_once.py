@@ -9,6 +9,7 @@ from click.testing import CliRunner
 from bagassets.cli.main import root
 from bagassets.defs.builds import loop, pending_work
 from bagassets.defs.records import instance_plan
+from bagassets.defs.records.events import recorded_partition
 from bagassets.engine import planner
 from bagassets.store.store import Store
 from bagassets_tests.in_process import QUICK, build, make_project
@@ -17,6 +18,11 @@ from bagassets_tests.small_drive import write_drive
 pytestmark = pytest.mark.once
 
 KEY = "a.bag"
+
+
+def find_state(recipe_file):
+    with pending_work.open_project(recipe_file) as (instance, workspace):
+        return pending_work.find_pending_work(instance, workspace)
 
 
 def planned(recipe_file, monkeypatch):
@@ -44,13 +50,13 @@ def test_a_build_plans_once_and_again_what_its_runs_have_changed(tmp_path, monke
     recipe = make_project(tmp_path, [KEY, "b.mcap"])
     report, keys, whole = planned(recipe, monkeypatch)
     assert report.succeeded
-    # Everything is looked at before and after the build, and by the run of the dataset.
-    assert (keys, whole) == ({KEY: 2, "b.mcap": 2}, 3)
+    # Everything is looked at before the build, and by the run of the dataset.
+    assert (keys, whole) == ({KEY: 2, "b.mcap": 2}, 2)
     write_drive(tmp_path / "bags" / "b.mcap", "mcap", duration_s=1.5)
     report, keys, whole = planned(recipe, monkeypatch)
     assert report.succeeded
     # What both recordings have alike was made once more, and nobody looks at the other one because of that.
-    assert (keys, whole) == ({"b.mcap": 2}, 3)
+    assert (keys, whole) == ({"b.mcap": 2}, 2)
     assert planned(recipe, monkeypatch)[1:] == ({}, 1)
 
 
@@ -92,7 +98,7 @@ def test_all_datasets_of_a_run_are_made_from_one_plan(tmp_path, monkeypatch):
     recipe = make_project(tmp_path, [KEY], text=QUICK + "vision: {{frames: 5}}\n")
     report, keys, whole = planned(recipe, monkeypatch)
     assert report.succeeded
-    assert (keys, whole) == ({KEY: 2}, 3)
+    assert (keys, whole) == ({KEY: 2}, 2)
 
 
 def test_a_recording_that_failed_is_not_planned_for_each_dataset_again(tmp_path, monkeypatch):
@@ -101,6 +107,74 @@ def test_a_recording_that_failed_is_not_planned_for_each_dataset_again(tmp_path,
     report, keys, _ = planned(recipe, monkeypatch)
     assert report.outcomes["broken.mcap"].result == "failed"
     assert keys == {KEY: 2, "broken.mcap": 3}
+
+
+def _rewrite(file, duration_s):
+    file.unlink(missing_ok=True)
+    write_drive(file, "ros1", duration_s=duration_s)
+
+
+def _replace(bags, _instance, _workspace):
+    _rewrite(bags / "b.bag", 1.5)
+
+
+def _replace_what_was_built(bags, _instance, _workspace):
+    _rewrite(bags / KEY, 2.5)
+
+
+def _add(bags, _instance, _workspace):
+    _rewrite(bags / "c.bag", 1.0)
+
+
+def _remove(bags, _instance, _workspace):
+    (bags / "b.bag").unlink()
+
+
+def _record(_bags, instance, _workspace):
+    tags = {"dagster/data_version": "0" * 64}
+    instance.report_runless_asset_event(dg.AssetMaterialization("frames", partition="b.bag", tags=tags))
+
+
+def _damage(_bags, instance, workspace):
+    frames = recorded_partition(instance, workspace.names, "frames", "b.bag")
+    workspace.store.artifact(frames.data_version).path("channels.json").unlink()
+
+
+def _nothing(*_):
+    pass
+
+
+def test_what_others_change_before_a_build_ends_is_seen_as_by_a_look_at_everything(tmp_path, monkeypatch):
+    recipe = make_project(tmp_path, [KEY, "b.bag"])
+    assert build(recipe, monkeypatch)[0].succeeded
+    _rewrite(tmp_path / "bags" / KEY, 1.5)
+    look_on, look, looked, seen = loop.BuildLoop.look_on, loop.BuildLoop.look, [], {}
+
+    def note_look(self):
+        looked.append(1)
+        return look(self)
+
+    def change_first(self, *args):
+        for change in (_nothing, _replace_what_was_built, _damage, _record, _replace, _add, _remove):
+            looked.clear()
+            change(tmp_path / "bags", self._instance, self._workspace)
+            found = look_on(self, *args)
+            seen[change] = len(looked)
+            whole = look(self)
+            for name in ("todo", "states", "asked", "held"):
+                assert getattr(found, name) == getattr(whole, name), change
+            assert found.inputs.as_json() == whole.inputs.as_json(), change
+            assert dict(found.plan.bags) == dict(whole.plan.bags), change
+            assert (found.plan.live, found.plan.removed) == (whole.plan.live, whole.plan.removed), change
+        return whole
+
+    monkeypatch.setattr(loop.BuildLoop, "look", note_look)
+    monkeypatch.setattr(loop.BuildLoop, "look_on", change_first)
+    build(recipe, monkeypatch)
+    assert list(seen.values()) == [0, 1, 0, 0, 1, 1, 1]
+    monkeypatch.undo()
+    build(recipe, monkeypatch)  # what was noted of the one before does not hide anything
+    assert find_state(recipe).is_settled
 
 
 def test_what_another_run_recorded_meanwhile_is_planned_again(tmp_path, monkeypatch):

@@ -160,6 +160,28 @@ def test_an_asset_is_recorded_with_what_finds_it_or_not_at_all(project, monkeypa
         assert storage.last_asset_event_id is None
 
 
+def test_the_latest_event_of_an_asset_is_noted_as_dagster_does(project, monkeypatch):
+    def noted(instance, name):
+        """Return what the table of assets has, after an asset was planned, observed and twice materialized."""
+        key, run = dg.AssetKey(name), instance.create_run_for_job(_job)
+        for version in ("1", "2"):
+            made = dg.AssetMaterialization(key, partition="a.bag", tags={"dagster/data_version": version})
+            instance.report_dagster_event(_materialization(run, made), run.run_id)
+        instance.report_runless_asset_event(dg.AssetObservation(key, partition="a.bag"))
+        (record,) = instance.get_asset_records([key])
+        entry = record.asset_entry
+        latest = entry.last_materialization_record
+        assert latest.asset_materialization.tags == {"dagster/data_version": "2"}
+        assert latest.run_id == entry.last_run_id == run.run_id
+        (found,) = instance.fetch_materializations(key, limit=1).records
+        return found.storage_id == entry.last_materialization_storage_id, latest.event_log_entry.timestamp > 0
+
+    with open_instance(str(project.parent)) as instance:
+        ours = noted(instance, "ours")
+        monkeypatch.delattr(sqlite_storage._EventLogStorage, "_store_asset_event")
+        assert noted(instance, "theirs") == ours == (True, True)
+
+
 def _fail(*_arguments):
     raise OSError("the disk is full")
 
