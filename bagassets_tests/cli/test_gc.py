@@ -339,7 +339,7 @@ class TestLocks:
         )
         kept = recipe.state / "kept-locks" / "release" / "1.json"
         kept.parent.mkdir(parents=True)
-        kept.write_text('{"bags": [{"nuscenes_tables": "abc"}, {"vision_sequences": "def"}]}')
+        kept.write_text('{"bags": [{"artifacts": ["abc", "def"]}]}')
         assert list(locks_of(recipe)) == [recipe.nuscenes.output / "v1.0-test" / "dataset.lock.json", kept]
         assert locked_artifacts(kept) == {"abc", "def"}
         assert made in locked_artifacts(next(locks_of(recipe)))
