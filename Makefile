@@ -21,7 +21,7 @@ BIN := $(VENV)/bin
 export BAGASSETS_DEVKIT_PYTHON := $(CURDIR)/$(DEVKIT)/bin/python
 export BAGASSETS_LEROBOT_PYTHON ?= $(CURDIR)/$(LEROBOT)/bin/python
 
-.PHONY: demo test test-all test-lerobot lint docs clean bench bench-all bench-lerobot bench-incremental bench-peers bench-plan chaos soak mutants
+.PHONY: demo test test-all test-lerobot lint docs clean bench bench-all bench-lerobot bench-incremental bench-peers bench-plan bench-check chaos crash soak mutants fuzz
 .DEFAULT_GOAL := demo
 
 # Whoever has an environment of that name, with other things in it, keeps it.
@@ -132,6 +132,14 @@ bench-plan: $(VENV)/.made
 	@mkdir -p build
 	$(BIN)/python benchmarks/plan.py --json build/plan.json
 
+# Every state in which a crash can leave files: by hand, an hour, with the results committed. CRASH="--share 0.05" tries some.
+crash: $(VENV)/.made
+	$(BIN)/python -m benchmarks.crash --json benchmarks/results/crash.json $(CRASH)
+
+# Before a release: refuses if results in the docs were measured too many commits ago.
+bench-check: $(VENV)/.made
+	$(BIN)/python -m benchmarks.check
+
 # Kills at random moments, and many builds on one server: by hand, a quarter and half an hour, with the results committed.
 chaos: $(VENV)/.made
 	$(BIN)/python -m benchmarks.chaos --json benchmarks/results/chaos.json $(CHAOS)
@@ -145,6 +153,15 @@ mutants: $(VENV)/.made-mutants $(DEVKIT)/.made
 
 $(VENV)/.made-mutants: $(VENV)/.made
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check 'mutmut>=3.8,<4' 'coverage>=7.10,<8'
+	touch $@
+
+# Bytes that nobody wrote, for whatever reads bytes; FUZZ="mcap decoders" fuzzes some. A minute of it is in test-all.
+FUZZ_MINUTES ?= 10
+fuzz: $(VENV)/.made-fuzz
+	$(BIN)/python -m bagassets_tests.fuzz --minutes $(FUZZ_MINUTES) $(FUZZ)
+
+$(VENV)/.made-fuzz: $(VENV)/.made
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check 'atheris>=3,<4'
 	touch $@
 
 clean:

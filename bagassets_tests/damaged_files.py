@@ -163,6 +163,23 @@ SOUND = {
 """Kind -> writes a sound recording."""
 
 
+def write_series(folder, suffix, write, compression):
+    """Write a drive as three files in a folder of their own."""
+    folder.mkdir()
+    some = entries()
+    for number in range(3):
+        part = some[number * len(some) // 3 : (number + 1) * len(some) // 3]
+        write(folder / f"drive_{number}{suffix}", compression, part)
+    return folder
+
+
+SERIES = {
+    "ros1 series": lambda to: write_series(to / "a", ".bag", write_bag, "LZ4"),
+    "mcap series": lambda to: write_series(to / "a", ".mcap", write_mcap, CompressionType.ZSTD),
+}
+"""Kind -> writes a sound drive in several files, of which the last one is damaged."""
+
+
 def storage_of(path):
     """Return the file of a recording that is damaged: of a folder, the last one."""
     return max(one for one in path.iterdir() if one.name != "metadata.yaml") if path.is_dir() else path
@@ -239,10 +256,14 @@ def damaged(folder, kind, damage, sound):
     """Write a damaged copy of a sound recording."""
     path = folder / sound.name
     (shutil.copytree if sound.is_dir() else shutil.copy)(sound, path)
-    file = storage_of(path)
+    spoil(storage_of(path), kind, damage)
+    return path
+
+
+def spoil(file, kind, damage):
+    """Damage a file."""
     dice = random.Random(f"{kind} {damage}")
     file.write_bytes(DAMAGES[damage](file.read_bytes(), dice))
-    return path
 
 
 # --- oracles -----------------------------------------------------------------------------
@@ -394,7 +415,9 @@ def oracle(kind, path, sound):
         return linear_reader(data) if path.suffix == ".mcap" else page_walk(data, topics_in(sound))
     found = Counter()
     for file in path.iterdir():
-        if file.suffix == ".mcap":
+        if file.suffix == ".bag":
+            found += reindex_rule(file.read_bytes())
+        elif file.suffix == ".mcap":
             found += linear_reader(file.read_bytes())
         elif file.suffix == ".db3" and kind != "folder zstd messages":
             found += page_walk(file.read_bytes(), topics_in(sound / file.name))

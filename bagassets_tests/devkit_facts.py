@@ -26,8 +26,12 @@ from nuscenes.eval.common.loaders import (
     load_gt_of_sample_tokens,
 )
 from nuscenes.eval.detection.data_classes import DetectionBox
+from nuscenes.eval.prediction.splits import get_prediction_challenge_split
 from nuscenes.map_expansion.map_api import NuScenesMap
 from nuscenes.nuscenes import NuScenes
+from nuscenes.prediction import PredictHelper
+from nuscenes.scripts import export_kitti, export_poses
+from nuscenes.scripts.export_pointclouds_as_obj import export_scene_pointcloud
 from nuscenes.utils.data_classes import RadarPointCloud
 from nuscenes.utils.splits import get_scenes_of_split
 
@@ -75,6 +79,36 @@ def listed(nusc):
     together = said(nusc.list_scenes)
     firsts[1]["timestamp"] = apart
     return found, together
+
+
+def exported(nusc, folder):
+    """What scripts that come with the devkit make of a dataset of one's own, or say."""
+    export_kitti.NuScenes = lambda **_: nusc  # it would look in /data/sets/nuscenes
+    scene, agents = nusc.scene[0], PredictHelper(nusc)
+    first = nusc.get("sample", scene["first_sample_token"])["data"]["LIDAR_TOP"]
+    lidar = [row for row in nusc.sample_data if row["channel"] == "LIDAR_TOP"]
+    return {
+        "kitti": [
+            said(export_kitti.KittiConverter(str(folder), split=split).nuscenes_gt_to_kitti)
+            for split in (SPLIT, "train")
+        ],
+        "poses": len(export_poses.get_poses(nusc, scene["token"])),
+        "readings": sum(
+            nusc.get("sample", row["sample_token"])["scene_token"] == scene["token"] for row in lidar
+        ),
+        "begins": nusc.get("sample_data", first)["prev"],
+        "coordinates": said(export_poses.derive_latlon, nusc.log[0]["location"], []),
+        "points": said(export_scene_pointcloud, nusc, f"{folder}/scene.obj", scene["token"], verbose=False),
+        "futures": sum(
+            len(
+                agents.get_future_for_agent(
+                    row["instance_token"], row["sample_token"], 1.0, in_agent_frame=True
+                )
+            )
+            for row in nusc.sample_annotation
+        ),
+        "prediction": said(get_prediction_challenge_split, SPLIT, nusc.dataroot),
+    }
 
 
 def maps(dataroot, name, folder):
@@ -163,6 +197,7 @@ def main(dataroot, name, folder):
         "video": said(nusc.render_scene_channel, nusc.scene[0]["token"], "CAM_FRONT"),
         "maps": maps(dataroot, name, folder),
         "radar": radar(folder),
+        "exported": exported(nusc, folder),
         "evaluated": evaluated(nusc),
         "without_velocity": [velocities(nusc, 1), velocities(nusc, 4), len(nusc.sample_annotation)],
     }

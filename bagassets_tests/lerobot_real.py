@@ -3,6 +3,7 @@
 `python lerobot_real.py read ROOT`, `stats ROOT IMAGES.json`, `tools ROOT OTHER FOLDER`, `train ROOT`
 """
 
+import importlib.util
 import json
 import logging
 import sys
@@ -11,9 +12,13 @@ from pathlib import Path
 
 import torch
 
-# The compiled operators of torchvision's wheels want CUDA; lerobot's datasets use none of them, but importing names this one.
-_OPERATORS = torch.library.Library("torchvision", "DEF")
-if not hasattr(torch.ops.torchvision, "nms"):
+# The compiled operators of torchvision's wheels may want CUDA, which torch for the processor alone lacks; lerobot's datasets use
+# none of them, but importing torchvision names this one.
+_VISION = importlib.util.find_spec("torchvision")
+try:
+    torch.ops.load_library(str(next(Path(str(_VISION.origin)).parent.glob("_C*.so"))))
+except OSError:
+    _OPERATORS = torch.library.Library("torchvision", "DEF")
     _OPERATORS.define("nms(Tensor dets, Tensor scores, float iou_threshold) -> Tensor")
 warnings.filterwarnings("ignore")
 logging.disable(logging.WARNING)
@@ -133,7 +138,11 @@ def tools(root, other, folder):
 def train(root):
     """Take steps of a tiny policy of the library's; return the losses."""
     from lerobot.configs.types import FeatureType
-    from lerobot.datasets.utils import dataset_to_policy_features
+
+    try:
+        from lerobot.utils.feature_utils import dataset_to_policy_features  # since 0.5
+    except ImportError:
+        from lerobot.datasets.utils import dataset_to_policy_features
     from lerobot.policies.act.configuration_act import ACTConfig
     from lerobot.policies.act.modeling_act import ACTPolicy
     from lerobot.policies.factory import make_pre_post_processors

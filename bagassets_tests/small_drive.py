@@ -114,44 +114,58 @@ def messages(store, duration_s=3.0, ros1=False):
             )  # fmt: skip
 
 
-def write_drive(path: Path, file_format: str, duration_s=3.0, keep=lambda _topic, _stamp_ns: True) -> Path:
-    """Write the drive as `ros1` (.bag), `ros2` (a folder) or `mcap`, of it the messages to `keep`; return its path."""
+def as_it_is(_topic, _number, message, log_ns):
+    return [(log_ns, message)]
 
-    def kept(store, **options):
+
+def write_drive(
+    path: Path, file_format: str, duration_s=3.0, keep=lambda _topic, _stamp_ns: True, change=as_it_is
+) -> Path:
+    """Write the drive as `ros1` (.bag), `ros2` (a folder) or `mcap`; return its path.
+
+    Args:
+        path: of the file or folder.
+        file_format: of the three.
+        duration_s: of the drive.
+        keep: topic, header stamp -> whether a message is written.
+        change: topic, number of the message on it, message, log time -> (log time, message, or its bytes) of what is written.
+    """
+
+    def kept(store, serialize, **options):
+        numbers = {}
         for topic, msgtype, stamp_ns, message in messages(store, duration_s, **options):
-            if keep(topic, stamp_ns):
-                yield topic, msgtype, stamp_ns, message
+            if not keep(topic, stamp_ns):
+                continue
+            numbers[topic] = numbers.get(topic, -1) + 1
+            for log_ns, one in change(topic, numbers[topic], message, stamp_ns + LATENCY_NS):
+                data = one if isinstance(one, bytes) else bytes(serialize(one, msgtype))
+                yield topic, msgtype, stamp_ns, log_ns, data
 
     path.parent.mkdir(parents=True, exist_ok=True)
     if file_format == "ros1":
         with Rosbag1Writer(path) as writer:
             connections = {}
-            for topic, msgtype, stamp_ns, message in kept(STORE1, ros1=True):
+            for topic, msgtype, _, log_ns, data in kept(STORE1, STORE1.serialize_ros1, ros1=True):
                 if topic not in connections:
                     connections[topic] = writer.add_connection(topic, msgtype, typestore=STORE1)
-                writer.write(
-                    connections[topic], stamp_ns + LATENCY_NS, STORE1.serialize_ros1(message, msgtype)
-                )
+                writer.write(connections[topic], log_ns, data)
     elif file_format == "ros2":
         with Rosbag2Writer(path, version=9) as writer:
             connections = {}
-            for topic, msgtype, stamp_ns, message in kept(STORE2):
+            for topic, msgtype, _, log_ns, data in kept(STORE2, STORE2.serialize_cdr):
                 if topic not in connections:
                     connections[topic] = writer.add_connection(topic, msgtype, typestore=STORE2)
-                writer.write(
-                    connections[topic], stamp_ns + LATENCY_NS, STORE2.serialize_cdr(message, msgtype)
-                )
+                writer.write(connections[topic], log_ns, data)
     else:
         with path.open("wb") as stream:
             writer = McapWriter(stream)
             writer.start(profile="", library="test")
             channels = {}
-            for topic, msgtype, stamp_ns, message in kept(STORE2):
+            for topic, msgtype, stamp_ns, log_ns, data in kept(STORE2, STORE2.serialize_cdr):
                 if topic not in channels:
                     text, _ = STORE2.generate_msgdef(msgtype, ros_version=2)
                     schema = writer.register_schema(msgtype, "ros2msg", text.encode())
                     channels[topic] = writer.register_channel(topic, "cdr", schema)
-                data = bytes(STORE2.serialize_cdr(message, msgtype))
-                writer.add_message(channels[topic], stamp_ns + LATENCY_NS, data, stamp_ns)
+                writer.add_message(channels[topic], log_ns, data, stamp_ns)
             writer.finish()
     return path

@@ -22,7 +22,7 @@ import time
 import urllib.request
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from itertools import combinations, islice
 from multiprocessing import get_context
 from pathlib import Path
@@ -41,6 +41,7 @@ from bagassets_tests import doors as _doors
 from bagassets_tests import services as _services
 from bagassets_tests.small_drive import START_NS, write_drive
 from benchmarks.common import machine, markdown
+from benchmarks.resources import cpu_s_so_far, mark_children
 from benchmarks.web_ui import wait_until, web_ui
 
 __all__ = ["doors_table", "tiny_table"]
@@ -53,6 +54,7 @@ BIN: Path = _services.BIN
 COMMAND, PLAIN = "bagassets build", "plain Dagster, empty assets"
 _REPOSITORY = {"repositoryName": "__repository__", "repositoryLocationName": "bagassets.definitions"}
 _SETTLE_S = 5
+_QUIET = 0.15  # of a processor
 _LATEST_S = 290.0
 _ENDED = {"COMPLETED_SUCCESS", "COMPLETED_FAILED", "FAILED", "CANCELED"}
 _ASSETS = "{ assetNodes { assetKey { path } isMaterializable } }"
@@ -89,12 +91,17 @@ defs = dg.Definitions(assets=[*map(empty, range(12)), joined], executor=dg.in_pr
 """
 
 
+Began = tuple[float, float]
+"""When a door was entered (seconds of the monotonic clock), and the processor time until then (seconds)."""
+
+
 @dataclass
 class Found:
     """What a door came to.
 
     Attributes:
         seconds: from the first click, command or file to the datasets.
+        cpu_s: processor time of all processes meanwhile, without those of the benchmark itself.
         by_hand: clicks on *Launch* or commands that it took.
         runs: runs of Dagster that have ended by themselves.
         events: entries in its event log.
@@ -105,6 +112,7 @@ class Found:
     """
 
     seconds: float = 0.0
+    cpu_s: float = 0.0
     by_hand: int = 1
     runs: int = 0
     events: int = 0
@@ -132,14 +140,14 @@ class Door:
     keys: tuple[str, ...]
     limit_s: float
 
-    def appear(self, *, register: bool = True) -> float:
+    def appear(self, *, register: bool = True) -> Began:
         """Have all recordings appear at once, and register them if asked to; return when that was."""
         if register:
             with open_project(self.recipe) as (instance, _):
                 add_partitions(instance, Naming("test"), self.keys)
         self.bags.rmdir()
         self.away.rename(self.bags)
-        return time.monotonic()
+        return time.monotonic(), cpu_s_so_far()
 
 
 def main() -> None:
@@ -217,9 +225,11 @@ def tiny_table(figures: dict[str, Any]) -> str:
                 f"{seconds:.0f} s" if is_over else f"about {seconds:.0f} s",
                 f"{one['runs'] / max(one['made'], 1):.2f}",
                 f"{one['events'] / max(one['made'], 1):.0f}",
+                *([f"{1000 * one['cpu_s'] / max(one['made'], 1):,.0f} ms"] if "cpu_s" in one else []),
             ]
         )
     header = ["door", "recordings made", "in", f"all {number:,}", "runs for each", "events for each"]
+    header += ["processor time for each"] if all("cpu_s" in one for one in tiny["doors"].values()) else []
     return markdown(header, rows)
 
 
@@ -232,6 +242,7 @@ def measure(
     text: str,
 ) -> dict[str, Any]:
     """Bring the recordings through each door; return door -> what came of it."""
+    mark_children()
     found: dict[str, Any] = {}
     expected: dict[str, Any] = {}
     bags = folder / "bags"
@@ -290,15 +301,16 @@ def by_command(door: Door) -> Found:
     """Run `bagassets build`."""
     began = door.appear(register=False)
     _run(door, [BIN / "bagassets", "build", "--recipe", door.recipe])
-    return Found(time.monotonic() - began)
+    return _found(began)
 
 
 def by_sensor(door: Door) -> Found:
     """Copy the recordings into the folder, where the sensor of `bagassets ui` finds them."""
     with web_ui([BIN / "bagassets"], door.recipe):
+        _wait_until_quiet()
         began = door.appear(register=False)
         _wait(lambda: _is_done(door), door)
-        return Found(time.monotonic() - began, by_hand=0)
+        return _found(began, by_hand=0)
 
 
 def by_web_ui(door: Door) -> Found:
@@ -331,7 +343,7 @@ def by_materialize(door: Door) -> Found:
     for key in door.keys:
         _run(door, [*common, "group:recording", "--partition", key])
     _run(door, [*common, "dataset_inputs*"])
-    return Found(time.monotonic() - began, by_hand=len(door.keys) + 1)
+    return _found(began, by_hand=len(door.keys) + 1)
 
 
 def by_dg(door: Door) -> Found:
@@ -340,7 +352,7 @@ def by_dg(door: Door) -> Found:
     for key in door.keys:
         _run(door, [BIN / "dg", "launch", "--assets", "group:recording", "--partition", key])
     _run(door, [BIN / "dg", "launch", "--assets", "dataset_inputs*"])
-    return Found(time.monotonic() - began, by_hand=len(door.keys) + 1)
+    return _found(began, by_hand=len(door.keys) + 1)
 
 
 def by_plain_dagster(door: Door) -> Found:
@@ -357,11 +369,13 @@ def by_plain_dagster(door: Door) -> Found:
     ):
         wait_until(lambda: _ask(url, "{ version }"), "`dagster dev` answers")
         instance.add_dynamic_partitions("parts", list(door.keys))
-        began = time.monotonic()
-        status = _backfill(door, url, began)
-        seconds, key = time.monotonic() - began, dg.AssetKey("a11")
-        made = len(instance.get_materialized_partitions(key))
-        return Found(seconds, 1, _runs(instance), _events(instance), status, made)
+        _wait_until_quiet()
+        began = time.monotonic(), cpu_s_so_far()
+        status = _backfill(door, url, began[0])
+        found = _found(began)
+        found.runs, found.events, found.backfill = _runs(instance), _events(instance), status
+        found.made = len(instance.get_materialized_partitions(dg.AssetKey("a11")))
+        return found
 
 
 DG = "`dg launch`, each, and the datasets"
@@ -387,25 +401,39 @@ TINY = {
 
 
 def _materialize_all(door: Door, url: str, *, has_sensor: bool = False) -> Found:
+    _wait_until_quiet()
     began = door.appear()
-    found = Found(backfill=_backfill(door, url, began))
-    if found.backfill == "COMPLETED_FAILED" and not has_sensor:
+    status, by_hand = _backfill(door, url, began[0]), 1
+    if status == "COMPLETED_FAILED" and not has_sensor:
         _launch(
             url,
             _materializable(url, "dataset_inputs", "nuscenes_dataset", "vision_dataset", "trajectory_map"),
         )
-        found.by_hand += 1
-    if found.backfill != "CANCELED":
+        by_hand += 1
+    if status != "CANCELED":
         _wait(lambda: _is_done(door), door)
-    found.seconds = time.monotonic() - began
-    return found
+    return replace(_found(began, by_hand), backfill=status)
+
+
+def _found(began: Began, by_hand: int = 1) -> Found:
+    return Found(time.monotonic() - began[0], cpu_s_so_far() - began[1], by_hand)
+
+
+def _wait_until_quiet() -> None:
+    """Return once servers have started, and prepared what they can."""
+    before, now = -_QUIET, cpu_s_so_far()
+    while now - before >= _QUIET:
+        time.sleep(1.0)
+        before, now = now, cpu_s_so_far()
 
 
 def _backfill(door: Door, url: str, began: float) -> str:
     """Launch a backfill of all assets and recordings; return how it ended, cancelled if it took too long."""
     params = {"partitionNames": list(door.keys), "assetSelection": _materializable(url), "fromFailure": False}
-    backfill = _ask(url, _BACKFILL, params=params)["launchPartitionBackfill"]["backfillId"]
-    status = ""
+    launched, status = _ask(url, _BACKFILL, params=params)["launchPartitionBackfill"], ""
+    if launched["__typename"] != "LaunchBackfillSuccess":
+        raise SystemExit(f"the backfill was refused: {launched}")
+    backfill = launched["backfillId"]
     while status not in _ENDED and time.monotonic() - began < door.limit_s:
         time.sleep(0.2)
         status = _ask(url, _STATUS, id=backfill)["partitionBackfillOrError"]["status"]

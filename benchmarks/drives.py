@@ -13,7 +13,6 @@ import cv2
 import numpy as np
 from rosbags.typesys import get_types_from_msg
 
-from bagassets.geometry.kernels.returns import PACKET
 from bagassets.geometry.se3 import SE3
 from bagassets.propose.project import write_project
 from bagassets.sample.drive import PROFILES, drive_start_ns
@@ -22,7 +21,6 @@ from bagassets.sample.recorder import Compression, Recorder, RecordingFormat, op
 from bagassets.sample.schedule import Event
 from bagassets.sample.throughput import (
     PACKET_NS,
-    PACKETS,
     PERIOD_NS,
     throughput_cameras,
     throughput_events,
@@ -94,14 +92,14 @@ def write_tas_drive(
     with ExitStack() as stack:
         recorder = open_recorder(unfinished, file_format, compression, stack)
         recorder.messages.store.register(get_types_from_msg(_DEFINITION, _TYPE))
-        for event in throughput_events(truth, seed, duration_s):
+        for event in throughput_events(truth, duration_s, seed):
             if event.topic == _SCANS:
                 for log_time_ns, message in _packets(recorder, event):
                     recorder.write(LIDAR_TOPIC, _TYPE, log_time_ns, message)
             elif event.msgtype == _INFO:
                 recorder.write(event.topic, _INFO, event.log_time_ns, _with_region(recorder, event))
             else:
-                recorder.write_raw(event.topic, event.msgtype, event.log_time_ns, event.payload(recorder))
+                recorder.write(event.topic, event.msgtype, event.log_time_ns, event.make(recorder.messages))
     unfinished.rename(path)
     return path
 
@@ -153,14 +151,11 @@ def write_jpeg_project(folder: Path, size: float) -> Path:
 def _packets(recorder: Recorder, scan: Event) -> Iterator[tuple[int, Any]]:
     """Yield log time and message of each packet of a revolution, which is written when it is complete."""
     make = recorder.messages
-    data = np.frombuffer(bytes(scan.payload(recorder)), np.uint8)
-    stride = 8 + PACKET.itemsize + (0 if make.ros1 else 2)
-    first = len(data) - (PACKETS - 1) * stride - (8 + PACKET.itemsize)
     start_ns = scan.log_time_ns - PERIOD_NS - 5_000_000
-    for number in range(PACKETS):
-        at = first + number * stride + 8
+    packets: Any = scan.make(make)
+    for number, packet in enumerate(packets.packets):
         stamp_ns = start_ns + number * PACKET_NS
-        fields = (_ip(_LIDAR_IP), _PORT, _ip(_HOST_IP), _PORT, data[at : at + PACKET.itemsize])
+        fields = (_ip(_LIDAR_IP), _PORT, _ip(_HOST_IP), _PORT, packet.data)
         # Not before the messages that were written meanwhile: recorders keep the order of arrival.
         log_time_ns = max(stamp_ns + _LATENCY_NS, scan.log_time_ns)
         yield log_time_ns, make.make("ethernet_msgs/Packet", make.header(stamp_ns, "lidar_top"), *fields)
@@ -168,9 +163,7 @@ def _packets(recorder: Recorder, scan: Event) -> Iterator[tuple[int, Any]]:
 
 def _with_region(recorder: Recorder, event: Event) -> Any:
     """Return a CameraInfo that says "the whole image" in numbers: converters take zeros for its size."""
-    make, data = recorder.messages, bytes(event.payload(recorder))
-    read = make.store.deserialize_ros1 if make.ros1 else make.store.deserialize_cdr
-    info: Any = read(data, _INFO)
+    info: Any = event.make(recorder.messages)
     info.roi.width, info.roi.height = info.width, info.height
     return info
 

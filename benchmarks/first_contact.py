@@ -161,6 +161,7 @@ _WHY = {
     "no topic is proposed": "nothing to convert: what there is looks computed",
     "compressed": "needs the `metadata.yaml` of its bag",
     "no decoder": "needs a decoder",
+    "frames, and must have": "too short for an episode",
 }
 
 
@@ -188,10 +189,10 @@ def first_contact_table(found: list[dict[str, Any]]) -> str:
         made = one["made"]
         result = one["why"]
         if made:
-            result = f"{count_text(made['samples'], 'sample')}, {count_text(made['readings'], 'reading')}"
+            result = ", ".join(count_text(number, what.removesuffix("s")) for what, number in made.items())
         recording = f"[{one['repository']}](https://github.com/{one['repository']}): {one['about']}"
         rows.append((recording, ", ".join(one["channels"]) or "none", one["guesses"], one["edits"], result))
-    return markdown(("recording", "channels proposed", "guesses", "edits", "dataset"), rows)
+    return markdown(("recording", "channels or signals proposed", "guesses", "edits", "dataset"), rows)
 
 
 def _tried(recording: Published, repositories: Path, folder: Path) -> dict[str, Any]:
@@ -206,7 +207,7 @@ def _tried(recording: Published, repositories: Path, folder: Path) -> dict[str, 
         "repository": recording.repository,
         "path": recording.path,
         "about": recording.about,
-        "channels": [name for rig in rigs for name in rig["channels"]],
+        "channels": [name for rig in rigs for kind in ("channels", "signals") for name in rig.get(kind, ())],
         "guesses": len(re.findall(r"# guess: ", text)),
         "edits": 0,
         "made": None,
@@ -215,19 +216,28 @@ def _tried(recording: Published, repositories: Path, folder: Path) -> dict[str, 
     if not rigs:
         (asked,) = re.findall(rf"{_QUESTION}(.*(?:\n +#  .*)*)", text)
         words = " ".join(asked.replace("#", " ").split())
-        return facts | {"why": next(said for part, said in _WHY.items() if part in words)}
+        return facts | {"why": _short(words)}
     answered, facts["edits"] = _answered(text)
     recipe.write_text(answered, "utf-8")
     done = _bagassets("build", "--recipe", recipe)
     if done.returncode:
         (why, *_) = re.findall(r"^error:? (.*)", done.stderr + done.stdout, re.MULTILINE)
-        return facts | {"why": why}
-    ((tables,),) = [[path.parent for path in (project / "dataset").glob("*/*/sample.json")]]
-    sizes = {
-        name: len(json.loads((tables / f"{name}.json").read_text("utf-8")))
-        for name in ("sample", "sample_data")
-    }
-    return facts | {"made": {"samples": sizes["sample"], "readings": sizes["sample_data"]}}
+        return facts | {"why": _short(why)}
+    return facts | {"made": _counts(project / "dataset")}
+
+
+def _short(why: str) -> str:
+    return next((said for part, said in _WHY.items() if part in why), why)
+
+
+def _counts(datasets: Path) -> dict[str, int]:
+    """Return how much of what a dataset has: of nuScenes, or of LeRobot."""
+    for info in datasets.glob("*/*/meta/info.json"):
+        totals = json.loads(info.read_text("utf-8"))
+        return {"episodes": totals["total_episodes"], "frames": totals["total_frames"]}
+    (samples,) = datasets.glob("*/*/sample.json")
+    tables = {"samples": samples, "readings": samples.with_name("sample_data.json")}
+    return {what: len(json.loads(table.read_text("utf-8"))) for what, table in tables.items()}
 
 
 def _answered(text: str) -> tuple[str, int]:

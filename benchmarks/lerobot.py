@@ -4,8 +4,8 @@
 
 Ours reads and decodes the images from the store, encodes, computes statistics and joins; the library's `add_frame` and
 `save_episode` are given the decoded images in memory. Both encode with the same codec, quality, preset and key frames.
-Then our encoder beside a bare loop of PyAV, and one more recording in a dataset of many. lerobot is that of
-`make test-lerobot`, or of the environment that BAGASSETS_LEROBOT_PYTHON names.
+Then our encoder beside a bare loop of PyAV, how long a frame at random takes to read, and one more recording in a dataset of
+many. lerobot is that of `make test-lerobot`, or of the environment that BAGASSETS_LEROBOT_PYTHON names.
 """
 
 import argparse
@@ -20,11 +20,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow.parquet as pq
 
 from bagassets.formats.assembly import assemble
 from bagassets.formats.format import Part
 from bagassets.formats.lerobot import video
 from bagassets.formats.lerobot.format import LEROBOT
+from bagassets.formats.lerobot.settings import Encoding
 from bagassets.recipe.model_splits import Splits
 from bagassets.recordings.digest import recording_digest, recording_stat
 from bagassets.recordings.discover import discover
@@ -37,6 +39,7 @@ __all__ = ["lerobot_table"]
 _arm: Any = import_module("bagassets_tests.arm_recordings")
 _recording_build: Any = import_module("bagassets_tests.recording_build")
 SIZE = (480, 640)
+CAMERA = "observation.images.wrist"
 SETTINGS = {"av1": ("libsvtav1", 30, "12"), "h264": ("h264", 30, "medium")}
 _THEIRS = """
 import json, sys, time, warnings
@@ -134,8 +137,11 @@ def measure(folder: Path, options: argparse.Namespace) -> dict[str, Any]:
             "theirs_s": other,
             "ours_bytes": _bytes(folder / f"ours_{codec}_0"),
             "theirs_bytes": _bytes(folder / f"theirs_{codec}_0"),
+            "ours_off_ms": _most_off_ms(folder / f"ours_{codec}_0" / "v3.0"),
+            "theirs_off_ms": _most_off_ms(folder / f"theirs_{codec}_0"),
             **_encoders(files[0], codec, crf, preset, options.trials),
         }
+    found["random_frame_ms"] = _random_frames(folder / "seek.mp4", files[0])
     found["one_more"] = _one_more(recipe, parts, folder / "many", options.episodes)
     return found
 
@@ -179,6 +185,53 @@ def _bytes(folder: Path) -> int:
     return sum(path.stat().st_size for path in folder.rglob("*.mp4"))
 
 
+def _times_s(path: Path) -> Any:
+    """Return when the frames of a video are shown, sorted, exactly."""
+    import av
+
+    with av.open(str(path)) as container:
+        stream = container.streams.video[0]
+        pts = sorted(packet.pts for packet in container.demux(stream) if packet.pts is not None)
+        return np.array([float(one * (stream.time_base or 0)) for one in pts])
+
+
+def _most_off_ms(root: Path) -> float:
+    """Return how far the time at which a reader looks for a frame is from that of the frame, at most."""
+    info = json.loads((root / "meta" / "info.json").read_text())
+    (table,) = map(pq.read_table, (root / "meta" / "episodes").rglob("*.parquet"))
+    own, most, frames = f"videos/{CAMERA}", 0.0, {}
+    for row in table.to_pylist():
+        place = row[f"{own}/chunk_index"], row[f"{own}/file_index"]
+        name = info["video_path"].format(video_key=CAMERA, chunk_index=place[0], file_index=place[1])
+        if place not in frames:
+            frames[place] = _times_s(root / name)
+        first = round(row[f"{own}/from_timestamp"] * info["fps"])
+        asked = row[f"{own}/from_timestamp"] + np.arange(row["length"]) / info["fps"]
+        most = max(most, float(np.abs(asked - frames[place][first : first + row["length"]]).max()))
+    return 1000 * most
+
+
+def _random_frames(path: Path, files: list[str], number: int = 60) -> dict[str, float]:
+    """Return key frames every so many frames -> milliseconds for a frame at random, as readers of datasets take them."""
+    import av
+    import cv2
+
+    images: list[Any] = [cv2.imread(name) for name in files]
+    found = {}
+    for distance in (2, 30, 120):
+        path.write_bytes(video.encode(images, 30, video.with_defaults(Encoding(keyframes=distance))))
+        wanted = np.random.default_rng(0).integers(0, len(images), number).tolist()
+        started = time.perf_counter()
+        for frame in wanted:
+            with av.open(str(path)) as container:
+                stream = container.streams.video[0]
+                pts = round(frame / 30 / (stream.time_base or 1))
+                container.seek(pts, stream=stream)
+                next(one for one in container.decode(stream) if one.pts == pts).to_ndarray(format="rgb24")
+        found[str(distance)] = (time.perf_counter() - started) * 1000 / number
+    return found
+
+
 def _encoders(files: list[str], codec: str, crf: int, preset: str, trials: int) -> dict[str, list[float]]:
     """Return the seconds of our encoder and of a bare loop, by turns, on decoded images."""
     import av
@@ -186,7 +239,7 @@ def _encoders(files: list[str], codec: str, crf: int, preset: str, trials: int) 
 
     images: list[Any] = [cv2.imread(path) for path in files]
     encoder = {"av1": "libsvtav1", "h264": "libx264"}[codec]
-    settings = video.EncoderSettings.of(codec, crf, preset, 2, "crop")
+    settings = video.with_defaults(Encoding(codec=codec, crf=crf, preset=preset))
     ours, bare = [], []
     for _ in range(trials):
         started = time.perf_counter()
@@ -240,7 +293,8 @@ def lerobot_table(found: dict[str, Any]) -> str:
         encoder, bare = median(one["encoder_s"]), median(one["bare_s"])
         rows.append(
             [codec, f"{ours:.1f} s", f"{theirs:.1f} s", f"{theirs / ours:.1f}", f"{one['ours_bytes'] / 1e6:.1f} MB",
-             f"{one['theirs_bytes'] / 1e6:.1f} MB", f"{encoder / bare:.2f}"]
+             f"{one['theirs_bytes'] / 1e6:.1f} MB", f"{one['ours_off_ms']:.3f} ms", f"{one['theirs_off_ms']:.3f} ms",
+             f"{encoder / bare:.2f}"]
         )  # fmt: skip
     header = [
         "codec",
@@ -249,13 +303,17 @@ def lerobot_table(found: dict[str, Any]) -> str:
         "ratio",
         "our videos",
         "its videos",
+        "our times off",
+        "its times off",
         "encoder / bare PyAV",
     ]
-    more = found["one_more"]
+    more, seeks = found["one_more"], found["random_frame_ms"]
     return markdown(header, rows) + (
         f"\nJoining {more['episodes']:,} episodes of {found['seconds']:g} s takes {more['first_s']:.1f} s. One recording more costs, beyond its "
         f"own encoding, {more['end_s']:.1f} s at the end and {more['middle_s']:.1f} s in the middle, and writes {more['end_files']} and "
-        f"{more['middle_files']} of {more['files']} videos.\n"
+        f"{more['middle_files']} of {more['files']} videos.\n\n"
+        f"A frame at random is read in {seeks['2']:.1f} ms where every second frame is a key frame, in {seeks['30']:.1f} ms where one is a "
+        f"second apart, and in {seeks['120']:.1f} ms where four seconds are between them.\n"
     )
 
 

@@ -16,9 +16,11 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.chaos import chaos_table
+from benchmarks.check import ages_table
 from benchmarks.clicks import clicks_table
 from benchmarks.cold import cold_table
 from benchmarks.common import ROOT, median
+from benchmarks.crash import crash_table
 from benchmarks.damaged import damaged_table
 from benchmarks.doors import doors_table, tiny_table
 from benchmarks.first_contact import first_contact_table
@@ -59,11 +61,13 @@ def _plotted(tell: Callable[[Any], str], name: str, title: str) -> Callable[[Any
 
 
 FIGURES: dict[str, tuple[str, Callable[[Any], str]]] = {
+    "ages": ("measured", ages_table),
     "call path": ("call_path", call_path_table),
     "chaos": ("chaos", chaos_table),
     "clicks": ("clicks", clicks_table),
     "code size": ("code_size", code_size_table),
     "cold": ("cold", cold_table),
+    "crash": ("crash", crash_table),
     "damaged": ("damaged", damaged_table),
     "doors": ("doors", doors_table),
     "doors tiny": ("doors", tiny_table),

@@ -14,6 +14,7 @@ from bagassets.decode.registry import expected_types
 from bagassets.formats.catalogue import formats, known_assets
 from bagassets.formats.checking import render_checks
 from bagassets.recipe.reference import render_reference
+from bagassets_tests.faults import FAULTS, OUTCOMES
 from benchmarks.pages import pages, with_figures
 from scripts.architecture import PICTURES, THEMES, draw, edges
 from scripts.wrap import wrapped
@@ -49,6 +50,7 @@ def graph() -> str:
 # What stands between two comments, `<!-- name -->` and `<!-- end of name -->`.
 PARTS: dict[str, Callable[[], str]] = {
     "checks": lambda: f"\n{render_checks()}\n",
+    "faults": lambda: f"\n{fault_tables()}\n",
     "decoders": lambda: f"{decoder_table()}\n",
     "graph": lambda: f"\n```mermaid\n{graph()}\n```\n\n",
     "inputs": lambda: f"{input_table()}\n",
@@ -69,6 +71,22 @@ def decoder_table() -> str:
     """Return the types of messages that each family has built-in decoders for."""
     rows = [f"| `{family}` | {expected_types(family)} |" for family in FAMILIES]
     return "\n".join(["| family | types |", "|---|---|", *rows])
+
+
+def fault_tables() -> str:
+    """Return the faults that tests execute, with what becomes of each; one table for each area."""
+    lines = [f"- *{name}*: {what};" for name, what in OUTCOMES.items()]
+    lines[-1] = lines[-1].replace(";", ".")
+    formats = {"ros1": "ROS 1", "ros2": "ROS 2", "mcap": "MCAP"}
+    for area in dict.fromkeys(fault.area for fault in FAULTS):
+        lines += ["", f"### {area}", "", "| fault | outcome | what is said |", "|---|---|---|"]
+        for fault in (one for one in FAULTS if one.area == area):
+            some = ", ".join(formats[kind] for kind in fault.kinds)
+            only = "" if len(fault.kinds) == len(formats) else f" ({some})"
+            lines.append(
+                f"| {fault.what}{only} | {fault.outcome} | {f'… {fault.says} …' if fault.says else ''} |"
+            )
+    return "\n".join(lines)
 
 
 def others() -> list[Path]:

@@ -177,7 +177,7 @@ def partitions(browser: Browser, url: str, file: Path) -> None:
 def checks(browser: Browser, url: str, file: Path) -> None:
     """The checks of the tables, recording by recording."""
     show(browser, f"{url}/assets/nuscenes_tables?view=checks", "Execute all", "Latest execution")
-    browser.picture(file, top(560))
+    browser.picture(file, top(620))
 
 
 def runs(browser: Browser, url: str, file: Path) -> None:

@@ -8,6 +8,7 @@ A part that needs a Python which this machine lacks is left out with a message, 
 
 import argparse
 import os
+import platform
 import shutil
 import signal
 import subprocess
@@ -91,6 +92,12 @@ def _lerobot() -> None:
     _run("make", f"LEROBOT_PYTHON={python}", "test-lerobot")
 
 
+def _fuzz() -> None:
+    if platform.machine() != "x86_64":
+        raise LeftOutError(f"atheris has no wheels for {platform.machine()}")
+    _run("make", "FUZZ_MINUTES=1", "fuzz")
+
+
 def _lowest() -> None:
     python = find_pythons().get(LOWEST_PYTHON)
     if python is None:
@@ -119,6 +126,7 @@ PARTS = {
         "tests that take long, or are some of many alike: the wheel, installed outside of the checkout", _long
     ),
     "lerobot": Part("the real lerobot on datasets of ours, in an environment of its own", _lerobot),
+    "fuzz": Part("bytes that nobody wrote, for whatever reads bytes, a minute of them", _fuzz),
     "lowest": Part("what depends on libraries, with the lowest versions that pyproject.toml allows", _lowest),
     "newest": Part(
         "what depends on libraries, with the newest Python here, and the newest versions", _newest

@@ -110,7 +110,7 @@ def channel_face(files: str, columns: "pa.Schema") -> Face:
         files: what the files of its channels are called, in the plural.
         columns: of the index of a channel.
     """
-    return Face(columns=columns, shown=_shown, counts={files: _written}, losses=_losses)
+    return Face(columns=columns, shown=_shown, counts={files: written}, losses=_losses)
 
 
 def _shown(artifact: Artifact) -> Mapping[str, Json | Table]:
@@ -123,7 +123,8 @@ def _shown(artifact: Artifact) -> Mapping[str, Json | Table]:
     return {"written": written, "lost": lost, "channels": counts_table(named, "channel"), **summary}
 
 
-def _written(summary: JsonMapping) -> int | None:
+def written(summary: JsonMapping) -> int | None:
+    """Return how many files of channels there are, or rows of signals; None if the summary does not say."""
     channels = summary.get("channels")
     return None if channels is None else sum(counts["written"] for counts in channels.values())
 

@@ -18,6 +18,7 @@ from bagassets.assets.pose_samples import Joint, MovingRig, PoseSamples, counted
 from bagassets.assets.pose_sources import read_samples
 from bagassets.assets.quality.finding import clock
 from bagassets.assets.transform_logs import read_urdf
+from bagassets.base.columns import column, numbers
 from bagassets.base.errors import LossLimitError, PoseError
 from bagassets.base.json_types import Json, JsonMapping, JsonObject
 from bagassets.decode.registry import decoder_key, types_of
@@ -198,8 +199,8 @@ def _write(
 ) -> Summary:
     """Write (N,) stamps and (N, 7) poses, and facts about them; return the summary."""
     origin = samples.origin or (_recentre(rows) if len(rows) else None)
-    columns = [pa.array(stamps_ns), *map(pa.array, rows.T)]
-    out.write_table("ego_poses.parquet", pa.table(columns, schema=POSE_SCHEMA))
+    columns = [column(stamps_ns, pa.int64()), *(column(one, pa.float64()) for one in rows.T)]
+    out.write_table("ego_poses.parquet", pa.Table.from_arrays(columns, schema=POSE_SCHEMA))
     steps = np.diff(rows[:, :3], axis=0)
     summary = {
         "source": source.source,
@@ -231,11 +232,11 @@ def load_trajectory(artifact: Artifact) -> Trajectory:
     """Return the trajectory in an artifact of this step."""
     facts = artifact.read_json("ego_poses.json")
     table = artifact.read_table("ego_poses.parquet")
-    numbers = np.stack([table[name].to_numpy() for name in _NUMBERS], axis=1)
+    values = np.stack([numbers(table[name]) for name in _NUMBERS], axis=1)
     return Trajectory(
-        table["stamp_ns"].to_numpy().astype(np.int64),
-        np.ascontiguousarray(numbers[:, :3]),
-        np.ascontiguousarray(numbers[:, 3:]),
+        numbers(table["stamp_ns"]).astype(np.int64),
+        np.ascontiguousarray(values[:, :3]),
+        np.ascontiguousarray(values[:, 3:]),
         round(facts["max_gap_s"] * 1e9),
         round(facts["extrapolate_s"] * 1e9),
         fixed=facts["fixed"],

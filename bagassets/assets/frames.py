@@ -28,6 +28,7 @@ from bagassets.assets.image_output import (
 from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.quality.channel_rules import channels_complete
 from bagassets.assets.quality.check import RecordingCheck
+from bagassets.base.columns import table_of_rows
 from bagassets.base.errors import BagAssetsError, CalibrationError, DecodeError, LossLimitError
 from bagassets.base.json_types import JsonObject
 from bagassets.base.trace import span
@@ -260,7 +261,7 @@ class FrameExtractor:
                 f"{where}: counts do not add up, {self._counts.as_json()}; this is a bug of the step, please report it."
             )
         rows = sorted(self._rows, key=lambda row: row["stamp_ns"])
-        self._out.write_table("index.parquet", pa.Table.from_pylist(rows, schema=INDEX_SCHEMA))
+        self._out.write_table("index.parquet", table_of_rows(rows, INDEX_SCHEMA))
         facts: JsonObject = {"counts": self._counts.as_json()}
         if self._depth is not None:
             facts["depth"] = {"unit_m": self._use.settings.depth_unit_m, **asdict(self._depth)}

@@ -14,7 +14,7 @@ from tempfile import TemporaryFile
 import numpy as np
 
 from bagassets.base.errors import StoreError
-from bagassets.decode.image import Pixels
+from bagassets.geometry.undistortion import Pixels
 from bagassets.recordings.model import RawMessage
 
 _HEAD = Struct("<qQ")  # log time, number of bytes

@@ -17,11 +17,11 @@ from bagassets.assets.asset import for_messages, inlined, omitted
 from bagassets.base.errors import DecodeError, RecipeError
 from bagassets.decode.compressed_image import checked_size, decode_pixels
 from bagassets.decode.depth import DepthLosses, in_steps
-from bagassets.decode.image import Pixels, bayer_to_bgra, check_pixels, to_bgr_or_grey
+from bagassets.decode.image import bayer_to_bgra, check_pixels, to_bgr_or_grey
 from bagassets.decode.model import ImageReading
 from bagassets.geometry.calibration import CameraLens
 from bagassets.geometry.camera import CameraModel
-from bagassets.geometry.undistortion import Undistortion
+from bagassets.geometry.undistortion import Pixels, Undistortion
 from bagassets.recipe.model import DEPTH_UNIT_M, GreyRange, Limits
 from bagassets.recipe.model_base import Clock
 from bagassets.recipe.model_calibration import PinholeIntrinsics

@@ -1,7 +1,7 @@
 """Which rig made a recording, and whether the recording takes part at all."""
 
 from bagassets.recipe.model import Recipe, Rig
-from bagassets.recordings.discover import matches
+from bagassets.recordings.globs import matches
 from bagassets.recordings.inventory import Inventory
 
 

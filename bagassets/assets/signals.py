@@ -13,7 +13,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from bagassets.assets.asset import Asset, Facts, Use, inlined, omitted, uses_of
-from bagassets.assets.channel import Counts
+from bagassets.assets.channel import Counts, written
 from bagassets.assets.face import Face, Loss, Table, losses_of
 from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.quality.channel_rules import channels_complete
@@ -343,11 +343,6 @@ def _shown(artifact: Artifact) -> Mapping[str, Json | Table]:
     }
 
 
-def _rows(summary: JsonMapping) -> int | None:
-    signals = summary.get("channels")
-    return None if signals is None else sum(counts["written"] for counts in signals.values())
-
-
 def _losses(summary: JsonMapping) -> list[Loss]:
     return [loss for name, counts in summary.get("channels", {}).items() for loss in losses_of(name, counts)]
 
@@ -363,7 +358,7 @@ message lacks, is null.""",
     face=Face(
         columns=pa.schema({STAMP: pa.int64(), "<element>": pa.float64()}),
         shown=_shown,
-        counts={"values": _rows},
+        counts={"values": written},
         losses=_losses,
     ),
     reads=(INVENTORY,),

@@ -8,6 +8,7 @@ import pyarrow as pa
 
 from bagassets.assets.asset import omitted
 from bagassets.assets.channel import Counts
+from bagassets.base.columns import table_of_rows
 from bagassets.base.json_types import JsonObject
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
@@ -148,5 +149,5 @@ class SweepFiles:
     def finish(self, description: JsonObject) -> None:
         """Write `index.parquet`, sorted by stamp, and `channel.json`."""
         rows = sorted(self._rows, key=lambda row: row["stamp_ns"])
-        self._out.write_table("index.parquet", pa.Table.from_pylist(rows, schema=self._schema))
+        self._out.write_table("index.parquet", table_of_rows(rows, self._schema))
         self._out.write_json("channel.json", description)

@@ -15,6 +15,9 @@ from bagassets.base.fingerprints import PlanNeeded, open_read_only
 NAME = "freshness.sqlite"
 _FORMAT = 3
 _BUSY_S = 10.0
+_NO_DAMAGE = tuple(
+    f"SQLITE_{name}" for name in ("BUSY", "LOCKED", "READONLY", "IOERR", "FULL", "CANTOPEN", "PERM")
+)
 _VERSION = "PRAGMA user_version"
 _ALL = "SELECT key, content, digest FROM entries WHERE kind = ?"
 _ONE = f"{_ALL} AND key = ?"
@@ -108,9 +111,9 @@ class Cache:
                     connection.execute("BEGIN IMMEDIATE")
                     changes.apply(connection)
                     connection.execute("COMMIT")
-            except (OSError, sqlite3.OperationalError):  # locked, read-only or full: no damage
-                return False
-            except sqlite3.DatabaseError:
+            except (OSError, sqlite3.DatabaseError, ValueError) as err:
+                if isinstance(err, OSError) or not is_damage(err):
+                    return False
                 self.remove()
             else:
                 return True
@@ -121,10 +124,8 @@ class Cache:
         try:
             with closing(open_read_only(self.path)) as connection:
                 is_whole = connection.execute("PRAGMA integrity_check(1)").fetchone() == ("ok",)
-        except sqlite3.OperationalError:  # missing, or in use
-            return
-        except sqlite3.DatabaseError:
-            is_whole = False
+        except (sqlite3.DatabaseError, ValueError) as err:
+            is_whole = not is_damage(err)
         if not is_whole:
             self.remove()
 
@@ -144,7 +145,7 @@ class Cache:
         try:
             with reading as connection:
                 return [connection.execute(query, values).fetchall() for query, values in queries]
-        except sqlite3.Error as err:
+        except (sqlite3.Error, ValueError) as err:
             raise PlanNeeded(f"{self.path}: {err}") from err
 
     @contextmanager
@@ -159,7 +160,7 @@ class Cache:
                 if connection.execute(_VERSION).fetchone() != (_FORMAT,):
                     raise PlanNeeded(f"{self.path}: written by another version")
                 yield connection
-        except sqlite3.Error as err:
+        except (sqlite3.Error, ValueError) as err:
             raise PlanNeeded(f"{self.path}: {err}") from err
 
     @contextmanager
@@ -186,6 +187,14 @@ class Cache:
             elif version != _FORMAT:
                 raise sqlite3.DatabaseError("written by another version")
             yield connection
+
+
+def is_damage(err: Exception) -> bool:
+    """Tell whether an error of SQLite is about what a file holds; otherwise it is missing, in use or full, or others' own.
+
+    A text in a torn schema need not be UTF-8, of which Python makes a ValueError.
+    """
+    return not getattr(err, "sqlite_errorname", "").startswith(_NO_DAMAGE)
 
 
 def _check(kind: str, key: str, content: bytes) -> bytes:

@@ -10,27 +10,6 @@ from functools import cache
 from hashlib import blake2b
 from typing import Any
 
-__all__ = [
-    "PlanNeeded",
-    "Signature",
-    "boot_id",
-    "booted_at_s",
-    "code_fingerprint",
-    "contents_fingerprint",
-    "digest_lines",
-    "files_fingerprint",
-    "loaded_code_fingerprint",
-    "paths_fingerprint",
-    "project_fingerprint",
-    "recipe_fingerprint",
-    "records_fingerprint",
-    "signature",
-    "signature_of",
-    "site_folders",
-    "tree_fingerprint",
-    "tree_lines",
-]
-
 _PACKAGE = os.path.dirname(os.path.dirname(os.path.realpath(__file__)))
 _SOURCES = (".py", ".so", ".yaml", ".json", ".msg")
 _DISTRIBUTIONS = (".dist-info", ".egg-info", ".pth", ".egg-link")

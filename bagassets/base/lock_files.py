@@ -11,6 +11,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Self
 
+from bagassets.base.files import make_folder, open_lock, remove
+
 RUN_LOCKS = "locks"
 """Folder in the state folder of a project: the locks of recordings that a run works on."""
 
@@ -33,7 +35,7 @@ class LockFile:
 
     @classmethod
     def open(cls, path: Path, *, shared: bool = False, new: bool = False) -> Self:
-        """Open a lock file, and create it if it is missing.
+        """Open a lock file; it, and folders above it, are made if need be.
 
         Args:
             path: the file.
@@ -45,7 +47,8 @@ class LockFile:
         """
         mode = _GROUP if shared else _OWNER
         flags = os.O_RDWR | os.O_CREAT | _FLAGS | (os.O_EXCL if new else 0)
-        descriptor = os.open(path, flags, mode)
+        make_folder(path.parent)
+        descriptor = open_lock(path, flags, mode)
         stat = os.fstat(descriptor)
         if stat.st_mode & 0o777 & ~mode and stat.st_uid == os.geteuid():
             os.fchmod(descriptor, stat.st_mode & mode)  # made by a version that let others read it
@@ -110,7 +113,7 @@ class LockFile:
         """
         if self._descriptor is not None:
             try:
-                self.path.unlink(missing_ok=True)
+                remove(self.path)
             finally:
                 self.close()
 

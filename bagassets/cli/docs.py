@@ -15,15 +15,6 @@ from bagassets.cli.terminal import echo, echo_lines
 if TYPE_CHECKING:
     from bagassets.assets.asset import AnyAsset
 
-__all__ = [
-    "all_commands",
-    "asset_reference",
-    "command_reference",
-    "docs",
-    "find_pages",
-    "parameters_of",
-    "reads_of",
-]
 
 _WIDTH = 96
 _CHECKOUT = Path(bagassets.__file__).parents[1]

@@ -63,14 +63,13 @@ def _print(found: "Examined", copy: Path | None, written: int | None) -> None:
     path = visible(str(found.path))
     if found.verdict == "sound":
         number = sum(count for _, count in found.topics.values())
-        remark = f"\nBut {found.remark}." if found.remark else ""
-        echo_lines(f"{path}\n\nSound: all {number} messages can be read.{remark}", nl=written is None)
+        echo_lines(f"{path}\n\nSound: all {number} messages can be read.", nl=written is None)
     else:
         problem = without_advice(found.problem).removeprefix(f"{found.path}: ")
         echo_lines(f"{path}\n\nWhat is wrong\n  {problem}")
     damage = found.damage
     if damage is not None:
-        lines = [*damage.findings, *filter(None, [found.remark])]
+        lines = [*damage.findings]
         lines += [
             f"{hole.file}, bytes {hole.begin} to {hole.end}{_between(hole.start_ns, hole.end_ns)}: {hole.reason}"
             for hole in damage.holes[:_SHOWN]

@@ -17,9 +17,10 @@ if TYPE_CHECKING:
 Examples:
   bagassets inspect /data/recordings/monday.bag
   bagassets inspect /data/recordings/tuesday --json | jq '.topics[].name'
+  bagassets inspect monday_0.bag monday_1.bag          # the parts of one drive
   bagassets inspect old.db3 --definitions my_msgs/msg"""
 )
-@click.argument("bag", type=click.Path(path_type=Path))
+@click.argument("bags", metavar="BAG...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option(
     "--json", "as_json", is_flag=True, help="Print the inventory as JSON, with digests, gaps and definitions."
 )
@@ -36,11 +37,13 @@ Examples:
     metavar="FILE",
     help="Recipe whose bags.message_definitions and limits apply.",
 )
-def inspect(bag: Path, as_json: bool, definitions: tuple[Path, ...], recipe: Path | None) -> None:
+def inspect(
+    bags: tuple[Path, ...], as_json: bool, definitions: tuple[Path, ...], recipe: Path | None
+) -> None:
     """Print what a recording holds.
 
-    BAG is a .bag, .mcap or .db3 file, or a ROS 2 bag folder. It is read completely. The inventory
-    shows topics, types, counts, rates, gaps, frames, the offset of header stamps from log time, place and daylight, and
+    BAG is a .bag, .mcap or .db3 file, or a ROS 2 bag folder; several files are the parts of one drive. It is read
+    completely. The inventory shows topics, types, counts, rates, gaps, frames, the offset of header stamps from log time, place and daylight, and
     what a build takes the times of lidar points for.
     """
     import json
@@ -49,7 +52,7 @@ def inspect(bag: Path, as_json: bool, definitions: tuple[Path, ...], recipe: Pat
     from bagassets.assets.inventory import make_inventory
     from bagassets.propose.scan import point_time_notes, scan_recording
     from bagassets.recordings.describe import describe_inventory
-    from bagassets.recordings.discover import find_one
+    from bagassets.recordings.discover import bags_of_parts, discover, find_one
     from bagassets.recordings.salvage.open import read_as_far
     from bagassets.store.artifact import ArtifactWriter
 
@@ -60,7 +63,11 @@ def inspect(bag: Path, as_json: bool, definitions: tuple[Path, ...], recipe: Pat
         loaded = load_recipe(recipe)
         folders += loaded.bags.message_definitions
         limits = loaded.limits
-    found = find_one(bag)
+    bags = tuple(dict.fromkeys(bags))
+    if len(bags) == 1:
+        found = find_one(bags[0])
+    else:
+        (found,) = discover(bags_of_parts([bag.resolve() for bag in bags])).recordings.values()
     with tempfile.TemporaryDirectory(prefix="bagassets-inspect-") as folder:
 
         def look(recording: "Recording") -> tuple[Path, list[str]]:
@@ -74,4 +81,4 @@ def inspect(bag: Path, as_json: bool, definitions: tuple[Path, ...], recipe: Pat
     if as_json:
         echo_lines(json.dumps(inventory, sort_keys=True, indent=1, ensure_ascii=False))
         return
-    echo_lines(f"{visible(str(bag))}\n\n{describe_inventory(inventory)}", nl=False)
+    echo_lines(f"{visible(', '.join(map(str, bags)))}\n\n{describe_inventory(inventory)}", nl=False)

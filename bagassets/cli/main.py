@@ -8,7 +8,7 @@ import importlib
 import os
 import sys
 from collections.abc import Sequence
-from errno import EACCES, EDQUOT, EEXIST, EISDIR, ENAMETOOLONG, ENOENT, ENOSPC, ENOTDIR, EPERM, EROFS
+from errno import EACCES, EDQUOT, EEXIST, EIO, EISDIR, ENAMETOOLONG, ENOENT, ENOSPC, ENOTDIR, EPERM, EROFS
 from typing import TYPE_CHECKING
 
 import click
@@ -21,7 +21,6 @@ from bagassets.cli.terminal import echo, status_of_unwritten
 if TYPE_CHECKING:
     from bagassets.cli.early import HandedOver
 
-__all__ = ["COMMANDS", "main", "root"]
 
 # Name -> the line in the overview, which a test compares with the help of the command.
 COMMANDS = {
@@ -54,11 +53,11 @@ _MODULES = {"decoders": "plugins", "formats": "plugins"}
 # Importing Dagster makes a million objects that stay: with Python's 700, a quarter of its time is spent on looking.
 _GC_THRESHOLD = 100_000
 
-# Errors of the file system that a path given by the user can cause; any other is a defect.
-_REFUSALS = {EACCES, EDQUOT, EEXIST, EISDIR, ENAMETOOLONG, ENOENT, ENOSPC, ENOTDIR, EPERM, EROFS}
+# Errors of the file system that a path given by the user, or a failing disk, can cause; any other is a defect.
+_REFUSALS = {EACCES, EDQUOT, EEXIST, EIO, EISDIR, ENAMETOOLONG, ENOENT, ENOSPC, ENOTDIR, EPERM, EROFS}
 
 
-class LazyGroup(click.Group):
+class _LazyGroup(click.Group):
     """A group that imports a command when it is called."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002  (signature of click)
@@ -92,7 +91,7 @@ class LazyGroup(click.Group):
 
 
 @click.group(
-    cls=LazyGroup,
+    cls=_LazyGroup,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="""\b
 Examples:

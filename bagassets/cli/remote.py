@@ -81,21 +81,25 @@ def server_for(recipe: Path, bags: Sequence[str], begun: ServerStart | None = No
         RecipeError: the recipe is missing or wrong.
         BagAssetsError: the server cannot start.
     """
-
-    def loaded() -> "Recipe":
-        from bagassets.recipe import load_recipe
-
-        return load_recipe(recipe)
-
     if begun is None and (found := find_server(recipe)) is not None:
         return found
     try:
         state = Path(state_folder(str(recipe.absolute())))
     except (PlanNeeded, OSError):  # which `load_recipe` explains
-        state = loaded().state
-    # To import what reads a recipe takes a quarter of a second: meanwhile, the server imports more.
-    (begun or begin_server(recipe, state, bags)).wait(meanwhile=loaded)
+        state = _loaded(recipe).state
+    try:
+        (begun or begin_server(recipe, state, bags)).wait()
+    except BagAssetsError:
+        _loaded(recipe)  # if that is the reason, its own message says more
+        raise
     return Client.ensure(server_spec(state, recipe))
+
+
+def _loaded(recipe: Path) -> "Recipe":
+    """Load a recipe; importing what does takes a quarter of a second, and the server does it anyway."""
+    from bagassets.recipe import load_recipe
+
+    return load_recipe(recipe)
 
 
 def end_servers(state: Path) -> None:

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from bagassets.defs.builds.own_states import OwnProject
     from bagassets.defs.builds.pending_work import PendingWork
 
-__all__ = ["status"]
 
 # Beyond this number, fresh recordings are not listed, and others in the same states share a row.
 MOST_ROWS = 40
@@ -85,7 +84,7 @@ def status(recipe: Path, bags: tuple[str, ...], show_all: bool, as_json: bool) -
         raise click.UsageError(str(err)) from err
     problems = [*problems_of(workspace.recipe), *left_behind(workspace.recipe)]
     if as_json:
-        echo_json(status_json(pending, own, problems))
+        echo_json(_status_json(pending, own, problems))
     else:
         _print(pending, own, show_all=show_all or bool(bags))
         for problem in problems:
@@ -96,7 +95,7 @@ def status(recipe: Path, bags: tuple[str, ...], show_all: bool, as_json: bool) -
         sys.exit(ExitStatus.FAILED)
 
 
-def status_json(pending: "PendingWork", own: "OwnProject", problems: Sequence[str] = ()) -> JsonObject:
+def _status_json(pending: "PendingWork", own: "OwnProject", problems: Sequence[str] = ()) -> JsonObject:
     """Return all states as JSON, and the problems of installed packages, and of datasets that nothing asks for any more."""
     bags = {key: bag for key, bag in pending.plan.bags.items() if key in pending.asked.chosen}
     return {

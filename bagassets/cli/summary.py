@@ -19,15 +19,6 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 
-__all__ = [
-    "counts_line",
-    "move_text",
-    "print_remarks",
-    "print_summary",
-    "splits_text",
-    "ui_command",
-]
-
 _WIDTH_OF_LOGS = 120
 _COLOURS = {"built": "green", "hit": "cyan", "failed": "bold red", "stopped": "yellow", "skipped": "dim",
             "not made": "yellow", "error": "bold red", "warn": "yellow"}  # fmt: skip
@@ -185,7 +176,9 @@ def splits_text(splits: Mapping[str, JsonMapping], *, of_nuscenes: bool = True) 
     has_time = any(share["share"] for share in splits.values())  # not if each recording is but a moment
     for name, share in splits.items():
         asked = f", {share['asked']:.0%} asked for" if share["is_far"] else ""
-        time = f" ({share['share']:.0%} of the time{asked})" if has_time else ""
+        is_useless = share["recordings"] and not share["duration_s"]
+        part = "with nothing for the dataset" if is_useless else f"{share['share']:.0%} of the time"
+        time = f" ({part}{asked})" if has_time else ""
         parts.append(f"{name} {share['recordings']}{time}")
     renamed = [devkit_split_name(name) for name in splits if of_nuscenes and devkit_split_name(name) != name]
     return ", ".join(parts) + (f"; in the devkit {', '.join(renamed)}" if renamed else "")

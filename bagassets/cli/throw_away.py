@@ -10,8 +10,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from bagassets.base.atomic import replacing
 from bagassets.base.errors import DatasetError
+from bagassets.base.files import replacing
 from bagassets.cli.remote import end_servers
 from bagassets.formats.format import AnyFormat
 from bagassets.formats.guard import GUARD

@@ -1,5 +1,6 @@
 """`bagassets verify`: check that store and recordings are intact and that actions are reproducible."""
 
+import math
 import random
 import sys
 from contextlib import suppress
@@ -19,6 +20,8 @@ from bagassets.cli.terminal import echo, echo_json, echo_lines
 
 if TYPE_CHECKING:
     from bagassets.engine.rebuild import KnownAction
+    from bagassets.engine.recordings_check import CheckedRecording
+    from bagassets.engine.verified import Turns
     from bagassets.recipe.model import Recipe
     from bagassets.store.integrity import Damage
     from bagassets.store.store import Store
@@ -32,6 +35,7 @@ Examples:
   bagassets verify
   bagassets verify --report-only --json
   bagassets verify --recordings
+  bagassets verify --minutes 30
   bagassets verify --rebuild 20
 
 \b
@@ -51,7 +55,7 @@ Exit status:
     "of_recordings",
     is_flag=True,
     help="Instead of reading the store, hash every recording and name the files that do not match their digest on "
-    "record, with the topics that changed. Nothing is written.",
+    "record, with the topics that changed. They are not written to.",
 )
 @click.option(
     "--rebuild",
@@ -61,6 +65,13 @@ Exit status:
     help="Instead of reading the store, run N random actions again, in a process with a different number of "
     "workers, different BLAS kernels and fewer processor features, and compare the results.",
 )
+@click.option(
+    "--minutes",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="M",
+    help="Read store and recordings (with --recordings, these alone) for M minutes, what was verified longest ago first, and "
+    "go on from there next time. Says how much was verified within 30 days.",
+)
 @click.option("--seed", type=int, help="Choose the same actions as an earlier --rebuild.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
 def verify(
@@ -68,6 +79,7 @@ def verify(
     report_only: bool,
     of_recordings: bool,
     number: int | None,
+    minutes: float | None,
     seed: int | None,
     as_json: bool,
 ) -> int:
@@ -76,37 +88,72 @@ def verify(
     Reads every file of the store and of the datasets. Artifacts with missing or changed files are removed from the
     store, and such files from the datasets: the next build makes them again.
     """
+    from bagassets.engine.verified import Turns
+    from bagassets.formats.catalogue import recording_assets
     from bagassets.recipe import load_recipe
     from bagassets.store.store import Store
 
     recipe = recipe.absolute()
     loaded = load_recipe(recipe)
     store = Store(loaded.store_path)
-    if of_recordings:
-        return _check_recordings(loaded, store, as_json=as_json)
     if number is not None:
+        if minutes is not None:
+            raise click.UsageError("--minutes and --rebuild are two things; ask for one of them.")
         return _rebuild(recipe, loaded, store, number, seed, as_json=as_json)
-    return _check(loaded, store, report_only=report_only, as_json=as_json)
+    with_recordings = of_recordings or minutes is not None
+    assets = recording_assets(loaded)
+    turns = Turns(assets, store, with_store=not of_recordings, with_recordings=with_recordings)
+    return _check(loaded, store, turns, minutes, of_recordings, report_only=report_only, as_json=as_json)
 
 
-def _check(recipe: "Recipe", store: "Store", *, report_only: bool, as_json: bool) -> int:
+def _check(
+    recipe: "Recipe",
+    store: "Store",
+    turns: "Turns",
+    minutes: float | None,
+    of_recordings: bool,
+    *,
+    report_only: bool,
+    as_json: bool,
+) -> int:
+    """Verify what is asked for, for some minutes or as long as it takes, and remove what is damaged."""
+    from bagassets.engine.recordings_check import CheckedRecording
     from bagassets.formats.dataset_integrity import find_damage, remove_damaged
 
-    damages = _damages(store)
+    damages: list[Damage] = []
+    checked: list[CheckedRecording] = []
+    is_all = minutes is None and not of_recordings
+    on_terminal = sys.stderr.isatty()
+    for number, found in enumerate(turns.run(math.inf if minutes is None else minutes * 60), 1):
+        if isinstance(found, CheckedRecording):
+            checked.append(found)
+            if not as_json:
+                _print_recording(found)
+        else:
+            damages += found
+        if on_terminal and number % 50 == 0:
+            click.echo(f"\r{number} checked", nl=False, err=True)
+    begin = "\r" if on_terminal else ""
+    if is_all:
+        click.echo(f"{begin}{count_text(len(turns.artifacts), 'artifact')} checked", err=True)
+    artifacts = {d.digest for d in damages if d.kind == "artifact"}
+    spoiled = list(find_damage(recipe, store, artifacts, others=is_all)) if is_all or artifacts else []
     names = _names(recipe, store) if damages else {}
-    spoiled = list(find_damage(recipe, store, {d.digest for d in damages if d.kind == "artifact"}))
     if not report_only:
         for damage in damages:
-            if damage.kind == "artifact":
-                store.remove(damage.digest)
-            else:
-                store.forget(damage.digest)
+            (store.remove if damage.kind == "artifact" else store.forget)(damage.digest)
         remove_damaged(spoiled)
-    status = ExitStatus.FOUND if damages or spoiled else 0
+    wrong = sum(not recording.is_sound for recording in checked)
+    status = ExitStatus.FOUND if damages or spoiled or wrong else 0
+    for note in turns.notes if minutes is not None else ():
+        if note.problem:
+            echo(f"{note.problem}; the next run begins where this one did.", err=True)
     if as_json:
         damaged = [vars(d) | {"what": names.get(d.digest)} for d in damages]
         datasets = [{"path": str(d.path), "reason": d.reason} for d in spoiled]
-        echo_json({"damaged": damaged, "datasets": datasets, "taken_out": not report_only})
+        told: JsonObject = {"damaged": damaged, "datasets": datasets, "taken_out": not report_only}
+        more = {"recordings": [one.as_json() for one in checked], "verified": turns.share()}
+        echo_json(told if is_all else told | more)
         return status
     for damage in damages:
         of = f" ({names[damage.digest]})" if damage.digest in names else ""
@@ -115,64 +162,37 @@ def _check(recipe: "Recipe", store: "Store", *, report_only: bool, as_json: bool
         echo(f"dataset  {spoiled_file}")
     if len(spoiled) > _MOST_SHOWN:
         echo(f"dataset  and {count_text(len(spoiled) - _MOST_SHOWN, 'more file')}")
-    done = "Nothing was changed." if report_only else "Removed; the next `bagassets build` makes them again."
-    if status:
+    if damages or spoiled:
+        done = (
+            "Nothing was changed." if report_only else "Removed; the next `bagassets build` makes them again."
+        )
         echo(f"Damage: {len(damages)} in the store, {len(spoiled)} in datasets. {done}", err=True)
-    else:
+    elif is_all:
         echo("Store and datasets are intact.")
+    if not is_all:
+        size = readable_bytes(sum(recording.size for recording in checked))
+        advice = " Restore them from their source; accept intended changes with `bagassets digest --rehash`."
+        hashed = f"{count_text(len(checked), 'recording')}, {size} hashed: {wrong or 'none'} changed."
+        echo(f"{begin}{hashed}{advice if wrong else ''}", err=True)
+    if minutes is not None:
+        echo(turns.share_text())
     return status
 
 
-def _check_recordings(recipe: "Recipe", store: "Store", *, as_json: bool) -> int:
-    from bagassets.engine.recordings_check import check_recordings
-    from bagassets.formats.catalogue import recording_assets
-
-    checked = []
-    for recording in check_recordings(recording_assets(recipe), store):
-        checked.append(recording)
-        if as_json:
-            continue
-        for file in recording.files:
-            echo(f"changed  {file}")
-        for topic in recording.topics:
-            echo(f"           {topic}")
-        if recording.files and not recording.topics and recording.problem is None:
-            echo("           no topic: only an index, a header or the name of a tool changed")
-        if recording.problem is not None:
-            echo_lines(f"{'           ' if recording.files else 'unread   '}{recording.problem}")
-        for path in recording.unrecorded:
-            echo(
-                f"unknown  {path}: it has no digest on record; `bagassets build` or `bagassets digest` stores one"
-            )
-        sys.stdout.flush()
-    wrong = sum(not recording.is_sound for recording in checked)
-    if as_json:
-        echo_json({"recordings": [recording.as_json() for recording in checked]})
-        return ExitStatus.FOUND if wrong else 0
-    size = sum(recording.size for recording in checked)
-    done = (
-        f"{count_text(len(checked), 'recording')}, {readable_bytes(size)} hashed: {wrong or 'none'} changed."
-    )
-    advice = " Restore them from their source; accept intended changes with `bagassets digest --rehash`."
-    echo(done + (advice if wrong else ""), err=True)
-    return ExitStatus.FOUND if wrong else 0
-
-
-def _damages(store: "Store") -> list["Damage"]:
-    from bagassets.store.integrity import check_store
-
-    checked = 0
-    on_terminal = sys.stderr.isatty()
-
-    def progress(number: int) -> None:
-        nonlocal checked
-        checked += number
-        if on_terminal and checked % 50 == 0:
-            click.echo(f"\r{count_text(checked, 'artifact')} checked", nl=False, err=True)
-
-    damages = list(check_store(store, progress))
-    click.echo(("\r" if on_terminal else "") + f"{count_text(checked, 'artifact')} checked", err=True)
-    return damages
+def _print_recording(recording: "CheckedRecording") -> None:
+    for file in recording.files:
+        echo(f"changed  {file}")
+    for topic in recording.topics:
+        echo(f"           {topic}")
+    if recording.files and not recording.topics and recording.problem is None:
+        echo("           no topic: only an index, a header or the name of a tool changed")
+    if recording.problem is not None:
+        echo_lines(f"{'           ' if recording.files else 'unread   '}{recording.problem}")
+    for path in recording.unrecorded:
+        echo(
+            f"unknown  {path}: it has no digest on record; `bagassets build` or `bagassets digest` stores one"
+        )
+    sys.stdout.flush()
 
 
 def _names(recipe: "Recipe", store: "Store") -> dict[str, str]:
@@ -225,7 +245,8 @@ def _rebuild(
             }
             outcomes.append(outcome)
             if not as_json:
-                echo(f"{outcome['result']:<9}  {action}" + _details(outcome))
+                why = outcome["error"] or names_text(outcome["differing"])
+                echo(f"{outcome['result']:<9}  {action}{': ' if why else ''}{why}")
     different = sum(outcome["result"] != "same" for outcome in outcomes)
     if as_json:
         echo_json({"seed": seed, "environment": environment, "actions": outcomes})
@@ -237,9 +258,3 @@ def _rebuild(
             err=True,
         )
     return ExitStatus.FOUND if different else 0
-
-
-def _details(outcome: JsonObject) -> str:
-    if outcome["error"]:
-        return f": {outcome['error']}"
-    return f": {names_text(outcome['differing'])}" if outcome["differing"] else ""

@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 from bagassets.base.errors import DecodeError
 from bagassets.decode.depth import compressed_depth, metres
 from bagassets.decode.fields import byte_array, head
-from bagassets.decode.image import Pixels, demosaic
+from bagassets.decode.image import demosaic
 from bagassets.decode.image_structure import JPEG, PNG, check_jpeg, check_png
 from bagassets.decode.model import ImageReading
+from bagassets.geometry.undistortion import Pixels
 from bagassets.recordings.model import Message
 
 _BAYER = re.compile(r"bayer_[rgb]{4}(8|16)")

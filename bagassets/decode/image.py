@@ -13,16 +13,6 @@ from bagassets.decode.model import ImageReading
 from bagassets.geometry.undistortion import Pixels
 from bagassets.recordings.model import Message
 
-__all__ = [
-    "ENCODINGS",
-    "Pixels",
-    "bayer_to_bgra",
-    "check_pixels",
-    "decode_image",
-    "demosaic",
-    "to_bgr_or_grey",
-]
-
 
 @dataclass(frozen=True, slots=True)
 class _Encoding:

@@ -51,8 +51,8 @@ def decode_laserscan(
         hit = np.isfinite(ranges) & (ranges >= range_min) & (ranges <= range_max)
     sines, cosines = _directions(angle_min, angle_increment, len(ranges))
     points = np.zeros((int(hit.sum()), 5), dtype=np.float32)
-    points[:, 0] = (ranges * cosines)[hit]
-    points[:, 1] = (ranges * sines)[hit]
+    points[:, 0] = ranges[hit] * cosines[hit]
+    points[:, 1] = ranges[hit] * sines[hit]
     points[:, 3] = NO_INTENSITY
     if len(intensities):
         points[:, 3] = np.where(np.isfinite(intensities), intensities, np.float32(NO_INTENSITY))[hit]

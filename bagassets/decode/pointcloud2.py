@@ -25,25 +25,14 @@ from bagassets.decode.point_times import Moment, PointClock, point_times_ns, rec
 from bagassets.geometry.se3 import SE3, rotate
 from bagassets.recordings.model import Message
 
-__all__ = [
-    "NO_INTENSITY",
-    "NO_RING",
-    "POINT_CLOUDS",
-    "decode_pointcloud2",
-    "point_fields",
-    "read_pointcloud2",
-    "with_times",
-    "without_zero_points",
-]
-
 POINT_CLOUDS = ("sensor_msgs/msg/PointCloud2", "foxglove_msgs/msg/PointCloud")
 NO_INTENSITY = 0.0
 NO_RING = -1.0
 
 # Names of drivers: intensity (most), reflectivity (Ouster, Livox), i (LeddarTech), signal (Ouster), remission.
-INTENSITY_NAMES = ("intensity", "intensities", "i", "reflectivity", "reflectance", "remission", "signal")
+_INTENSITY_NAMES = ("intensity", "intensities", "i", "reflectivity", "reflectance", "remission", "signal")
 # ring (Velodyne, Ouster, Hesai, RoboSense), channel (Nebula), line (Livox), laser_id and beam (others).
-RING_NAMES = ("ring", "channel", "laser_id", "laserid", "line", "beam", "beam_id", "ring_id", "row")
+_RING_NAMES = ("ring", "channel", "laser_id", "laserid", "line", "beam", "beam_id", "ring_id", "row")
 
 # sensor_msgs/PointField 1 to 8; 9 to 11 are PCL's extensions for 64-bit integers and booleans.
 _TYPES = dict(enumerate(("i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8", "i8", "u8", "u1"), start=1))
@@ -136,12 +125,12 @@ def read_pointcloud2(message: Message) -> CloudReading:
     with np.errstate(over="ignore"):  # a float64 beyond float32 becomes infinite and is dropped
         for column, axis in enumerate("xyz"):
             grid[:, :, column] = fields[axis]
-        _fill(grid[:, :, 3], fields, INTENSITY_NAMES, NO_INTENSITY)
-        _fill(grid[:, :, 4], fields, RING_NAMES, NO_RING)
+        _fill(grid[:, :, 3], fields, _INTENSITY_NAMES, NO_INTENSITY)
+        _fill(grid[:, :, 4], fields, _RING_NAMES, NO_RING)
     points: NDArray[np.float32] = grid.reshape(-1, 5)
     if hasattr(message, "pose"):
         place(points, pose_of(message.pose))
-    finite = finite_rows(points)
+    finite = _finite_rows(points)
     if finite is not None:
         points = points[finite]
     return CloudReading(
@@ -198,7 +187,7 @@ def without_zero_points(reading: CloudReading) -> CloudReading:
     )
 
 
-def finite_rows(points: NDArray[np.float32]) -> NDArray[np.bool_] | None:
+def _finite_rows(points: NDArray[np.float32]) -> NDArray[np.bool_] | None:
     """Return which of (N, >=3) points have finite x, y, z, or None if all have."""
     with np.errstate(over="ignore", invalid="ignore"):
         # One test of the sum instead of three; huge but finite numbers may fail it too.

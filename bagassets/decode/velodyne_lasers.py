@@ -25,9 +25,7 @@ from bagassets.geometry.kernels.returns import (
     Lasers,
 )
 
-__all__ = ["Head", "all_azimuths", "head_of"]
-
-Stretch = tuple[slice, Lasers, Floats]
+_Stretch = tuple[slice, Lasers, Floats]
 """Packets, their lasers, and for each one how fast the head turned, in hundredths of a degree a second."""
 
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -59,7 +57,7 @@ class Head:
     def __init__(self, lasers: Lasers) -> None:
         self.lasers = lasers
 
-    def stretches(self, packets: NDArray[np.void]) -> Iterator[Stretch]:
+    def stretches(self, packets: NDArray[np.void]) -> Iterator[_Stretch]:
         """Return the next (M,) `PACKET`, in runs during which the lasers fire alike."""
         azimuths, times_s = packets["blocks"]["azimuth"], self.lasers.times_s
         last = np.where(packets["mode"] == DUAL, 5, 11)
@@ -67,7 +65,7 @@ class Head:
         yield slice(0, len(packets)), self.lasers, _turned(azimuths[:, 0], azimuths[:, 11]) / lasts_s
 
 
-class AlphaPrimeHead(Head):
+class _AlphaPrimeHead(Head):
     """The head of a VLS-128: its firing times depend on the firmware, and a packet is too short to show how fast it turns.
 
     Both are learnt from packets that follow each other.
@@ -79,7 +77,7 @@ class AlphaPrimeHead(Head):
         self._last: tuple[np.uint32, np.uint16] | None = None  # time and azimuth of the last packet
         self._rate = np.float32(0)
 
-    def stretches(self, packets: NDArray[np.void]) -> Iterator[Stretch]:
+    def stretches(self, packets: NDArray[np.void]) -> Iterator[_Stretch]:
         """Return the next packets, in runs during which the lasers fire alike."""
         times_us, azimuths = packets["us"], packets["blocks"]["azimuth"][:, 0].copy()
         last_us, last_azimuth = self._last or (times_us[0], azimuths[0])
@@ -104,7 +102,7 @@ class AlphaPrimeHead(Head):
             self.lasers, times_s=times_s, turning_s=times_s - _firings_s(times_s, len(BANK_FLAGS))
         )
 
-    def _stretch(self, part: slice, turned: Floats, dual: NDArray[np.bool_]) -> Stretch:
+    def _stretch(self, part: slice, turned: Floats, dual: NDArray[np.bool_]) -> _Stretch:
         times_s = self.lasers.times_s
         firing_s = times_s[4, 0] - times_s[0, 0]
         rates = turned[part] / np.where(dual[part], firing_s, np.float32(3) * firing_s)
@@ -131,7 +129,7 @@ def head_of(model: object, product: int) -> Head:
         RuntimeError: there is no machine code.
     """
     lasers = _lasers(model, product)
-    return AlphaPrimeHead(lasers) if model == _ALPHA_PRIME else Head(lasers)
+    return _AlphaPrimeHead(lasers) if model == _ALPHA_PRIME else Head(lasers)
 
 
 @cache

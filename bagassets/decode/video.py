@@ -139,17 +139,20 @@ class VideoStream:
         try:
             units = self._units.read(packet.codec, packet.data)
         except DecodeError as err:
-            yield from self._drained()
+            yield from self.finish()
             yield Picture(packet, log_time_ns, reason=str(err), is_damage=True)
             return
         # In H.265, encoders without delay may use such slices to refer to earlier pictures, and say so.
         if units.has_b_slices and (
             packet.codec == "h264" or (self._context is not None and self._context.has_b_frames)
         ):
-            self._refuse_reordering()
+            raise RecordingError(
+                f"{self._where}: its video has B-frames, which refer to later pictures, so that messages are out of order; record it "
+                "without (such as `bf=0`), or leave the channel out."
+            )
         is_key = not KEY[packet.codec].isdisjoint(units.types)
         if self._is_missing_before(packet, units) and not (is_key or self._broken):
-            yield from self._drained()
+            yield from self.finish()
         if SLICES[packet.codec].isdisjoint(units.types):
             self._parameters += packet.data
             yield Picture(packet, log_time_ns, reason=NO_PICTURE)
@@ -182,10 +185,6 @@ class VideoStream:
             return True
         return period_ns is not None and gap_ns > (self._units.frame_numbers - MOST_PERIODS) * period_ns
 
-    def finish(self) -> Iterator[Picture]:
-        """Yield the pictures that are still in the decoder."""
-        yield from self._drained()
-
     def _begin(self, codec: Codec) -> None:
         """Begin with a key frame; parameters that were sent once hold on."""
         import av  # noqa: PLC0415  (70 ms, and not installed everywhere)
@@ -199,7 +198,7 @@ class VideoStream:
             self._context.flush_buffers()
         self._codec, self._broken = codec, ""
 
-    def _drained(self) -> Iterator[Picture]:
+    def finish(self) -> Iterator[Picture]:
         """Yield the pictures in the decoder, which then waits for a key frame."""
         if not self._broken:
             yield from self._decoded(None, -1)
@@ -239,12 +238,6 @@ class VideoStream:
         for number in numbers:
             packet, log_time_ns = self._waiting.pop(number)
             yield Picture(packet, log_time_ns, reason=reason, is_damage=True)
-
-    def _refuse_reordering(self) -> None:
-        raise RecordingError(
-            f"{self._where}: its video has B-frames, which refer to later pictures, so that messages are out of order; record it "
-            "without (such as `bf=0`), or leave the channel out."
-        )
 
 
 def _bgr(frame: "VideoFrame") -> NDArray[np.uint8]:

@@ -12,6 +12,7 @@ KEY = {"h264": frozenset({5}), "hevc": frozenset(range(16, 22))}  # IDR; IRAP
 _START_CODE = re.compile(rb"\x00\x00\x01", re.DOTALL)
 _B_SLICES = {"h264": frozenset({1, 6}), "hevc": frozenset({0})}
 _SPS = 7  # of H.264
+_MOST_LOG2 = 16  # of the frame numbers of H.264 (7.4.2.1.1)
 _HEAD_BYTES = 24  # more than the numbers take that are read of a slice
 # Profiles of H.264 whose parameters begin with the format of the samples.
 _HIGH = frozenset({44, 83, 86, 100, 110, 118, 122, 128, 134, 135, 138, 139, 244})
@@ -102,14 +103,15 @@ def _frame_numbers(parameters: bytes) -> int:
             bits.number(1)
             if separate or bits.number(1):  # scaling matrices follow
                 return 0
-        numbers = 1 << (bits.golomb() + 4)
+        if (log2 := bits.golomb() + 4) > _MOST_LOG2:
+            return 0
         order = bits.golomb()
         if order == 0:
             bits.golomb()
         elif order == 1:
             return 0
         bits.golomb()
-        return 0 if bits.number(1) else numbers
+        return 0 if bits.number(1) else 1 << log2
     except ValueError:
         return 0
 

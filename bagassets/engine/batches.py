@@ -10,7 +10,7 @@ from heapq import heapify, heapreplace
 DATASET = ""
 """Stands for the datasets among partition keys."""
 
-SMALL_BYTES = 16 * 2**20
+SMALL_BYTES = 64 * 2**20
 _LARGEST_BATCH_BYTES = 128 * 2**20
 WORTH_STEPS_BYTES = 4 * 2**30
 """Up to here a recording does without a step for each asset, where the choice is free.
@@ -45,7 +45,8 @@ def batches(todo: Batch, sizes: Mapping[str, int], jobs: int, most_per_run: int 
     if most == 1 or not _are_many(small, jobs, most_per_run):
         small = []
     total = sum(sizes[key] for key in small)
-    needed = max(jobs, -(-total // _LARGEST_BATCH_BYTES), -(-len(small) // most))
+    rounds = max(1, -(-total // (jobs * _LARGEST_BATCH_BYTES)), -(-len(small) // (jobs * most)))
+    needed = jobs * rounds  # so that no job is left with one more than the others
     dealt: list[tuple[int, int, list[str]]] = [(0, number, []) for number in range(needed)] if small else []
     heapify(dealt)
     for key in small:  # the largest first, each to the batch that is smallest so far

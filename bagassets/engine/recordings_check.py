@@ -1,7 +1,6 @@
 """Checking the bytes of recordings against their recorded digests, and naming the files and topics that changed."""
 
 import tempfile
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,7 +20,6 @@ from bagassets.recordings.digest import (
     stat_files,
 )
 from bagassets.recordings.digest_record import read_attribute
-from bagassets.recordings.discover import discover
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.artifact import Artifact
 from bagassets.store.store import Store
@@ -106,24 +104,18 @@ class CheckedRecording:
         }
 
 
-def check_recordings(assets: RecordingAssets, store: Store) -> Iterator[CheckedRecording]:
-    """Hash every recording and compare it with its record; nothing is changed.
-
-    Args:
-        assets: the assets of a recording under the recipe.
-        store: the artifact store, which has the inventories.
-    """
-    recipe = assets.recipe
-    index = DigestIndex.of(recipe)
-    for key, recording in sorted(discover(recipe.bags).recordings.items()):
-        try:
-            yield _check(assets, store, index, key, recording)
-        except BagAssetsError as err:
-            yield CheckedRecording(key, 0, problem=str(err))
+def check_recording(
+    assets: RecordingAssets, store: Store, index: DigestIndex, recording: RecordingFiles
+) -> CheckedRecording:
+    """Hash one recording and compare it with its record, which is in the index or stored with its files."""
+    try:
+        return _check(assets, store, index, recording)
+    except BagAssetsError as err:
+        return CheckedRecording(recording.key, 0, problem=str(err))
 
 
 def _check(
-    assets: RecordingAssets, store: Store, index: DigestIndex, key: str, recording: RecordingFiles
+    assets: RecordingAssets, store: Store, index: DigestIndex, recording: RecordingFiles
 ) -> CheckedRecording:
     recorded: dict[str, str] = {}
     changed: list[ChangedFile] = []
@@ -141,13 +133,13 @@ def _check(
             changed.append(ChangedFile(path, digest, actual, not is_same))
         recorded[name_in(recording, path)] = digest or actual
     if not changed:
-        return CheckedRecording(key, size, tuple(unrecorded))
+        return CheckedRecording(recording.key, size, tuple(unrecorded))
     try:
         topics = _changed_topics(assets, store, recording, combined_digest(recording, recorded))
         problem = None
     except BagAssetsError as err:
         topics, problem = (), f"its topics cannot be compared: {err}"
-    return CheckedRecording(key, size, tuple(unrecorded), tuple(changed), topics, problem)
+    return CheckedRecording(recording.key, size, tuple(unrecorded), tuple(changed), topics, problem)
 
 
 def _changed_topics(

@@ -1,11 +1,19 @@
 """Turning unexpected errors into a sentence for users, so that one costs a single asset of a recording, not the run."""
 
+import errno
 import traceback
 from pathlib import Path
 
-from bagassets.base.errors import BagAssetsError, MemoryShortageError, UnexpectedError, kind_and_text
+from bagassets.base.errors import (
+    BagAssetsError,
+    MemoryShortageError,
+    StoreError,
+    UnexpectedError,
+    kind_and_text,
+)
 
 _OPENCV_NO_MEMORY = -4  # cv2.Error.StsNoMem, as `cv2.error.code`
+_DISK_FAILS = {errno.EDQUOT, errno.EIO, errno.ENOSPC, errno.EROFS, errno.ESTALE}
 _PACKAGE = Path(__file__).parents[1]
 
 
@@ -23,6 +31,10 @@ def explained_error(err: Exception, path: Path, what: str) -> BagAssetsError:
         return MemoryShortageError(
             f"{path}: {what} ran out of memory; nothing of it is on record. Build again with fewer recordings at a time "
             "(--jobs), or on a machine with more memory."
+        )
+    if isinstance(err, OSError) and err.errno in _DISK_FAILS and err.filename is not None:
+        return StoreError(
+            f"{err.filename}: {what} of {path} cannot be made ({err.strerror}); free disk space, or check the disk, and build again."
         )
     place = "a library"
     for frame in traceback.extract_tb(err.__traceback__):

@@ -8,7 +8,7 @@ of its own as its run begins, so that whatever ends the worker, and on whichever
 from contextlib import suppress
 from pathlib import Path
 
-from bagassets.base.atomic import write_atomically
+from bagassets.base.files import remove, write_atomically
 from bagassets.engine.plan import Plan
 from bagassets.store.canonical import digest_bytes
 
@@ -39,13 +39,12 @@ class Unsettled:
         file = self._file(key)
         with suppress(OSError):
             if not file.exists():
-                self._folder.mkdir(exist_ok=True)
-                write_atomically(file, key.encode())
+                write_atomically(file, key.encode(), folders=True)
 
     def discard(self, key: str) -> None:
         """Forget a recording, if it was noted."""
         with suppress(OSError):  # then it is recorded once more
-            self._file(key).unlink(missing_ok=True)
+            remove(self._file(key))
 
     def forget_settled(self, plan: Plan) -> None:
         """Forget the recordings that are gone, or take no part any more: they have no run that could end well."""

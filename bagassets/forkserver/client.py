@@ -3,12 +3,11 @@
 import json
 import os
 import select
-import signal
 import socket
 import sys
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Self
@@ -260,11 +259,8 @@ class ServerStart:
                 start_new_session=True,
             )
 
-    def wait(self, meanwhile: Callable[[], object] | None = None) -> None:
+    def wait(self) -> None:
         """Return when the server answers.
-
-        Args:
-            meanwhile: called first; if it raises, the server is ended.
 
         Raises:
             BagAssetsError: it cannot start.
@@ -272,12 +268,6 @@ class ServerStart:
         from subprocess import TimeoutExpired
 
         with self._process as starter:
-            try:
-                if meanwhile is not None:
-                    meanwhile()
-            except BaseException:
-                os.killpg(starter.pid, signal.SIGKILL)  # its server, too
-                raise
             try:
                 code = starter.wait(self._timeout_s)
             except BaseException as err:

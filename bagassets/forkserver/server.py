@@ -66,12 +66,14 @@ class Server:
                 arguments get `state` and `stamp`, by which it can see when the server takes other jobs.
 
         Raises:
-            BagAssetsError: a thread was started, which makes forking unsafe.
+            BagAssetsError: a thread was started, which makes forking unsafe; or there is a first job, and the recipe is wrong.
         """
         gc.disable()  # imports leave nothing to collect, and collecting takes a quarter of their time
         if first_job is not None:
             function, args = first_job
             load_function(function)
+            if self._spec.recipe is not None:  # whoever waits hears of a mistake before Dagster is imported
+                load_function("bagassets.recipe.load:load_recipe")(self._spec.recipe)
             self._start(
                 {
                     "function": function,

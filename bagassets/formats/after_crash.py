@@ -3,24 +3,25 @@
 Files appear by renaming, so a killed process leaves no torn one. But nothing waits for the disk: when a machine loses power,
 files of the last half minute may exist with zeros or nothing in them. So the first build after a reboot, or after a build
 that was killed, reads the artifacts written in the last `WINDOW_S` seconds before the newest one, the joined files of
-datasets, and copies in datasets that are as new. After a reboot, the newest one is that from before it: runs of the web UI
+datasets, copies in datasets that are as new, and the report. After a reboot, the newest one is that from before it: runs of the web UI
 may have come first.
 """
 
 import json
 import math
 import os
-import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from bagassets.base.cache import Cache
+from bagassets.base.files import remove
 from bagassets.base.fingerprints import PlanNeeded, boot_id, booted_at_s
 from bagassets.engine.freshness.decide import BuildLog
 from bagassets.engine.freshness.published import Publication
 from bagassets.forkserver.process import ProcessId
 from bagassets.formats.dataset_build import dataset_code_versions
+from bagassets.formats.report_data import report_path
 from bagassets.recipe.model import Recipe
 from bagassets.store.artifact import MANIFEST, Artifact
 from bagassets.store.integrity import artifact_damage
@@ -30,8 +31,6 @@ from bagassets.store.store import Store
 WINDOW_S = 120.0
 # The clock may be set a little while a machine boots.
 _CLOCK_S = 10.0
-# Caches of earlier versions in the state folder; now they are one file.
-_OLD_CACHES = ("plan.sqlite", "nothing-to-do.snapshot", "last-build.json")
 
 
 @contextmanager
@@ -41,7 +40,6 @@ def noted_build(recipe: Recipe, recipe_file: Path) -> Iterator[list[str]]:
     Yields:
         A sentence about each removed artifact.
     """
-    _remove_old_caches(recipe.state)
     builds = BuildLog(recipe.state)
     killed, until_s = _crashed(builds)
     repaired = []
@@ -66,6 +64,10 @@ def repair_last_writes(recipe: Recipe, until_s: float) -> list[str]:
         if reasons and artifact.folder.is_dir():
             store.remove(artifact.digest)
             sentences.append(f"{artifact.folder}: {reasons[0]}; torn by a crash, so it is made again")
+    report = report_path(recipe)
+    with suppress(OSError):
+        if report.stat().st_mtime >= since_s and not report.read_bytes().rstrip().endswith(b"</html>"):
+            remove(report)
     for asset in dataset_code_versions(recipe):
         Publication(recipe.state, asset).distrust(since_s, links=bool(sentences))
     return sentences
@@ -104,12 +106,3 @@ def _crashed(builds: BuildLog) -> tuple[Sequence[str], float | None]:
         return killed, math.inf if killed else None
     booted_s = booted_at_s()
     return killed, math.inf if booted_s is None else booted_s + _CLOCK_S
-
-
-def _remove_old_caches(state: Path) -> None:
-    with suppress(OSError):
-        for name in _OLD_CACHES:
-            # With their journals and temporary files.
-            for path in [*state.glob(f"{name}*"), *state.glob(f".{name}*")]:
-                path.unlink()
-    shutil.rmtree(state / "published", ignore_errors=True)

@@ -5,18 +5,24 @@ swapped at once; then files that only the old folder named are removed. Killed a
 dataset, old or new, and the next run removes the leftovers.
 """
 
-import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import TypeVar
 from uuid import uuid4
 
-from bagassets.base.atomic import swap_in, write_atomically
 from bagassets.base.errors import DatasetError, StoreError
+from bagassets.base.files import (
+    make_folder,
+    move,
+    remove,
+    remove_all,
+    remove_empty,
+    swap_in,
+    write_atomically,
+)
 from bagassets.base.json_types import JsonMapping
 from bagassets.engine.splits import SplitShare, deal, moves
 from bagassets.formats.dataset_lock import LOCK, LockedBag, read_lock
@@ -81,6 +87,7 @@ def assemble(
     damaged: Mapping[str, str] | None = None,
     expected: Mapping[str, str] | None = None,
     suspects: AbstractSet[str] | None = None,
+    torn_since_s: float | None = None,
     record: GroupsRecord | None = None,
     permit: Callable[[], None] = lambda: None,
 ) -> DatasetSummary:
@@ -103,6 +110,7 @@ def assemble(
         expected: name -> digest of the joined files; if they differ, nothing is swapped.
         suspects: files that changed since they were published and are compared with their sources; all others are
             trusted. None if that is unknown.
+        torn_since_s: since when (Unix seconds) a crash may have torn files that were not published yet; None if there was none.
         record: what is on record of groups of recordings; of use only without suspects.
         permit: called before anything is published; nothing is if it raises.
 
@@ -135,13 +143,13 @@ def assemble(
         if kind.rejoin is not None and suspects is not None:
             joint = replace(joint, kept=_kept(current, suspects))
         new = output / f"{folder}.tmp-{uuid4().hex}"
-        new.mkdir()
+        make_folder(new, new=True)
         try:
             made = join_into(new, joint, current, record)
         except TornError:  # the record is older than the folder, or somebody changed a file unnoticed
             record = suspects = None
-            shutil.rmtree(new)
-            new.mkdir()
+            remove_all(new)
+            make_folder(new, new=True)
             made = join_into(new, joint, current)
         joined, members = made.joined, made.members
         before = made.before if record is not None else _bags_in(current)
@@ -151,14 +159,14 @@ def assemble(
         )
         changed = not (has_links and _is_same(new, current, joined.files))
         permit()
-        linker = Linker(output)
+        linker = Linker(output, new, torn_since_s)
         is_known = suspects is not None and f"{folder}/{LOCK}" not in suspects
         there = {key: bag.artifact for key, bag in before.items()} if is_known else {}
         _put_files(kind, linker, members, there, suspects, store, output, new if changed else None)
         for name, content in joined.beside.items():
             path = output / name
             if not path.is_file() or path.read_bytes() != content:
-                write_atomically(path, content)
+                write_atomically(path, content, within=new)
         old = swap_in(new, current) if changed else new
         retired = {one: _bags_in(one) for one in leftovers} | ({} if old is None else {old: before})
         removed = _retire(joint, output, current, retired, members, is_whole=record is None)
@@ -239,7 +247,7 @@ def _put_files(
         new: the folder to be swapped in; None if the old one stays.
     """
     for folder in kind.folders:
-        (output / folder).mkdir(exist_ok=True)
+        make_folder(output / folder)
     source = _sources(store)
     match kind.places:
         case UnitFolders() as units:
@@ -271,16 +279,21 @@ def _put_unit(
 ) -> None:
     """Make the folder of a recording appear whole; in an existing one, replace the suspects or, if unknown, all files."""
     if (output / unit).is_dir():
-        if suspects is None or any(name.startswith(f"{unit}/") for name in suspects):
+        if (
+            suspects is None
+            or linker.torn_since_s is not None
+            or any(name.startswith(f"{unit}/") for name in suspects)
+        ):
             for link in links:
-                if suspects is None or link.name in suspects:
-                    linker.put(source(link), link.name, replaces=True)
+                is_suspect = suspects is None or link.name in suspects
+                if is_suspect or linker.torn_since_s is not None:
+                    linker.put(source(link), link.name, replaces=is_suspect)
         return
     temporary = f"{unit}.tmp-{uuid4().hex}"
-    (output / temporary).mkdir(parents=True)
+    make_folder(output / temporary, new=True)
     for link in links:
         linker.put(source(link), temporary + link.name.removeprefix(unit))
-    (output / temporary).rename(output / unit)
+    move(output / temporary, output / unit)
 
 
 def _sources(store: Store) -> Callable[[Link], str]:
@@ -350,9 +363,9 @@ def _retire(
         else:
             there = {places.name(_entry(joint.store, *one)) for bags in gone.values() for one in bags}
         for name in sorted(there - named):
-            shutil.rmtree(output / places.folder / name, ignore_errors=True)
+            remove_all(output / places.folder / name)
     for folder in retired:
-        shutil.rmtree(folder, ignore_errors=True)
+        remove_all(folder)
     return removed
 
 
@@ -376,12 +389,9 @@ def remove_files(output: Path, names: AbstractSet[str]) -> int:
     """Remove files, and folders that become empty; return the number of files."""
     removed = 0
     for name in sorted(names):
-        with suppress(FileNotFoundError):
-            (output / name).unlink()
-            removed += 1
+        removed += remove(output / name)
     for folder in sorted({(output / name).parent for name in names}):
-        with suppress(OSError):  # not empty, or gone
-            folder.rmdir()
+        remove_empty(folder)
     return removed
 
 

@@ -376,9 +376,8 @@ def dataset_contents(recipe: Recipe, inputs: DatasetInputs, asset: str) -> Datas
     now = {one.key: one.artifact if is_whole else one.content for one in parts}
     if lock is None:
         return DatasetContents(made.part, {}, now, left_out)
-    if (
-        not is_whole or made.kind.misfits is not None
-    ):  # which are selected, or fit, is known once they are made
+    # Which are selected, or fit, is known once they are made.
+    if not is_whole or made.kind.misfits is not None:
         selected_out = {key: why for key, why in lock.value["skipped"].items() if key in now}
         left_out |= selected_out
         now = {key: digest for key, digest in now.items() if key not in selected_out}
@@ -450,6 +449,7 @@ def build_dataset(
             failed=inputs.failed.get(kind.name, {}),
             damaged=_damaged(plan, store, chosen.parts),
             suspects=suspects,
+            torn_since_s=publication.torn_since_s,
             record=GroupsRecord.from_json(publication.groups()),
             permit=permit,
         )

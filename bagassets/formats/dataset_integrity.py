@@ -5,7 +5,6 @@ so that the next build links them again.
 """
 
 import os
-import shutil
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from typing import NoReturn
 from uuid import uuid4
 
 from bagassets.base.errors import DatasetError, StoreError
+from bagassets.base.files import move, remove, remove_all
 from bagassets.base.quantities import count_text
 from bagassets.engine.freshness.published import Publication
 from bagassets.formats.catalogue import format_of
@@ -45,13 +45,16 @@ class DatasetDamage:
         return f"{self.path}: {self.reason}"
 
 
-def find_damage(recipe: Recipe, store: Store, damaged: Collection[str] = ()) -> Iterator[DatasetDamage]:
+def find_damage(
+    recipe: Recipe, store: Store, damaged: Collection[str] = (), *, others: bool = True
+) -> Iterator[DatasetDamage]:
     """Yield the damaged files in the datasets of a recipe; nothing is changed.
 
     Args:
         recipe: the recipe.
         store: the store that the datasets were made from.
         damaged: artifacts that are damaged in the store.
+        others: look at more than the files of these.
 
     Raises:
         DatasetError: a lock file cannot be read.
@@ -59,11 +62,15 @@ def find_damage(recipe: Recipe, store: Store, damaged: Collection[str] = ()) -> 
     check = _Check(store, frozenset(damaged))
     for folder in sorted({*dataset_folders(recipe).values()}):
         for path in sorted(folder.glob(f"*/{LOCK}")):
+            if ".tmp-" in path.parent.name:
+                continue  # what a killed build left, or could not remove: the next one that has something to do removes it
             lock = load_lock(path)
-            yield from check.tables(path.parent, lock.files)
+            if others:
+                yield from check.tables(path.parent, lock.files)
             try:
                 for linked in _links(check, lock, folder):
-                    yield from check.file(*linked)
+                    if others or linked[1].artifact in damaged:
+                        yield from check.file(*linked)
             except DatasetError as err:  # of a package whose format cannot say which files these are
                 yield DatasetDamage(path, f"its files cannot be checked: {err}", None)
             yield from check.unchecked(path.parent)
@@ -129,10 +136,10 @@ def remove_damaged(damages: Collection[DatasetDamage]) -> None:
     for unit in sorted({damage.unit for damage in damages if damage.unit is not None}):
         if unit.is_dir():
             retired = unit.with_name(f"{unit.name}.tmp-{uuid4().hex}")
-            unit.rename(retired)
-            shutil.rmtree(retired, ignore_errors=True)
+            move(unit, retired)
+            remove_all(retired)
         else:
-            unit.unlink(missing_ok=True)
+            remove(unit)
 
 
 class _Check:

@@ -1,35 +1,19 @@
 """Lock files: from which artifacts a dataset was made.
 
 A lock has the same keys for every format. `dataset` names the format, and the key of that name has its settings;
-`bags` lists the recordings, each with the `artifacts` that the dataset needs, its part first; `files` has digests. Locks
-of format 1, from before formats could be installed, have other keys for each of the two formats.
+`bags` lists the recordings, each with the `artifacts` that the dataset needs, its part first; `files` has digests.
 """
 
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
 
 from bagassets.base.errors import DatasetError
 from bagassets.base.json_types import JsonMapping
 
 LOCK = "dataset.lock.json"
 FORMAT = 2
-
-
-class _Names(NamedTuple):
-    """Keys in locks of format 1: the part of a recording, its counts, the digests of files."""
-
-    part: str
-    counts: tuple[str, ...]
-    files: str
-
-
-_OLD = {
-    "nuscenes": _Names("nuscenes_tables", ("scenes", "samples"), "tables"),
-    "vision": _Names("vision_sequences", ("sequences",), "files"),
-}
 
 
 @dataclass(frozen=True)
@@ -42,7 +26,7 @@ class LockedBag:
         artifact: digest of its part.
         split: name of its split.
         counts: what the dataset has of it -> number, such as `scenes`.
-        needs: artifacts that the dataset needs, its part among them; None in old locks, which do not say.
+        needs: artifacts that the dataset needs, its part first.
         row: its whole entry in the lock.
     """
 
@@ -50,9 +34,9 @@ class LockedBag:
     content: str
     artifact: str
     split: str
-    counts: Mapping[str, int] = field(default_factory=dict)
-    needs: Sequence[str] | None = field(default=None, compare=False)
-    row: JsonMapping = field(default_factory=dict, compare=False)
+    counts: Mapping[str, int]
+    needs: Sequence[str] = field(compare=False)
+    row: JsonMapping = field(compare=False)
 
 
 @dataclass(frozen=True)
@@ -100,18 +84,15 @@ def load_lock(path: Path) -> DatasetLock:
     try:
         text = found.read_bytes()
         value = json.loads(text)
-        if value["format"] not in {1, FORMAT}:
+        if value["format"] != FORMAT:
             raise DatasetError(
-                f"{found}: this lock has format {value['format']}, this version of bagassets knows 1 and {FORMAT}; use the "
-                "version that wrote it."
+                f"{found}: this lock has format {value['format']}, this version of bagassets knows {FORMAT}; use the version "
+                "that wrote it."
             )
-        kind = (
-            value["dataset"] if value["format"] == FORMAT else "vision" if "vision" in value else "nuscenes"
+        bags = {row["key"]: locked_bag(row) for row in value["bags"]}
+        lock = DatasetLock(
+            found, value["dataset"], text, value, dict(sorted(bags.items())), dict(value["files"])
         )
-        names = _OLD[kind] if value["format"] == 1 else None
-        bags = {row["key"]: locked_bag(row, names) for row in value["bags"]}
-        files = dict(value["files" if names is None else names.files])
-        lock = DatasetLock(found, kind, text, value, dict(sorted(bags.items())), files)
         lock.settings.items()
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as err:
         raise DatasetError(
@@ -137,18 +118,15 @@ def read_lock(folder: Path) -> DatasetLock | None:
 
 
 def locked_artifacts(path: Path) -> set[str]:
-    """Return the artifacts that a dataset needs, from its lock file of any format.
+    """Return the artifacts that a dataset needs, from its lock file.
 
     Raises:
         DatasetError: it is no lock file, or does not say what its dataset needs.
     """
     try:
         value = json.loads(path.read_bytes())
-        if value.get("format", 1) == 1:
-            parts = [names.part for names in _OLD.values()]
-            return {str(next(row[part] for part in parts if part in row)) for row in value["bags"]}
         return {digest for row in value["bags"] for digest in _digests(row["artifacts"])}
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, StopIteration) as err:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as err:
         raise DatasetError(
             f"{path}: expected the lock file of a dataset, which names its artifacts, but it cannot be read "
             f"({type(err).__name__}: {err}); remove it, or replace it with a good copy."
@@ -171,13 +149,10 @@ def _find(path: Path) -> Path:
     )
 
 
-def locked_bag(row: JsonMapping, names: _Names | None = None) -> LockedBag:
-    """Return a recording from its entry in a lock; `names` are those of format 1."""
-    if names is None:
-        needs = _digests(row["artifacts"])
-        return LockedBag(row["key"], row["content"], needs[0], row["split"], row["counts"], needs, row)
-    counts = {name: row[name] for name in names.counts}
-    return LockedBag(row["key"], row["content"], row[names.part], row["split"], counts, None, row)
+def locked_bag(row: JsonMapping) -> LockedBag:
+    """Return a recording from its entry in a lock."""
+    needs = _digests(row["artifacts"])
+    return LockedBag(row["key"], row["content"], needs[0], row["split"], row["counts"], needs, row)
 
 
 def _digests(value: object) -> list[str]:

@@ -4,11 +4,11 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from bagassets.base.errors import DatasetError, StoreError
+from bagassets.base.errors import DatasetError
 from bagassets.formats.assembly import assemble
 from bagassets.formats.catalogue import format_of
 from bagassets.formats.dataset_lock import LOCK, DatasetLock
-from bagassets.formats.format import Entry, Part
+from bagassets.formats.format import Part
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_splits import Splits
 from bagassets.store.canonical import digest_bytes
@@ -26,24 +26,6 @@ def default_output(lock: DatasetLock, recipe: Recipe) -> Path:
     return output.with_name(f"{output.name}-{digest_bytes(lock.text)[:8]}")
 
 
-def missing_recordings(lock: DatasetLock, store: Store) -> list[str]:
-    """Return the keys of recordings with an artifact that is not in the store (any more)."""
-    kind, missing = format_of(lock), []
-    for number, bag in enumerate(lock.bags.values()):
-        try:
-            needs = bag.needs
-            if needs is None:
-                part = store.artifact(bag.artifact)
-                entry = Entry(Part(bag.key, bag.content, bag.artifact), part, bag.split, number, bag.row)
-                needs = [link.artifact for link in kind.links(entry)]
-            is_there = all(map(store.has, needs))
-        except StoreError:
-            is_there = False
-        if not is_there:
-            missing.append(bag.key)
-    return missing
-
-
 def restore_dataset(lock: DatasetLock, store: Store, output: Path) -> Path:
     """Restore the dataset of a lock; return its folder.
 
@@ -57,7 +39,7 @@ def restore_dataset(lock: DatasetLock, store: Store, output: Path) -> Path:
             other tables; then the dataset in `output` stays as it was.
     """
     kind = format_of(lock)
-    missing = missing_recordings(lock, store)
+    missing = [bag.key for bag in lock.bags.values() if not all(map(store.has, bag.needs))]
     if missing:
         more = f" and {len(missing) - 5} more" if len(missing) > 5 else ""
         raise DatasetError(

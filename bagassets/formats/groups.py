@@ -18,6 +18,7 @@ from typing import BinaryIO, NamedTuple
 from blake3 import blake3
 
 from bagassets.base.cache import Cache, Changes
+from bagassets.base.files import writer
 from bagassets.base.fingerprints import PlanNeeded, loaded_code_fingerprint
 from bagassets.base.json_types import Json, JsonObject
 from bagassets.formats.format import Part
@@ -212,7 +213,7 @@ class Piece(NamedTuple):
 def write_rows(path: Path, frame: Frame, pieces: Iterable[Piece]) -> tuple[str, list[Rows]]:
     """Write a joined file; return its digest, and what it has of each group."""
     hasher, found, before = blake3(), [], frame.head
-    with path.open("wb", buffering=1 << 20) as file:
+    with writer(path) as file:
 
         def write(data: bytes) -> None:
             file.write(data)

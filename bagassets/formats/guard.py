@@ -1,11 +1,11 @@
 """Protecting a dataset from two writers at once, and from files that differ from those expected."""
 
-import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from bagassets.base.errors import DatasetError
+from bagassets.base.files import remove_all
 from bagassets.base.lock_files import LockFile
 
 GUARD = ".bagassets.lock"
@@ -19,7 +19,6 @@ def guarded(output: Path) -> Iterator[None]:
         DatasetError: files cannot be written.
     """
     try:
-        output.mkdir(parents=True, exist_ok=True)
         with LockFile.open(output / GUARD, shared=True) as guard:
             with suppress(OSError):  # some network file systems have no locks; then builds must not overlap
                 guard.lock()
@@ -44,7 +43,7 @@ def refuse_unexpected(folder: Path, made: Mapping[str, str], expected: Mapping[s
     if expected is None or dict(expected) == dict(made):
         return
     names = sorted(name for name in {*made, *expected} if made.get(name) != expected.get(name))
-    shutil.rmtree(folder, ignore_errors=True)
+    remove_all(folder)
     raise DatasetError(
         f"{folder.parent}: {', '.join(names)} would differ from the lock, so the dataset stays as it was; use the "
         "version of bagassets that wrote the lock."

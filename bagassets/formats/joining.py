@@ -226,7 +226,7 @@ def _needs(
     kind: Format[S], members: Sequence[Member], before: Mapping[str, LockedBag]
 ) -> dict[str, Sequence[str]]:
     """Return part -> artifacts that the dataset needs: the part, and the artifacts that its files are linked from."""
-    known = {bag.artifact: bag.needs for bag in before.values() if bag.needs is not None}
+    known = {bag.artifact: bag.needs for bag in before.values()}
     parts = {member.part.artifact: member for member in members}
     return {
         part: known.get(part) or [part, *sorted({link.artifact for link in kind.links(member)} - {part})]

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from bagassets.base.files import write
 from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.store.canonical import digest_bytes
 
@@ -35,7 +36,7 @@ TABLE = Frame(b"[\n", b"\n]\n", b"[]\n")
 
 def write_hashed(path: Path, data: bytes) -> str:
     """Write a file and return its digest."""
-    path.write_bytes(data)
+    write(path, data)
     return digest_bytes(data)
 
 

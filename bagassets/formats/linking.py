@@ -3,12 +3,12 @@
 import errno
 import filecmp
 import os
-import shutil
 from collections import Counter
+from contextlib import suppress
 from fcntl import ioctl
 from pathlib import Path
 
-from bagassets.base.atomic import replacing
+from bagassets.base import files
 from bagassets.base.errors import DatasetError
 
 FICLONE = 0x40049409  # linux/fs.h: make a file share the blocks of another
@@ -25,13 +25,19 @@ class Linker:
     Attributes:
         counts: `linked`, `cloned`, `copied`, or `kept` for existing files -> number of files.
 
+        torn_since_s: see below.
+
     Args:
         root: the dataset's folder.
+        scratch: a folder on its file system, which is removed if the process is killed; copies are made there.
+        torn_since_s: existing files made since then (Unix seconds) may be torn, and are compared with the source; None if none
+            are.
     """
 
-    def __init__(self, root: Path) -> None:
+    def __init__(self, root: Path, scratch: Path, torn_since_s: float | None = None) -> None:
         self.counts: Counter[str] = Counter()
-        self._root = str(root)
+        self.torn_since_s = torn_since_s
+        self._root, self._scratch = str(root), scratch
         self._folders: set[str] = set()
         self._hard_links = True
 
@@ -48,12 +54,12 @@ class Linker:
         """
         # Plain strings: datasets have millions of files, and a Path costs more than a link.
         target = f"{self._root}/{filename}"
-        if replaces:
+        if replaces or self._may_be_torn(target):
             self._remove_other(source, target)
         folder = target.rpartition("/")[0]
         try:
             if folder not in self._folders:
-                Path(folder).mkdir(parents=True, exist_ok=True)
+                files.make_folder(folder)
                 self._folders.add(folder)
             self.counts[self._put(source, target)] += 1
         except FileNotFoundError as err:
@@ -65,11 +71,16 @@ class Linker:
                 f"{target}: cannot be written ({err.strerror}); free disk space, or make the folder writable."
             ) from err
 
+    def _may_be_torn(self, target: str) -> bool:
+        with suppress(FileNotFoundError):
+            return self.torn_since_s is not None and os.stat(target).st_mtime >= self.torn_since_s
+        return False
+
     @staticmethod
     def _remove_other(source: str, target: str) -> None:
         try:
             if os.path.lexists(target) and not _same_content(source, target):
-                Path(target).unlink()
+                files.remove(target)
         except OSError as err:
             raise DatasetError(
                 f"{target}: cannot be replaced by the file that belongs there ({err.strerror}); move it away."
@@ -78,7 +89,7 @@ class Linker:
     def _put(self, source: str, target: str) -> str:
         if self._hard_links:
             try:
-                os.link(source, target)
+                files.link(source, target)
             except FileExistsError:
                 return "kept"
             except OSError as err:
@@ -90,10 +101,10 @@ class Linker:
                 return "linked"
         if os.path.lexists(target):
             return "kept"
-        with replacing(Path(target)) as temporary:
+        with files.replacing(Path(target), self._scratch) as temporary:
             if _clone(source, temporary):
                 return "cloned"
-            shutil.copyfile(source, temporary)
+            files.copy(source, temporary)
             return "copied"
 
 

@@ -7,7 +7,7 @@ import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from bagassets.base.atomic import write_atomically
+from bagassets.base.files import write_atomically
 from bagassets.base.json_types import JsonObject
 from bagassets.engine.run_action import run_action
 from bagassets.report.map_shell import map_shell

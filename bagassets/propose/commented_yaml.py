@@ -54,9 +54,9 @@ class Sheet:
         self._lines.append(line)
 
     def guess(self, depth: int, text: str, reason: str) -> None:
-        """Add a line whose value is guessed for a reason."""
-        self.guesses += 1
-        self.field(depth, text, f"guess: {reason}")
+        """Add a line whose value is guessed for a reason; without one, it is no guess."""
+        self.guesses += bool(reason)
+        self.field(depth, text, reason and f"guess: {reason}")
 
     def guess_note(self, depth: int, text: str) -> None:
         """Add a comment on something that is guessed by leaving a field out, or beside one."""

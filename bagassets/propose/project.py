@@ -14,8 +14,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 
-from bagassets.base.atomic import write_atomically
 from bagassets.base.errors import RecipeError
+from bagassets.base.files import make_folder, write_atomically
 from bagassets.recipe.model import Recipe
 
 FILES = ("recipe.yaml", "dagster.yaml", "workspace.yaml", ".env")
@@ -193,11 +193,10 @@ def write_project(
     if not any((project / name).exists() for name in _FOR_DG):
         files |= _FOR_DG
     try:
-        project.mkdir(parents=True, exist_ok=True)
         # Dagster refuses a log folder that does not exist.
-        (state / "dagster").mkdir(parents=True, exist_ok=True)
+        make_folder(state / "dagster")
         for name, text in files.items():
-            write_atomically(project / name, text.encode())
+            write_atomically(project / name, text.encode(), folders=True)
     except OSError as err:
         raise RecipeError(f"{project}: the project cannot be written ({err.strerror or err}).") from err
     return [name for name in (*FILES, *more, *_FOR_DG) if name in files]
@@ -221,8 +220,7 @@ def dagster_home(recipe_file: Path, recipe: Recipe) -> Path:
     if not config.is_file():
         text = dagster_files(project, recipe.state, recipe_file)[config.name]
         try:
-            home.mkdir(parents=True, exist_ok=True)
-            write_atomically(config, text.encode())
+            write_atomically(config, text.encode(), folders=True)
         except OSError as err:
             raise RecipeError(f"{home}: the Dagster home cannot be made ({err.strerror or err}).") from err
     return home

@@ -120,10 +120,7 @@ def propose_recipe(
     clocks = {rig.clock.clock for rig in rigs}
     usual = "log" if clocks == {"log"} else "header"
     reason = next((rig.clock.reason for rig in rigs if rig.clock.clock == usual and rig.clock.reason), "")
-    if reason:
-        sheet.guess(0, f"clock: {usual}", reason)
-    else:
-        sheet.field(0, f"clock: {usual}")
+    sheet.guess(0, f"clock: {usual}", reason)
     sheet.blank()
     sheet.field(0, "rigs:")
     for rig in rigs:

@@ -136,14 +136,11 @@ def _write_pose(sheet: Sheet, rig: RigProposal) -> None:
             below=True,
         )
     for field, value in rig.pose.fields.items():
-        reason = rig.pose.reasons.get(field, "")
         line = f"{field}: {yaml_scalar(value)}"
         if len(robots) > 1:
             sheet.off(3, line)
-        elif reason:
-            sheet.guess(3, line, reason)
         else:
-            sheet.field(3, line)
+            sheet.guess(3, line, rig.pose.reasons.get(field, ""))
     for note in rig.pose.notes:
         sheet.guess_note(3, note)
     if rig.pose.gap:

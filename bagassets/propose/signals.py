@@ -2,7 +2,7 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import TYPE_CHECKING, Literal
 
 from bagassets.base.errors import DecodeError
 from bagassets.base.escaping import yaml_scalar
@@ -12,17 +12,10 @@ from bagassets.propose.naming import free_name, tokens, word_set
 from bagassets.propose.summary import RecordingSummary, TopicSummary
 from bagassets.recordings.model import Message
 
-__all__ = [
-    "SignalProposal",
-    "elements_of",
-    "find_signals",
-    "said_in",
-    "text_in",
-    "write_lerobot",
-    "write_signals",
-]
+if TYPE_CHECKING:
+    from bagassets.propose.rigs import RigProposal
 
-Role = Literal["state", "command", "episode"]
+_Role = Literal["state", "command", "episode"]
 
 _JOINTS = "joints"
 # Type -> its fields, and what they are: joints are commanded if the topic's name says so.
@@ -69,29 +62,8 @@ class SignalProposal:
     fields: tuple[str, ...]
     names: tuple[str, ...]
     by_log_time: bool
-    role: Role
+    role: _Role
     rate_hz: float | None = None
-
-
-class _Camera(Protocol):
-    @property
-    def modality(self) -> str: ...
-
-    @property
-    def topic(self) -> TopicSummary: ...
-
-
-class _Rig(Protocol):
-    """What is needed of a proposed rig."""
-
-    @property
-    def summary(self) -> RecordingSummary: ...
-
-    @property
-    def channels(self) -> Mapping[str, _Camera]: ...
-
-    @property
-    def signals(self) -> Sequence[SignalProposal]: ...
 
 
 def elements_of(message: Message, msgtype: str) -> tuple[str, ...]:
@@ -130,13 +102,13 @@ def find_signals(summary: RecordingSummary, *, cameras: bool = False) -> list[Si
             name = free_name(base if base[0].isalpha() else f"signal_{base}", taken, "_")
             rate_hz = topic.rate_hz and topic.rate_hz / len(groups)  # by turns
             found.append(SignalProposal(name, topic, fields, names, topic.offset_s is None, role, rate_hz))
-    order: tuple[Role, ...] = ("state", "command", "episode")
+    order: tuple[_Role, ...] = ("state", "command", "episode")
     found.sort(key=lambda one: (order.index(one.role), one.topic.name))
     roles = {one.role for one in found}
     return found if "state" in roles or (cameras and "command" in roles) else []
 
 
-def _role(topic: TopicSummary, kind: str) -> Role | None:
+def _role(topic: TopicSummary, kind: str) -> _Role | None:
     words = set(tokens(topic.name))
     is_command = bool(words & _COMMANDS)
     if kind == _JOINTS:
@@ -190,7 +162,7 @@ def _path(field: str) -> str:
     return f'"{field}"' if "[" in field and not field.startswith("[") else field
 
 
-def write_lerobot(sheet: Sheet, rigs: Sequence[_Rig]) -> None:
+def write_lerobot(sheet: Sheet, rigs: "Sequence[RigProposal]") -> None:
     """Write the section of a LeRobot dataset, whose features are those of the first rig that has signals."""
     rig = next(rig for rig in rigs if rig.signals)
     cameras = {name: one.topic for name, one in rig.channels.items() if one.modality == "camera"}
@@ -233,7 +205,9 @@ def _fps(cameras: Mapping[str, float | None], signals: Mapping[str, float | None
     return 30, "the recordings are too short to show a rate"
 
 
-def _write_episodes(sheet: Sheet, rig: _Rig, signals: Sequence[str], rigs: Sequence[_Rig]) -> None:
+def _write_episodes(
+    sheet: Sheet, rig: "RigProposal", signals: Sequence[str], rigs: "Sequence[RigProposal]"
+) -> None:
     if signals:
         sheet.guess(1, f"episodes: {{signal: {signals[0]}}}", "by the name of its topic")
         return
@@ -253,7 +227,7 @@ def _write_episodes(sheet: Sheet, rig: _Rig, signals: Sequence[str], rigs: Seque
     sheet.guess(1, f"episodes: {{{', '.join(parts)}}}", "by the name of the topic and what it says")
 
 
-def _write_task(sheet: Sheet, rig: _Rig, rigs: Sequence[_Rig]) -> None:
+def _write_task(sheet: Sheet, rig: "RigProposal", rigs: "Sequence[RigProposal]") -> None:
     topic = _named(rig.summary, _TASKS)
     if topic is None:
         sheet.note(1, "uncomment to say what the robot does, as a sentence:")
@@ -263,13 +237,13 @@ def _write_task(sheet: Sheet, rig: _Rig, rigs: Sequence[_Rig]) -> None:
     sheet.guess(1, line, "by the name of the topic")
 
 
-def _of_all(topic: TopicSummary, rigs: Sequence[_Rig]) -> list[TopicSummary]:
+def _of_all(topic: TopicSummary, rigs: "Sequence[RigProposal]") -> list[TopicSummary]:
     """Return a topic as the recordings of each rig have it, if they have texts in it."""
     found = (rig.summary.topics.get(topic.name) for rig in rigs)
     return [topic, *(one for one in found if one is not None and one.msgtype in _TEXTS)]
 
 
-def _field(topic: TopicSummary, rigs: Sequence[_Rig]) -> str:
+def _field(topic: TopicSummary, rigs: "Sequence[RigProposal]") -> str:
     """Return the path of the texts, or a list of those of all rigs."""
     fields = list(dict.fromkeys(_TEXTS[one.msgtype] for one in _of_all(topic, rigs)))
     return fields[0] if len(fields) == 1 else f"[{', '.join(fields)}]"

@@ -3,8 +3,8 @@
 import json
 from pathlib import Path
 
-from bagassets.base.atomic import write_atomically
 from bagassets.base.errors import RecipeError, StoreError
+from bagassets.base.files import write_atomically
 from bagassets.base.json_types import JsonObject
 from bagassets.recipe.load import parse_recipe
 from bagassets.recipe.model import Recipe
@@ -44,8 +44,7 @@ def write_inline(recipe: Recipe, state: Path, store: Path | None) -> Path:
     # Written anew, it would have to be examined again.
     if not file.is_file() or file.read_bytes() != content:
         try:
-            state.mkdir(parents=True, exist_ok=True)
-            write_atomically(file, content)
+            write_atomically(file, content, folders=True)
         except OSError as err:
             raise StoreError(f"{file}: the recipe cannot be written here ({err.strerror or err}).") from err
     return file

@@ -21,8 +21,6 @@ from bagassets.recipe.problems import Problem, explain, open_questions, undecide
 from bagassets.recipe.schema import closest
 from bagassets.recipe.yaml_text import Place, read_yaml
 
-__all__ = ["load_recipe", "parse_recipe", "paths_written", "where_in"]
-
 
 def load_recipe(path: Path | str) -> Recipe:
     """Return the recipe in `path`, its paths made absolute.
@@ -125,8 +123,8 @@ def where_in(path: Path, at: tuple[str | int, ...]) -> str:
     try:
         data, places = read_yaml(path.read_text(encoding="utf-8"), path)
     except (OSError, UnicodeDecodeError, RecipeError):
-        return f"{path}: {field_name(at, None)}"  # it was readable before, and has changed
-    return f"{path}:{places.line_of(at)}: {field_name(at, data)}"
+        return f"{path}: {_field_name(at, None)}"  # it was readable before, and has changed
+    return f"{path}:{places.line_of(at)}: {_field_name(at, data)}"
 
 
 def _causes(err: ValidationError) -> list[ErrorDetails]:
@@ -137,14 +135,14 @@ def _causes(err: ValidationError) -> list[ErrorDetails]:
 
 
 def _sentences(problems: Iterable[Problem], data: JsonObject, places: Place, path: Path) -> list[str]:
-    found = sorted({(places.line_of(at), field_name(at, data), sentence) for at, sentence in problems})
+    found = sorted({(places.line_of(at), _field_name(at, data), sentence) for at, sentence in problems})
     return [
         f"{path}:{line}: {field}: {sentence}{'' if sentence.endswith('?') else '.'}"
         for line, field, sentence in found
     ]
 
 
-def field_name(location: tuple[str | int, ...], data: Json) -> str:
+def _field_name(location: tuple[str | int, ...], data: Json) -> str:
     """Return a location as users write it: `rigs[van].channels.CAM_FRONT.quality`.
 
     Args:

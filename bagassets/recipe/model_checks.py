@@ -10,8 +10,6 @@ from pydantic import Field, model_validator
 from bagassets.recipe.model_base import FieldValueError, Model, TopicName
 from bagassets.recipe.model_signals import SignalName
 
-__all__ = ["Checks", "Severity", "SignalLimits", "TopicLimits"]
-
 Severity = Literal["error", "warn", "skip"]
 
 _SEVERITY = "Severity of a finding: error, warn, or skip to disable the check."

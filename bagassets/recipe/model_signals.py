@@ -7,8 +7,6 @@ from pydantic import AfterValidator, Field, model_validator
 
 from bagassets.recipe.model_base import Clock, FieldValueError, Model, TopicName, not_empty
 
-__all__ = ["FACTORS", "Signal", "SignalName"]
-
 STAMP = "stamp_ns"
 """The column of a signal's table that is no element."""
 
@@ -38,19 +36,19 @@ def _path(path: str) -> str:
 
 
 SignalName = Annotated[str, AfterValidator(_name)]
-FieldPath = Annotated[str, AfterValidator(_path)]
-ElementName = Annotated[str, AfterValidator(not_empty)]
+_FieldPath = Annotated[str, AfterValidator(_path)]
+_ElementName = Annotated[str, AfterValidator(not_empty)]
 
 
 class Signal(Model):
     """A series of numbers: a field of the messages of a topic, or several, as columns of a table."""
 
     topic: TopicName = Field(description="Topic with the messages.")
-    field: FieldPath | Annotated[tuple[FieldPath, ...], Field(min_length=1)] = Field(
+    field: _FieldPath | Annotated[tuple[_FieldPath, ...], Field(min_length=1)] = Field(
         description="Path of the field in its messages, or a list of paths: a number, an array, or a message that holds numbers "
         "only, such as `position`, `pose.position`, `axes[2]`.",
     )
-    names: tuple[ElementName, ...] = Field(
+    names: tuple[_ElementName, ...] = Field(
         (),
         description="Elements in order. If the messages name them (`name`, `names`, `joint_names`), as JointState does, these are "
         "picked, whatever their order there; else the elements are called so. Default: all, as the first message has them.",

@@ -83,8 +83,9 @@ def describe(annotation: object) -> str:
     if _is_model(annotation):
         keyed_by = getattr(annotation, "keyed_by", "")
         return f"a mapping with `{keyed_by}`" if keyed_by else "a mapping"
-    if variants(annotation):
-        return " or ".join(dict.fromkeys(describe(model) for model in variants(annotation).values()))
+    if _is_union(annotation):
+        members = variants(annotation).values() or get_args(annotation)
+        return " or ".join(dict.fromkeys(describe(member) for member in members))
     if get_origin(annotation) is dict:
         return "a mapping"
     if get_origin(annotation) is tuple:

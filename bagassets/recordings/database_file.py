@@ -2,7 +2,7 @@
 
 import json
 import sqlite3
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
 
@@ -80,11 +80,6 @@ class Database:
     def sources(self, counts: Mapping[int, int] = MappingProxyType({})) -> dict[int, TopicSource]:
         """Return topic id -> name, type, definition, and one of `counts`."""
         definitions = self.definitions()
-        more = [
-            one if one in self._columns else "NULL"
-            for one in ("serialization_format", "offered_qos_profiles")
-        ]
-        rows = self._connection.execute(f"SELECT id, name, type, {', '.join(more)} FROM topics")  # noqa: S608  (of these)
         return {
             number: TopicSource(
                 str(name),
@@ -95,14 +90,20 @@ class Database:
                 serialization_problem(serialization),
                 is_transient_local(str(qos)),
             )
-            for number, name, named, serialization, qos in rows
+            for number, name, named, serialization, qos in self._topic_rows()
         }
+
+    def _topic_rows(self) -> Iterable[tuple[int, object, object, object, object]]:
+        """Return id, name, type, serialization and QoS profiles of each topic."""
+        columns = ("serialization_format", "offered_qos_profiles")
+        more = [one if one in self._columns else "NULL" for one in columns]
+        return self._connection.execute(f"SELECT id, name, type, {', '.join(more)} FROM topics")  # noqa: S608  (of these)
 
     def counts(self) -> dict[int, int]:
         """Return topic id -> number of messages, counted."""
         return dict(self._connection.execute("SELECT topic_id, COUNT(*) FROM messages GROUP BY topic_id"))
 
-    def messages(self, topics: Collection[int]) -> Iterator[tuple[int, int, bytes]]:
+    def messages(self, topics: Collection[int]) -> Iterator[tuple[int, int, bytes | memoryview]]:
         """Yield topic id, log time and payload in order of log time."""
         query = (
             "SELECT topic_id, timestamp, length(data), CASE WHEN length(data) <= ? THEN data END FROM messages "

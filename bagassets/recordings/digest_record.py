@@ -19,22 +19,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Self
 
+from bagassets.base.cache import is_damage
 from bagassets.base.errors import StoreError
 
 if TYPE_CHECKING:
     from bagassets.recipe.model import Recipe
 
-__all__ = [
-    "ATTRIBUTE",
-    "DigestIndex",
-    "Disagreement",
-    "Kept",
-    "digest_on_record",
-    "disagreements",
-    "is_unchanged",
-    "put_on_record",
-    "read_attribute",
-]
 
 ATTRIBUTE = "user.bagassets.digest"
 _DIGEST = re.compile("[0-9a-f]{64}")
@@ -45,7 +35,7 @@ Kept = Literal["attribute", "index", "nowhere"]
 
 
 @dataclass(frozen=True, slots=True)
-class IndexRow:
+class _IndexRow:
     """The index's entry for a file."""
 
     size: int
@@ -65,7 +55,7 @@ class IndexRow:
 
     def same_file(self, stat: os.stat_result) -> bool:
         """Tell whether size, mtime, inode and ctime are those of `stat`."""
-        return self == IndexRow.of(stat, self.digest)
+        return self == _IndexRow.of(stat, self.digest)
 
 
 class DigestIndex:
@@ -80,7 +70,7 @@ class DigestIndex:
     def __init__(self, folder: Path, *, writes_attributes: bool = True) -> None:
         self.writes_attributes = writes_attributes
         self._path = folder / "digests.sqlite"
-        self._rows: dict[str, IndexRow] = {}
+        self._rows: dict[str, _IndexRow] = {}
         self._read_at: tuple[int, int, int] | None = None
 
     @classmethod
@@ -88,7 +78,7 @@ class DigestIndex:
         """Return the index of a recipe, which says whether builds may write to recordings."""
         return cls(recipe.state, writes_attributes=recipe.bags.digest_attributes)
 
-    def row(self, path: Path) -> IndexRow | None:
+    def row(self, path: Path) -> _IndexRow | None:
         """Return the entry for a file, valid or not."""
         try:
             state = self._state()
@@ -99,9 +89,9 @@ class DigestIndex:
                     rows = connection.execute(
                         "SELECT path, size, mtime_ns, inode, ctime_ns, digest FROM digests"
                     )
-                    self._rows = {row[0]: IndexRow(*row[1:]) for row in rows}
+                    self._rows = {row[0]: _IndexRow(*row[1:]) for row in rows}
                 self._read_at = state
-        except sqlite3.Error:
+        except (sqlite3.Error, ValueError):  # see `is_damage`
             return None  # no table yet, or the file is damaged
         return self._rows.get(str(path))
 
@@ -121,13 +111,13 @@ class DigestIndex:
         Raises:
             StoreError: the index cannot be written.
         """
-        row = IndexRow.of(stat, digest)
+        row = _IndexRow.of(stat, digest)
         try:
             try:
                 self._insert(path, row)
-            except sqlite3.OperationalError:
-                raise  # locked, read-only or full, but not damaged
-            except sqlite3.DatabaseError:
+            except (sqlite3.DatabaseError, ValueError) as err:
+                if not is_damage(err):
+                    raise
                 self._path.unlink(missing_ok=True)
                 self._insert(path, row)
         except (OSError, sqlite3.Error) as err:
@@ -135,7 +125,7 @@ class DigestIndex:
                 f"{self._path}: the index of digests cannot be written ({err}); free disk space, or make the folder writable."
             ) from err
 
-    def _insert(self, path: Path, row: IndexRow) -> None:
+    def _insert(self, path: Path, row: _IndexRow) -> None:
         current = self._read_at is not None and self._read_at == self._state()
         self._path.parent.mkdir(parents=True, exist_ok=True)
         with self._open() as connection:
@@ -189,7 +179,7 @@ def is_unchanged(path: Path, then: os.stat_result, now: os.stat_result, digest: 
     """
     if digest is None:
         digest = read_attribute(path) or ""
-    row = IndexRow.of(then, digest)
+    row = _IndexRow.of(then, digest)
     return row.same_size_and_time(now) and _is_untouched(path, now, row)
 
 
@@ -304,7 +294,7 @@ def _attribute(path: Path) -> _Attribute | None:
         return None  # missing, not supported here, or malformed: hash instead
 
 
-def _is_untouched(path: Path, stat: os.stat_result, row: IndexRow) -> bool:
+def _is_untouched(path: Path, stat: os.stat_result, row: _IndexRow) -> bool:
     """Tell whether a file is as the index knows it, but for an attribute that was written since."""
     if row.same_file(stat):
         return True
@@ -320,7 +310,7 @@ def _is_untouched(path: Path, stat: os.stat_result, row: IndexRow) -> bool:
 def _write_attribute(path: Path, stat: os.stat_result, digest: str) -> bool:
     record = {"digest": digest, "size": stat.st_size, "mtime_ns": stat.st_mtime_ns}
     try:
-        if not IndexRow.of(stat, digest).same_file(path.stat()):
+        if not _IndexRow.of(stat, digest).same_file(path.stat()):
             return False  # it has changed since it was hashed
         record |= {"ctime_ns": stat.st_ctime_ns, "written_ns": time.time_ns()}
         os.setxattr(path, ATTRIBUTE, json.dumps(record, sort_keys=True).encode())

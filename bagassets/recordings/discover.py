@@ -24,8 +24,6 @@ from bagassets.recordings.model import METADATA, Format, RecordingFiles
 from bagassets.recordings.own_files import is_view_file
 from bagassets.recordings.series import candidates, whole_of
 
-__all__ = ["Discovery", "bags_of_one", "bags_of_parts", "discover", "find_one", "matches", "series_with"]
-
 _ROS2_KEY, _HEAD_BYTES = b"rosbag2_bagfile_information", 4096
 _NO_STORAGE = "there is no .db3 or .mcap file beside its metadata.yaml; it is still being copied, or damaged"
 _LEADS_NOWHERE = "a link that leads nowhere"
@@ -350,19 +348,14 @@ class _Walk:
 
 
 def _exclusion(bags: Bags, relative: str, *, include: bool = True) -> str | None:
-    if include and not _is_included(bags, relative):
+    # A glob may be about the drive that it is a part of.
+    names = [name for name in (relative, whole_of(relative)) if name is not None]
+    if include and not any(matches(pattern, name) for pattern in bags.include for name in names):
         return "not matched by bags.include"
     for pattern in bags.exclude:
         if matches(pattern, relative):
             return f"excluded by bags.exclude ({pattern})"
     return None
-
-
-def _is_included(bags: Bags, relative: str) -> bool:
-    if any(matches(pattern, relative) for pattern in bags.include):
-        return True
-    whole = whole_of(relative)  # a glob may be about the drive that it is a part of
-    return whole is not None and any(matches(pattern, whole) for pattern in bags.include)
 
 
 def _folder_recording(

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Collection, Iterable, Iterator
 from pathlib import Path
 from struct import Struct
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 from zlib import crc32
 
 import numpy as np
@@ -32,11 +32,32 @@ class ChecksumError(RecordingError):
     """The content of a chunk does not match its checksum."""
 
 
-def chunk_head(file: BinaryIO, offset: int) -> tuple[int, int]:
-    """Return the log time of the earliest message in a chunk, and its announced uncompressed size in bytes."""
-    file.seek(offset + RECORD_HEADER.size)
-    start_ns, _, unpacked_bytes, _, _ = _CHUNK_HEADER.unpack(file.read(_CHUNK_HEADER.size))
-    return start_ns, unpacked_bytes
+class ChunkHead(NamedTuple):
+    """What stands before the content of a chunk: first and last log time, sizes, and length of its record."""
+
+    start_ns: int
+    end_ns: int
+    unpacked_bytes: int
+    checksum: int
+    compression: str
+    packed_bytes: int
+    record_bytes: int
+
+
+def chunk_head(file: BinaryIO, offset: int) -> ChunkHead:
+    """Read what stands before the content of a chunk, up to there.
+
+    Raises:
+        DamageError: there is no chunk.
+    """
+    file.seek(offset)
+    opcode, record_bytes = RECORD_HEADER.unpack(file.read(RECORD_HEADER.size))
+    start_ns, end_ns, unpacked, checksum, name_length = _CHUNK_HEADER.unpack(file.read(_CHUNK_HEADER.size))
+    if opcode != Opcode.CHUNK or name_length > _LONGEST_NAME:
+        raise DamageError("its index names a chunk where none is")
+    compression = file.read(name_length).decode("ascii", "replace")
+    (packed_bytes,) = _SIZE.unpack(file.read(_SIZE.size))
+    return ChunkHead(start_ns, end_ns, unpacked, checksum, compression, packed_bytes, record_bytes)
 
 
 def load_chunk(
@@ -63,24 +84,18 @@ def load_chunk(
         DamageError: it holds more than it announces, is cut off, or is no chunk.
         ChecksumError: the content does not match the checksum.
     """
-    file.seek(offset)
-    opcode, length = RECORD_HEADER.unpack(file.read(RECORD_HEADER.size))
-    _, _, unpacked_bytes, checksum, name_length = _CHUNK_HEADER.unpack(file.read(_CHUNK_HEADER.size))
-    if opcode != Opcode.CHUNK or name_length > _LONGEST_NAME:
-        raise DamageError("its index names a chunk where none is")
-    sizes.check_chunk(offset, unpacked_bytes)
-    compression = file.read(name_length).decode("ascii", "replace")
-    (packed_bytes,) = _SIZE.unpack(file.read(_SIZE.size))
-    packed = file.read(min(packed_bytes, length))
-    if len(packed) < packed_bytes:
+    head = chunk_head(file, offset)
+    sizes.check_chunk(offset, head.unpacked_bytes)
+    packed = file.read(min(head.packed_bytes, head.record_bytes))
+    if len(packed) < head.packed_bytes:
         raise DamageError(f"the chunk at byte {offset} is cut off")
     if on_read is not None:
         on_read(packed)
     try:
-        content = decompress(packed, compression, unpacked_bytes)
+        content = decompress(packed, head.compression, head.unpacked_bytes)
     except TooLargeError:
         raise DamageError(f"the chunk at byte {offset} holds more than it announces") from None
-    if check and checksum and crc32(content) != checksum:
+    if check and head.checksum and crc32(content) != head.checksum:
         raise ChecksumError(
             f"{path}: the content of the chunk at byte {offset} does not match its checksum, so the file was "
             "damaged after it was recorded; copy it again, or save the other chunks with `mcap recover`."

@@ -27,7 +27,7 @@ from bagassets.recordings.mcap_chunk import (
     load_chunk,
     messages_in,
 )
-from bagassets.recordings.mcap_index import read_index, walk
+from bagassets.recordings.mcap_index import McapIndex, read_index, walk
 from bagassets.recordings.model import Definition, OnRead, Serialization
 from bagassets.recordings.recording import FileRecording, merged
 from bagassets.recordings.schemas import foxglove_type, schema_definition
@@ -74,10 +74,13 @@ class McapFile:
         try:
             self._size = os.fstat(self._file.fileno()).st_size
             self._sizes = Sizes(path, self._size, limits, whole)
-            self._index = read_index(self._file, path, self._sizes, search=search)
+            self._index = self._read_index(search=search)
         except BaseException:
             self._file.close()
             raise
+
+    def _read_index(self, *, search: bool) -> McapIndex:
+        return read_index(self._file, self.path, self._sizes, search=search)
 
     def counts(self) -> Mapping[int, int]:
         """Return channel -> number of messages, as the file announces it."""

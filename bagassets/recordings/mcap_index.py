@@ -25,8 +25,8 @@ from bagassets.recordings.sizes import Sizes
 _FOOTER_BYTES = RECORD_HEADER.size + 8 + 8 + 4
 
 # What messages and their indexes begin with. An index goes on with a length of 4 bytes, and has a time and an offset per message.
-_CHANNEL = Struct("<H")
-_ENTRY_BYTES = 16
+CHANNEL = Struct("<H")
+ENTRY_BYTES = 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,14 +175,14 @@ def _search(file: BinaryIO, path: Path, size: int, index: McapIndex, sizes: Size
             is_indexed = channels is not None and channels <= index.channels.keys()
             if is_indexed:
                 continue
-            start_ns, unpacked_bytes = chunk_head(file, offset)
-            sizes.add_chunk(offset, unpacked_bytes)
+            head = chunk_head(file, offset)
+            sizes.add_chunk(offset, head.unpacked_bytes)
             if offset not in known:
-                index.chunks.append(ChunkPlace(offset, start_ns, None))
+                index.chunks.append(ChunkPlace(offset, head.start_ns, None))
             content = load_chunk(file, path, offset, sizes, check=False)
             for inner, inner_begin, inner_end in records_in(content):
                 if inner == Opcode.MESSAGE:
-                    index.counts[_CHANNEL.unpack_from(content, inner_begin)[0]] += 1
+                    index.counts[CHANNEL.unpack_from(content, inner_begin)[0]] += 1
                 else:
                     add_bytes(index, inner, content[inner_begin:inner_end], sizes)
         elif opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
@@ -190,8 +190,8 @@ def _search(file: BinaryIO, path: Path, size: int, index: McapIndex, sizes: Size
             add_bytes(index, opcode, file.read(end - begin), sizes)
         elif opcode == Opcode.MESSAGE or (opcode == Opcode.MESSAGE_INDEX and is_indexed):
             file.seek(begin)
-            (channel,) = _CHANNEL.unpack(file.read(_CHANNEL.size))
-            index.counts[channel] += 1 if opcode == Opcode.MESSAGE else (end - begin) // _ENTRY_BYTES
+            (channel,) = CHANNEL.unpack(file.read(CHANNEL.size))
+            index.counts[channel] += 1 if opcode == Opcode.MESSAGE else (end - begin) // ENTRY_BYTES
 
 
 def add_bytes(index: McapIndex, opcode: int, fields: bytes, sizes: Sizes) -> None:

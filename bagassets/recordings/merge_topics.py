@@ -1,14 +1,58 @@
-"""The topics of a recording, from its connections, of which several may carry one topic."""
+"""The topics of a recording, from its connections, of which several may carry one topic.
+
+Those whose messages are not ROS, but protobuf or JSON, are decoded by the schema recorded with them.
+"""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 
-from bagassets.base.errors import SizeLimitError
+from bagassets.base.errors import DecodeError, SizeLimitError
 from bagassets.recipe.model import Limits
-from bagassets.recordings.schema_topic import SchemaTopic
-from bagassets.recordings.topic import UNKNOWN, Topic, TopicSource, one_name
+from bagassets.recordings.heads import first_head_of
+from bagassets.recordings.layouts import Choice
+from bagassets.recordings.model import Message
+from bagassets.recordings.schemas import Schema, schema_of
+from bagassets.recordings.topic import UNKNOWN, RefusedBytes, Topic, TopicSource, one_name
+
+
+class SchemaTopic(Topic):
+    """A topic with a schema. It has none of ROS's layouts, so nothing is read of a message without decoding it."""
+
+    @cached_property
+    def _layouts(self) -> Choice | str:
+        return "its messages are not those of ROS"
+
+    @cached_property
+    def _schema(self) -> Schema | str:
+        if len(self._own.text) > self._limits.definition_bytes:
+            return f"the schema of {self.msgtype} is larger than limits.definition_bytes in the recipe allows"
+        return schema_of(self.msgtype, self.serialization, self._own, self._limits.message_elements)
+
+    def _definition_problem(self) -> str | None:
+        return self._schema if isinstance(self._schema, str) else None
+
+    def decode(self, data: bytes | memoryview) -> Message:
+        """Return a message as an object with the fields of its schema; see `Topic.decode`."""
+        if isinstance(data, RefusedBytes):
+            raise DecodeError(data.reason)
+        if self._refused or isinstance(self._schema, str):
+            raise DecodeError(self._refused or str(self._schema))
+        return self._schema.decode(bytes(data))
+
+    def header(self, data: bytes | memoryview) -> tuple[int, str] | None:
+        """Return stamp and frame id of a message that has them; see `first_head_of`."""
+        try:
+            return first_head_of(self.decode(data))
+        except DecodeError:
+            return None
+
+    @property
+    def layout_digest(self) -> str:
+        """Digest of the schema; empty without one."""
+        return "" if isinstance(self._schema, str) else self._schema.digest
 
 
 def topic_of(source: TopicSource, message_definitions: Sequence[Path], limits: Limits) -> Topic:

@@ -1,7 +1,6 @@
 """Opening a recording, whatever its format."""
 
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 
 from bagassets.base.errors import BagAssetsError, RecordingError
@@ -10,7 +9,7 @@ from bagassets.recordings.damage import advice_for, refuse_pointer, unreadable
 from bagassets.recordings.database_file import Database
 from bagassets.recordings.mcap_file import McapFile, McapRecording
 from bagassets.recordings.model import OnRead, RecordingFiles
-from bagassets.recordings.recording import FileRecording, Recording
+from bagassets.recordings.recording import FileRecording, How, Recording
 from bagassets.recordings.rosbag1 import IndexReader
 from bagassets.recordings.rosbag2 import Rosbag2Recording
 from bagassets.recordings.series_recording import SeriesRecording
@@ -34,28 +33,23 @@ def open_recording(
         RecordingError: it is not a readable recording; the message says what to do.
     """
     path = recording.path if isinstance(recording, RecordingFiles) else recording
-    limits = limits or Limits()
+    how = How(message_definitions, limits or Limits(), on_read)
     if isinstance(recording, RecordingFiles) and recording.parts:
-        opener = partial(
-            open_recording, message_definitions=message_definitions, limits=limits, on_read=on_read
-        )
         parts = [part.path for part in recording.parts]
-        return SeriesRecording(path, recording.format, parts, opener, message_definitions, limits)
+        return SeriesRecording(recording, parts, lambda part: open_recording(part, *how), how)
     if not path.exists():
         raise RecordingError(f"{path}: no such file; it was removed or renamed.")
     if path.is_file() and path.stat().st_size == 0:
         raise RecordingError(f"{path}: the file is empty; {advice_for(path)}.")
     try:
         if path.is_dir():
-            return Rosbag2Recording(path, message_definitions, limits, on_read)
+            return Rosbag2Recording(path, how)
         refuse_pointer(path)
         if path.suffix == ".mcap":
-            mcap = McapFile(path, limits, on_read)
-            return McapRecording(path, "mcap", mcap, message_definitions, limits)
+            return McapRecording(path, "mcap", McapFile(path, how.limits, on_read), how)
         if path.suffix == ".db3":
-            database = Database(path, limits, on_read)
-            return FileRecording(path, "ros2", database, message_definitions, limits)
-        return FileRecording(path, "ros1", IndexReader(path, limits, on_read), message_definitions, limits)
+            return FileRecording(path, "ros2", Database(path, how.limits, on_read), how)
+        return FileRecording(path, "ros1", IndexReader(path, how.limits, on_read), how)
     except BagAssetsError:
         raise
     except Exception as err:  # whatever the libraries raise: see `unreadable`

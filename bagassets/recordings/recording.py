@@ -7,15 +7,20 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from heapq import heappop, heappush, heapreplace
 from itertools import islice
 from pathlib import Path
-from typing import Generic, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, Generic, NamedTuple, Self, TypeVar
 
 from bagassets.base.errors import BagAssetsError
 from bagassets.recipe.model import Limits
 from bagassets.recordings.damage import DamageError, unreadable
 from bagassets.recordings.merge_topics import merge_topics
-from bagassets.recordings.model import Format, Message, RawMessage
+from bagassets.recordings.model import Format, Message, OnRead, RawMessage
 from bagassets.recordings.salvage.damage_map import Damage
 from bagassets.recordings.topic import ForeignBytes, RefusedBytes, Topic, TopicSource
+
+if TYPE_CHECKING:
+    from bagassets.recordings.database_file import Database
+    from bagassets.recordings.mcap_file import McapFile
+    from bagassets.recordings.rosbag1 import IndexReader
 
 _BYTES = (bytes, memoryview, bytearray)
 _FIRST_NS, _LAST_NS = -(2**63), 2**63 - 1
@@ -126,19 +131,21 @@ class Recording(ABC):
         self.close()
 
 
-class _File(Protocol):
-    def counts(self) -> Mapping[int, int]: ...
+class How(NamedTuple):
+    """How recordings are opened.
 
-    def sources(self, counts: Mapping[int, int]) -> dict[int, TopicSource]: ...
+    Attributes:
+        message_definitions: folders of `.msg` files for types that a recording does not define.
+        limits: bounds on sizes.
+        on_read: called with how far reading has come; it must not raise.
+    """
 
-    def messages(self, connections: Collection[int], /) -> Iterator[tuple[int, int, bytes | memoryview]]: ...
-
-    def span_ns(self) -> tuple[int, int] | None: ...
-
-    def close(self) -> None: ...
+    message_definitions: Sequence[Path]
+    limits: Limits
+    on_read: OnRead | None
 
 
-F = TypeVar("F", bound=_File)
+F = TypeVar("F", bound="Database | McapFile | IndexReader")
 
 
 class FileRecording(Recording, Generic[F]):
@@ -148,22 +155,14 @@ class FileRecording(Recording, Generic[F]):
         path: the file.
         file_format: its format.
         file: the open file.
-        message_definitions: folders of `.msg` files.
-        limits: of the recipe.
+        how: how it was opened.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        file_format: Format,
-        file: F,
-        message_definitions: Sequence[Path],
-        limits: Limits,
-    ) -> None:
+    def __init__(self, path: Path, file_format: Format, file: F, how: How) -> None:
         self._file = file
         try:
             self._sources = file.sources(file.counts())
-            topics = merge_topics(path, self._sources.values(), message_definitions, limits)
+            topics = merge_topics(path, self._sources.values(), how.message_definitions, how.limits)
             super().__init__(path, file_format, topics)
         except BaseException:
             file.close()

@@ -124,8 +124,7 @@ class IndexReader(rosbag1.Reader):
         positions = np.repeat(
             np.array([position for position, _ in parts], dtype=np.int64), [len(part) for _, part in parts]
         )
-        times_ns = entries["seconds"].astype(np.int64) * 10**9 + entries["nanoseconds"]
-        return times_ns, positions, entries["offset"].astype(np.int64)
+        return times_of(entries), positions, entries["offset"].astype(np.int64)
 
     def counts(self) -> dict[int, int]:
         """Return connection -> number of messages."""
@@ -198,6 +197,12 @@ class SummaryReader(IndexReader):
 
     def read_index_data(self, pos: int, indexes: dict[int, list[IndexData]]) -> None:
         """Read nothing."""
+
+
+def times_of(entries: NDArray[np.void]) -> NDArray[np.int64]:
+    """Return (N,) log times in nanoseconds of entries of an index."""
+    times_ns: NDArray[np.int64] = entries["seconds"].astype(np.int64) * 10**9 + entries["nanoseconds"]
+    return times_ns
 
 
 def text_in(header: Header, name: str) -> str:

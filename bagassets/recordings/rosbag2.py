@@ -12,15 +12,14 @@ import yaml
 
 from bagassets.base.errors import RecordingError
 from bagassets.base.json_types import JsonMapping, JsonObject
-from bagassets.recipe.model import Limits
 from bagassets.recordings.damage import DamageError, refuse_pointer
 from bagassets.recordings.database_file import Database, serialization_problem
 from bagassets.recordings.decompress import TooLargeError, decompress, decompress_file
 from bagassets.recordings.journals import scratch_folder
 from bagassets.recordings.mcap_file import McapFile
 from bagassets.recordings.merge_topics import merge_topics
-from bagassets.recordings.model import METADATA, Definition, OnRead, RawMessage
-from bagassets.recordings.recording import Recording
+from bagassets.recordings.model import METADATA, Definition, RawMessage
+from bagassets.recordings.recording import How, Recording
 from bagassets.recordings.sizes import Sizes
 from bagassets.recordings.topic import UNKNOWN, RefusedBytes, TopicSource, normalise_msgtype
 
@@ -34,47 +33,51 @@ ZSTD = ".zstd"
 class Rosbag2Recording(Recording):
     """A ROS 2 bag folder."""
 
-    def __init__(
-        self,
-        path: Path,
-        message_definitions: Sequence[Path],
-        limits: Limits,
-        on_read: OnRead | None = None,
-    ) -> None:
-        self._limits = limits
-        self._on_read = on_read
+    def __init__(self, path: Path, how: How) -> None:
+        self._how = how
         self._stack = ExitStack()
         try:
-            metadata = read_metadata(path / METADATA)
-            mode = compression_mode(metadata)
+            metadata, mode, files = self._described(path)
             self._compressed_messages = mode == "message"
-            files = _storage_files(path, metadata)
-            self._sizes = Sizes(path, sum(file.stat().st_size for file in files), limits)
-            self._files = [
-                self._open(file, compressed=mode == "file" or file.suffix == ZSTD) for file in files
-            ]
-            super().__init__(
-                path, "ros2", merge_topics(path, self._sources(metadata), message_definitions, limits)
-            )
+            size = sum(file.stat().st_size for file in files if file.exists())
+            self._sizes = Sizes(path, size, how.limits)
+            self._files = self._opened(files, metadata, mode)
+            topics = merge_topics(path, self._sources(metadata), how.message_definitions, how.limits)
+            super().__init__(path, "ros2", topics)
         except BaseException:
             self._stack.close()
             raise
 
-    def _open(self, file: Path, *, compressed: bool) -> "Database | McapFile":
+    def _described(self, path: Path) -> tuple[JsonMapping, str, list[Path]]:
+        """Return the metadata, what is compressed, and the files."""
+        metadata = read_metadata(path / METADATA)
+        return metadata, compression_mode(metadata), _storage_files(path, metadata)
+
+    def _opened(self, files: Sequence[Path], metadata: JsonMapping, mode: str) -> list[Database | McapFile]:
+        """Open the files; which of them can be, a reader of damaged folders decides."""
+        del metadata
+        return [self._open(file, mode) for file in files]
+
+    def _open(self, file: Path, mode: str) -> Database | McapFile:
         refuse_pointer(file)
-        if compressed:
-            with scratch_folder(file, file.stat().st_size) as folder:
-                plain = folder / file.stem
-                decompress_file(file, plain, self._sizes, self._on_read)
-                return self._open(plain, compressed=False)  # which no longer needs its name
-        opened: Database | McapFile
+        if mode != "file" and file.suffix != ZSTD:
+            opened = self._reader(file)
+            self._stack.callback(opened.close)
+            return opened
+        with scratch_folder(file, file.stat().st_size) as folder:
+            plain = folder / file.stem
+            self._unpack(file, plain)
+            return self._open(plain, "none")  # which no longer needs its name
+
+    def _unpack(self, file: Path, plain: Path) -> None:
+        decompress_file(file, plain, self._sizes, self._how.on_read)
+
+    def _reader(self, file: Path) -> Database | McapFile:
         if file.suffix == ".mcap":
-            opened = McapFile(file, self._limits, self._on_read, self._sizes)
+            opened = McapFile(file, self._how.limits, self._how.on_read, self._sizes)
             opened.check = True
-        else:
-            opened = Database(file, self._limits, self._on_read)
-        self._stack.callback(opened.close)
-        return opened
+            return opened
+        return Database(file, self._how.limits, self._how.on_read)
 
     def _sources(self, metadata: JsonMapping) -> list[TopicSource]:
         within = [file.sources() for file in self._files]
@@ -112,7 +115,7 @@ class Rosbag2Recording(Recording):
         if not self._compressed_messages or isinstance(data, RefusedBytes):
             return data
         try:
-            return decompress(bytes(data), "zstd", self._limits.message_bytes)
+            return decompress(bytes(data), "zstd", self._how.limits.message_bytes)
         except TooLargeError:
             return RefusedBytes()
 

@@ -6,10 +6,9 @@ from operator import attrgetter
 from pathlib import Path
 
 from bagassets.base.errors import RecordingError
-from bagassets.recipe.model import Limits
 from bagassets.recordings.merge_topics import latched_topics, merge_topics
-from bagassets.recordings.model import Format, RawMessage
-from bagassets.recordings.recording import Recording, merged
+from bagassets.recordings.model import RawMessage, RecordingFiles
+from bagassets.recordings.recording import How, Recording, merged
 from bagassets.recordings.topic import TopicSource
 from bagassets.store.canonical import digest_bytes
 
@@ -25,12 +24,10 @@ class SeriesRecording(Recording):
     Latched messages that a recorder repeated at the beginning of a part count once: whoever reads all parts has them already.
 
     Args:
-        path: where the whole drive would be.
-        file_format: of the parts.
-        parts: the files, in any order: messages are read in order of log time.
+        recording: the whole drive.
+        parts: those of its files that can be read, in any order: messages are read in order of log time.
         open_part: opens one.
-        message_definitions: folders of `.msg` files.
-        limits: of the recipe.
+        how: how they are opened.
 
     Raises:
         RecordingError: a part cannot be read.
@@ -38,12 +35,10 @@ class SeriesRecording(Recording):
 
     def __init__(
         self,
-        path: Path,
-        file_format: Format,
+        recording: RecordingFiles,
         parts: Sequence[Path],
         open_part: Callable[[Path], Recording],
-        message_definitions: Sequence[Path],
-        limits: Limits,
+        how: How,
     ) -> None:
         self._open_part = open_part
         self._checks_content = False
@@ -54,7 +49,9 @@ class SeriesRecording(Recording):
             sources = [one for number, part in enumerate(parts) for one in self._taken_in(number, part)]
             self._parts.sort()
             self._latched = latched_topics(sources)
-            super().__init__(path, file_format, merge_topics(path, sources, message_definitions, limits))
+            path = recording.path
+            topics = merge_topics(path, sources, how.message_definitions, how.limits)
+            super().__init__(path, recording.format, topics)
         except BaseException:
             self.close()
             raise

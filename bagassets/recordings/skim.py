@@ -18,7 +18,7 @@ from bagassets.recordings.layouts import Layout
 from bagassets.recordings.model import SkimmedPacket
 
 HEADER = "std_msgs/msg/Header"
-_HEADER_FIELDS = ["seq", "stamp", "frame_id"]
+HEADER_FIELDS = {"ros1": ["seq", "stamp", "frame_id"], "cdr": ["stamp", "frame_id"]}
 _FIRST = Struct("<4xiII")  # after the sequence number: seconds, nanoseconds, length of the frame id
 _STAMP = np.dtype([("seconds", "<i4"), ("nanoseconds", "<u4")])
 _STAMP_BEGIN, _STAMP_END = 4, 12
@@ -96,7 +96,10 @@ def packet_skimmer(layout: Layout, payloads: Sequence[str]) -> PacketSkimmer | N
     kinds = list(fields.values())
     if layout.serialization != "ros1" or len(kinds) < 2 or list(fields)[-1] != payload:
         return None
-    if kinds[0] != (Nodetype.NAME, HEADER) or [n for n, _ in layout.types[HEADER][1]] != _HEADER_FIELDS:
+    if (
+        kinds[0] != (Nodetype.NAME, HEADER)
+        or [n for n, _ in layout.types[HEADER][1]] != HEADER_FIELDS["ros1"]
+    ):
         return None
     if kinds[-1][0] != Nodetype.SEQUENCE or _fixed_size(kinds[-1][1][0]) != 1:
         return None

@@ -16,10 +16,11 @@ from rosbags.interfaces import Nodetype
 from bagassets.base.errors import DecodeError
 from bagassets.recipe.model import Limits
 from bagassets.recordings.elements import check_elements, fewest_bytes_of
+from bagassets.recordings.heads import first_head_of
 from bagassets.recordings.known_types import FieldType
 from bagassets.recordings.layouts import TF_NAMES, Choice, Layout, choice_of
 from bagassets.recordings.model import Definition, Message, Serialization, SkimmedPacket
-from bagassets.recordings.skim import HEADER, PacketSkimmer, SkimmedPackets, packet_skimmer
+from bagassets.recordings.skim import HEADER, HEADER_FIELDS, PacketSkimmer, SkimmedPackets, packet_skimmer
 
 UNKNOWN = "unknown"
 """The type of a channel without a schema."""
@@ -155,8 +156,10 @@ class Topic:
         if self._header_at == "none" or isinstance(data, RefusedBytes):
             return None
         try:
+            if self._header_at == "in an unusual header":
+                return first_head_of(self.decode(data))
             return _read_header(data, self.serialization, sequence=self._header_at != "begin")
-        except (struct.error, IndexError):
+        except (struct.error, IndexError, DecodeError):
             return None  # too short to hold a header
 
     def unstamped(self, data: bytes | memoryview) -> bytes | None:
@@ -263,19 +266,23 @@ class Topic:
         return choice_of(self.msgtype, self.serialization, self._own, self._folders, self._limits)
 
     @cached_property
-    def _header_at(self) -> Literal["none", "begin", "begin of first element"]:
-        """Where the header is in a message."""
+    def _header_at(self) -> Literal["none", "begin", "begin of first element", "in an unusual header"]:
+        """Where the header is in a message.
+
+        A recording may define `std_msgs/Header` as it likes: in ROS 1 without `seq`, say, if it was converted from ROS 2.
+        """
         layout = self.layout
         first = None if layout is None else _first_field(layout, self.msgtype)
         if layout is None or first is None:
             return "none"
-        if first == (Nodetype.NAME, HEADER) or self._begins_like_one(layout, self.msgtype):
-            return "begin"
-        if first[0] == Nodetype.SEQUENCE and first[1][0][0] == Nodetype.NAME:
-            inner = first[1][0][1]
-            if _first_field(layout, inner) == (Nodetype.NAME, HEADER) or self._begins_like_one(layout, inner):
-                return "begin of first element"
-        return "none"
+        elements = first[0] == Nodetype.SEQUENCE and first[1][0][0] == Nodetype.NAME
+        msgtype = first[1][0][1] if elements else self.msgtype
+        if _first_field(layout, msgtype) == (Nodetype.NAME, HEADER):
+            if [name for name, _ in layout.types[HEADER][1]] != HEADER_FIELDS.get(self.serialization):
+                return "in an unusual header"
+        elif not self._begins_like_one(layout, msgtype):
+            return "none"
+        return "begin of first element" if elements else "begin"
 
     def _begins_like_one(self, layout: Layout, msgtype: str) -> bool:
         """Tell whether a type begins with `timestamp` and the text of a frame, which in CDR are the bytes of a header."""

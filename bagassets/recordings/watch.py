@@ -22,8 +22,6 @@ from bagassets.recordings.digest_record import DigestIndex, digest_on_record, di
 from bagassets.recordings.discover import discover
 from bagassets.recordings.model import RecordingFiles
 
-__all__ = ["WatchEvent", "Watcher"]
-
 # However often it is woken, scanning takes at most this share of the time.
 _SCAN_SHARE = 0.1
 _SHORTEST_PAUSE_S = 0.5

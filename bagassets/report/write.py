@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from bagassets.base.atomic import write_atomically
 from bagassets.base.errors import DatasetError
+from bagassets.base.files import write_atomically
 
 
 def write_page(path: Path, page: str) -> int:
@@ -14,8 +14,7 @@ def write_page(path: Path, page: str) -> int:
     """
     data = page.encode()
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomically(path, data)
+        write_atomically(path, data, folders=True)
     except OSError as err:
         raise DatasetError(
             f"{path}: the page cannot be written ({err.strerror}); choose another place."

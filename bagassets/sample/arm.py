@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from bagassets.geometry.se3 import Floats
 from bagassets.recordings.model import Message
 from bagassets.sample.messages import Messages
-from bagassets.sample.schedule import Event, Make, event, merged
+from bagassets.sample.schedule import Event, image_message, merged, sensed
 
 JOINTS = tuple(f"joint_{number}" for number in range(1, 8))
 ELEMENTS = (*JOINTS, "gripper")
@@ -131,7 +131,7 @@ def _joints(truth: ArmTruth, topic: str, period_ns: int, end_ns: int) -> Iterato
         times_s = np.array([truth.seconds(stamp_ns)])
         values = truth.positions(times_s) if topic == STATES else truth.commands(times_s)
         make = partial(joint_state, stamp_ns, ELEMENTS, values[0])
-        yield event(stamp_ns + _LATENCY_NS, topic, _JOINT_STATE, make)
+        yield Event(stamp_ns + _LATENCY_NS, topic, _JOINT_STATE, make)
 
 
 def joint_state(stamp_ns: int, names: tuple[str, ...], values: Floats, messages: Messages) -> Message:
@@ -151,7 +151,7 @@ def _texts(truth: ArmTruth, duration_s: float) -> Iterator[Event]:
             (end_s, EPISODE, "end"),
         ):
             log_time_ns = truth.start_ns + round(time_s * 1e9)
-            yield event(log_time_ns, topic, _TEXT, partial(_text, text))
+            yield Event(log_time_ns, topic, _TEXT, partial(_text, text))
 
 
 def _text(text: str, messages: Messages) -> Message:
@@ -161,24 +161,14 @@ def _text(text: str, messages: Messages) -> Message:
 def _images(truth: ArmTruth, camera: str, end_ns: int) -> Iterator[Event]:
     number = 0
     while (stamp_ns := truth.image_stamp_ns(number)) <= end_ns:
-        yield image_event(truth, camera, number, stamp_ns)
+        yield _image_event(truth, camera, number, stamp_ns)
         number += 1
 
 
-def image_event(truth: ArmTruth, camera: str, number: int, stamp_ns: int) -> Event:
-    """Return the message of an image: JPEG of the workspace, and rgb8 of the wrist."""
-    image = truth.image(camera, number)
-    if camera == "workspace":
-        data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
-        make: Make = partial(
-            Messages.compressed_image, stamp_ns=stamp_ns, frame=camera, kind="jpeg", data=data
-        )
-        msgtype = "sensor_msgs/msg/CompressedImage"
-    else:
-        pixels = image[:, :, ::-1]
-        make = partial(Messages.image, stamp_ns=stamp_ns, frame=camera, encoding="rgb8", pixels=pixels)
-        msgtype = "sensor_msgs/msg/Image"
-    return event(stamp_ns + _IMAGE_LATENCY_NS, CAMERAS[camera], msgtype, make)
+def _image_event(truth: ArmTruth, camera: str, number: int, stamp_ns: int) -> Event:
+    encoding = "jpeg" if camera == "workspace" else "rgb8"
+    message = image_message(camera, encoding, stamp_ns, sensed(encoding, truth.image(camera, number)))
+    return Event(stamp_ns + _IMAGE_LATENCY_NS, CAMERAS[camera], *message)
 
 
 def _background(width: int, height: int, pose: Floats | None) -> NDArray[np.uint8]:

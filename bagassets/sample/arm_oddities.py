@@ -6,7 +6,7 @@ from bagassets.recordings.model import Message
 from bagassets.sample.arm import CAMERAS, COMMANDS, ELEMENTS, STATE_PERIOD_NS, STATES, TASK, ArmTruth
 from bagassets.sample.messages import Messages
 from bagassets.sample.oddities import edited, with_fields
-from bagassets.sample.schedule import Event, event
+from bagassets.sample.schedule import Event
 
 __all__ = ["ARM_ODDITIES", "CHANGE_AFTER_S", "LATE_S", "OTHER_TASK"]
 
@@ -67,7 +67,7 @@ def _task_changes(events: Iterator[Event], _truth: ArmTruth) -> Iterator[Event]:
             yield waiting.pop(0)
         yield one
         if one.topic == TASK:
-            said = event(one.log_time_ns + round(LATE_S * 1e9), TASK, one.msgtype, _other_task)
+            said = Event(one.log_time_ns + round(LATE_S * 1e9), TASK, one.msgtype, _other_task)
             waiting.append(said)
 
 

@@ -4,12 +4,14 @@ The same seed and profile give the same drive in every format: the messages have
 and the same stamps.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from math import inf
 from pathlib import Path
+from typing import TypeVar
 
 from bagassets.sample.arm import ArmTruth, arm_events
 from bagassets.sample.arm_oddities import ARM_ODDITIES
@@ -20,6 +22,8 @@ from bagassets.sample.schedule import Event, drive_events
 from bagassets.sample.throughput import throughput_cameras, throughput_events
 from bagassets.sample.truth import Truth
 from bagassets.sample.world import World
+
+W = TypeVar("W", bound=Truth | ArmTruth)
 
 # The first drive begins on Sunday, 15 June 2025, 15:06:40 UTC; each further seed begins an hour later.
 FIRST_START_NS, HOUR_NS = 1_750_000_000_000_000_000, 3_600_000_000_000
@@ -96,11 +100,10 @@ def write_recordings(
     make_cameras = throughput_cameras if kind.throughput else cameras
     rig = {camera.channel: camera for camera in make_cameras(kind.width, kind.height)}
     truth = Truth(World(seed), drive_start_ns(seed), rig)
-    length_s = kind.duration_s if duration_s is None else duration_s
-    events = throughput_events(truth, seed, length_s) if kind.throughput else drive_events(truth, length_s)
-    for name in odd:
-        events = ODDITIES[name](events, truth)
-    _write(targets, events, truth.seconds, length_s, progress)
+    make_events = partial(throughput_events, seed=seed) if kind.throughput else drive_events
+    _write(
+        targets, make_events, [ODDITIES[name] for name in odd], truth, duration_s or kind.duration_s, progress
+    )
     return truth
 
 
@@ -115,22 +118,29 @@ def write_arm_recordings(
     """Write recordings of the sample arm, and return its ground truth; as `write_recordings`, with `ARM_ODDITIES`."""
     kind = PROFILES[profile]
     truth = ArmTruth(seed, drive_start_ns(seed), kind.width, kind.height)
-    length_s = kind.duration_s if duration_s is None else duration_s
-    events = arm_events(truth, length_s)
-    for name in odd:
-        events = ARM_ODDITIES[name](events, truth)
-    _write(targets, events, truth.seconds, length_s, progress)
+    _write(
+        targets,
+        arm_events,
+        [ARM_ODDITIES[name] for name in odd],
+        truth,
+        duration_s or kind.duration_s,
+        progress,
+    )
     return truth
 
 
 def _write(
     targets: Iterable[Target],
-    events: Iterable[Event],
-    seconds: Callable[[int], float],
+    make_events: Callable[[W, float], Iterator[Event]],
+    odd: Iterable[Callable[[Iterator[Event], W], Iterator[Event]]],
+    truth: W,
     length_s: float,
     progress: Callable[[float], None],
 ) -> None:
-    """Write events to all targets; `seconds` tells the time since the start of a log time."""
+    """Write the events of a world to all targets."""
+    events = make_events(truth, length_s)
+    for oddity in odd:
+        events = oddity(events, truth)
     with ExitStack() as stack:
         recorders = []
         for one in targets:
@@ -139,8 +149,10 @@ def _write(
                 path = one.path if one.parts == 1 else one.path.with_stem(f"{one.path.stem}_{number}")
                 recorders.append((begin_s, end_s, open_recorder(path, one.format, one.compression, stack)))
         for event in events:
-            time_s = seconds(event.log_time_ns)
+            time_s = truth.seconds(event.log_time_ns)
             for begin_s, end_s, recorder in recorders:
                 if begin_s <= time_s < end_s:
-                    recorder.write_raw(event.topic, event.msgtype, event.log_time_ns, event.payload(recorder))
+                    recorder.write(
+                        event.topic, event.msgtype, event.log_time_ns, event.make(recorder.messages)
+                    )
             progress(time_s)

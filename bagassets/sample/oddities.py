@@ -17,59 +17,55 @@ from bagassets.recordings.model import Message
 from bagassets.sample.messages import Messages
 from bagassets.sample.render import CameraView, radar_targets
 from bagassets.sample.rig import EGO_SE3_LIDAR, Camera
-from bagassets.sample.schedule import CAMERA_LATENCY_NS, LATENCY_NS, Event, Make, camera_image, event, merged
+from bagassets.sample.schedule import (
+    CAMERA_LATENCY_NS,
+    LATENCY_NS,
+    Event,
+    Make,
+    camera_events,
+    merged,
+    sensed,
+)
 from bagassets.sample.truth import Truth
-
-__all__ = [
-    "APART_M",
-    "BOOTED_NS",
-    "EGO_SE3_TURNED_RADAR",
-    "ODDITIES",
-    "SET_AFTER_NS",
-    "SET_BACK_NS",
-    "UNTIMED",
-    "rectified",
-]
 
 # --- the stream of messages -----------------------------------------------------------------
 
 # Gets events in the order of their log times, and yields them in that order.
-Oddity = Callable[[Iterator[Event], Truth], Iterator[Event]]
+_Oddity = Callable[[Iterator[Event], Truth], Iterator[Event]]
 # (factory, message, its number on the topic) -> the message to record.
-Edit = Callable[[Messages, Message, int], Message]
+_Edit = Callable[[Messages, Message, int], Message]
 # What another clock says at a time.
-Clock = Callable[[int], int]
+_Clock = Callable[[int], int]
 
 
-def edited(events: Iterator[Event], topics: Collection[str], edit: Edit) -> Iterator[Event]:
+def edited(events: Iterator[Event], topics: Collection[str], edit: _Edit) -> Iterator[Event]:
     """Yield all events, with those of some topics edited; times, topics and types stay."""
     numbers = dict.fromkeys(topics, 0)
     for one in events:
-        if one.topic not in numbers or one.make is None:
+        if one.topic not in numbers:
             yield one
             continue
         number, make = numbers[one.topic], one.make
         numbers[one.topic] += 1
-        yield event(one.log_time_ns, one.topic, one.msgtype, partial(_edit, edit, make, number))
+        yield Event(one.log_time_ns, one.topic, one.msgtype, partial(_edit, edit, make, number))
 
 
-def _editing(topic: str, edit: Edit) -> Oddity:
+def _editing(topic: str, edit: _Edit) -> _Oddity:
     """Return the oddity that the messages of a topic are edited."""
     return lambda events, _truth: edited(events, {topic}, edit)
 
 
-def _edit(edit: Edit, make: Make, number: int, messages: Messages) -> Message:
+def _edit(edit: _Edit, make: Make, number: int, messages: Messages) -> Message:
     return edit(messages, make(messages), number)
 
 
-def on_clock(events: Iterator[Event], clock: Clock) -> Iterator[Event]:
+def _on_clock(events: Iterator[Event], clock: _Clock) -> Iterator[Event]:
     """Yield events as on another clock: their log times, and the stamps in their messages."""
     for one in events:
-        if one.make is not None:
-            yield event(clock(one.log_time_ns), one.topic, one.msgtype, partial(_stamped, clock, one.make))
+        yield Event(clock(one.log_time_ns), one.topic, one.msgtype, partial(_stamped, clock, one.make))
 
 
-def _stamped(clock: Clock, make: Make, messages: Messages) -> Message:
+def _stamped(clock: _Clock, make: Make, messages: Messages) -> Message:
     message = make(messages)
     parts = getattr(message, "transforms", [message, *getattr(message, "detections", ())])
     for header in {id(part.header): part.header for part in parts}.values():  # some share one
@@ -101,14 +97,13 @@ def _projection_only(events: Iterator[Event], truth: Truth) -> Iterator[Event]:
     views = {name: CameraView(truth.world, camera) for name, camera in cameras.items()}
     for one in events:
         name, _, topic = one.topic[1:].partition("/")
-        stamp_ns = one.log_time_ns - CAMERA_LATENCY_NS
         if name not in cameras:
             yield one
         elif topic == "camera_info":
-            yield event(one.log_time_ns, one.topic, one.msgtype, partial(_only_p, stamp_ns, cameras[name]))
-        else:
-            image = views[name].image(truth.seconds(stamp_ns))
-            yield event(one.log_time_ns, *camera_image(cameras[name], stamp_ns, image))
+            camera, stamp_ns = cameras[name], one.log_time_ns - CAMERA_LATENCY_NS
+            image = sensed(camera.encoding, views[name].image(truth.seconds(stamp_ns)))
+            info, picture = camera_events(camera, stamp_ns, image)
+            yield from (replace(info, make=partial(_only_p, stamp_ns, camera)), picture)
 
 
 def _only_p(stamp_ns: int, camera: Camera, messages: Messages) -> Message:
@@ -119,16 +114,16 @@ def _only_p(stamp_ns: int, camera: Camera, messages: Messages) -> Message:
 
 # --- lidars: times of points, and what is sent where nothing was hit ------------------------
 
-Columns = dict[str, NDArray[Any]]
+_Columns = dict[str, NDArray[Any]]
 # (columns of a cloud, its header stamp, its number) -> the columns to record.
-Change = Callable[[Columns, int, int], Columns]
+_Change = Callable[[_Columns, int, int], _Columns]
 
 UNTIMED = slice(50, 90)
 """Points whose times are spoilt, where some are."""
 _UPTIME_NS = 3_298_372_665_000
 
 
-def _clouds(change: Change) -> Oddity:
+def _clouds(change: _Change) -> _Oddity:
     def edit(messages: Messages, cloud: Message, number: int) -> Message:
         header_ns, frame = stamp_and_frame(cloud.header)
         columns = {name: values[0].copy() for name, values in point_fields(cloud).items()}
@@ -141,25 +136,25 @@ def _clouds(change: Change) -> Oddity:
     return _editing("/lidar_top/points", edit)
 
 
-def _dated(columns: Columns, header_ns: int, _number: int) -> Columns:
+def _dated(columns: _Columns, header_ns: int, _number: int) -> _Columns:
     dates_s = (header_ns + columns.pop("t").astype(np.int64)) / 1e9
     return columns | {"timestamp": dates_s}
 
 
-def _with_zeros(columns: Columns, header_ns: int, number: int) -> Columns:
+def _with_zeros(columns: _Columns, header_ns: int, number: int) -> _Columns:
     dated = _dated(columns, header_ns, number)
     dated["timestamp"][UNTIMED] = 0.0
     return dated
 
 
-def _with_garbage(columns: Columns, _header_ns: int, number: int) -> Columns:
+def _with_garbage(columns: _Columns, _header_ns: int, number: int) -> _Columns:
     if number in {0, 3, 4, 5}:
         columns["t"][UNTIMED] = 1_100_000_000 if number else 3_604_361_924
     return columns
 
 
 def _uptime(events: Iterator[Event], truth: Truth) -> Iterator[Event]:
-    def tell(columns: Columns, header_ns: int, _number: int) -> Columns:
+    def tell(columns: _Columns, header_ns: int, _number: int) -> _Columns:
         since_start_ns = header_ns - truth.start_ns + columns["t"].astype(np.int64)
         return columns | {"t": (_UPTIME_NS + since_start_ns).astype(np.float64)}
 
@@ -168,19 +163,19 @@ def _uptime(events: Iterator[Event], truth: Truth) -> Iterator[Event]:
 
 def _simulated(events: Iterator[Event], truth: Truth) -> Iterator[Event]:
     """All clocks start at 0, that of the recorder, too, and points tell seconds of it."""
-    return _clouds(_dated)(on_clock(events, lambda at_ns: at_ns - truth.start_ns), truth)
+    return _clouds(_dated)(_on_clock(events, lambda at_ns: at_ns - truth.start_ns), truth)
 
 
 # --- radars: what velocities are, of one that looks half to the left from the left corner ---
 
 EGO_SE3_TURNED_RADAR = SE3((cos(0.4), 0.0, 0.0, sin(0.4)), (3.4, 0.7, 0.5))
 
-Targets = list[dict[str, float]]
+_Targets = list[dict[str, float]]
 _TOPIC, _FRAME = "/radar_front/points", "radar_front"
 _PLACE = ("x", "y", "z", "rcs")
 
 
-def _turned(msgtype: str, make: Callable[[int, Targets, Messages], Message]) -> Oddity:
+def _turned(msgtype: str, make: Callable[[int, _Targets, Messages], Message]) -> _Oddity:
     """Return the oddity of a turned radar that sees buildings, too, and sends these messages."""
 
     def oddity(events: Iterator[Event], truth: Truth) -> Iterator[Event]:
@@ -190,7 +185,7 @@ def _turned(msgtype: str, make: Callable[[int, Targets, Messages], Message]) -> 
                 targets = radar_targets(
                     truth.world, truth.seconds(stamp_ns), EGO_SE3_TURNED_RADAR, buildings=True
                 )
-                yield event(one.log_time_ns, _TOPIC, msgtype, partial(make, stamp_ns, targets))
+                yield Event(one.log_time_ns, _TOPIC, msgtype, partial(make, stamp_ns, targets))
             else:
                 yield one
 
@@ -205,14 +200,14 @@ def _turn(messages: Messages, message: Message, _number: int) -> Message:
     return message
 
 
-def _cloud(suffix: str, stamp_ns: int, targets: Targets, messages: Messages) -> Message:
+def _cloud(suffix: str, stamp_ns: int, targets: _Targets, messages: Messages) -> Message:
     """Return a cloud with one kind of velocities, under the names that say nothing about it."""
     kind = [(name, "<f4") for name in (*_PLACE, "vx", "vy")]
     names = (*_PLACE, f"vx{suffix}", f"vy{suffix}")
     return messages.cloud(stamp_ns, _FRAME, np.array([tuple(map(one.get, names)) for one in targets], kind))
 
 
-def _scan(stamp_ns: int, targets: Targets, messages: Messages) -> Message:
+def _scan(stamp_ns: int, targets: _Targets, messages: Messages) -> Message:
     returns = []
     for one in targets:
         x, y, z = (one[axis] for axis in "xyz")
@@ -237,13 +232,13 @@ _STRAY_DEG, _APART_M, _LATER_NS = 4.6, 0.29, 7_000_000
 def _clock_set_late(events: Iterator[Event], truth: Truth) -> Iterator[Event]:
     """The clock of the recorder, and of all drivers, starts in 1970 and is set after 2 s."""
     set_ns = truth.start_ns + SET_AFTER_NS
-    return on_clock(events, lambda at_ns: at_ns if at_ns >= set_ns else at_ns - truth.start_ns + BOOTED_NS)
+    return _on_clock(events, lambda at_ns: at_ns if at_ns >= set_ns else at_ns - truth.start_ns + BOOTED_NS)
 
 
 def _clock_set_back(events: Iterator[Event], truth: Truth) -> Iterator[Event]:
     """After 2 s, the clock is set back by half a second, so that this half second is recorded twice."""
     set_ns = truth.start_ns + SET_AFTER_NS
-    return on_clock(events, lambda at_ns: at_ns if at_ns < set_ns else at_ns - SET_BACK_NS)
+    return _on_clock(events, lambda at_ns: at_ns if at_ns < set_ns else at_ns - SET_BACK_NS)
 
 
 def _stray_fix(_: Messages, fix: Message, number: int) -> Message:
@@ -262,7 +257,7 @@ def _two_publishers(events: Iterator[Event], truth: Truth) -> Iterator[Event]:
     """Another node publishes on /odom, 0.29 m to the side."""
     first, second = tee(events)
     moved = edited((one for one in second if one.topic == "/odom"), ["/odom"], partial(_aside, truth))
-    return merged(first, on_clock(moved, lambda at_ns: at_ns + _LATER_NS))
+    return merged(first, _on_clock(moved, lambda at_ns: at_ns + _LATER_NS))
 
 
 def _aside(truth: Truth, _: Messages, odometry: Message, _number: int) -> Message:
@@ -273,7 +268,7 @@ def _aside(truth: Truth, _: Messages, odometry: Message, _number: int) -> Messag
     return odometry
 
 
-def _with_edge(parent: str, child: str, parent_SE3_child: SE3) -> Oddity:
+def _with_edge(parent: str, child: str, parent_SE3_child: SE3) -> _Oddity:
     """Return the oddity that a static transform is sent besides all others, at the same time."""
 
     def edit(messages: Messages, message: Message, _number: int) -> Message:
@@ -318,7 +313,7 @@ def _moved(_messages: Messages, message: Message, _number: int) -> Message:
     return message
 
 
-ODDITIES: dict[str, Oddity] = {
+ODDITIES: dict[str, _Oddity] = {
     "dates-with-zeros": _clouds(_with_zeros),
     "garbage-times": _clouds(_with_garbage),
     "uptime": _uptime,

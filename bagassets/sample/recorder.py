@@ -106,23 +106,31 @@ class _Ros2Recorder(_RosbagsRecorder):
         self._writer = stack.enter_context(writer)
 
 
-class _McapRecorder(Recorder):
-    def __init__(self, path: Path, compression: Compression, stack: ExitStack) -> None:
+class McapRecorder(Recorder):
+    """An MCAP, of ROS 2 unless its messages are converted."""
+
+    def __init__(
+        self, path: Path, compression: Compression, stack: ExitStack, *, profile: str = "ros2"
+    ) -> None:
         super().__init__(ros1=False)
         stream = stack.enter_context(path.open("xb"))
         self._writer = McapWriter(stream, compression=CompressionType[compression.upper()])
-        self._writer.start(profile="ros2", library="bagassets sample")
+        self._writer.start(profile=profile, library="bagassets sample")
         stack.callback(self._writer.finish)
         self._schemas: dict[str, int] = {}
 
     def _add(self, topic: str, msgtype: str) -> Callable[[int, bytes | bytearray], None]:
-        if msgtype not in self._schemas:
-            definition, _ = self.messages.store.generate_msgdef(msgtype, ros_version=2)
-            self._schemas[msgtype] = self._writer.register_schema(msgtype, "ros2msg", definition.encode())
-        channel = self._writer.register_channel(topic, "cdr", self._schemas[msgtype])
+        channel = self._channel(topic, msgtype)
         return lambda log_time_ns, data: self._writer.add_message(
             channel, log_time_ns, bytes(data), log_time_ns
         )
+
+    def _channel(self, topic: str, msgtype: str) -> int:
+        """Register a topic, and its type if it is new; return its channel."""
+        if msgtype not in self._schemas:
+            definition, _ = self.messages.store.generate_msgdef(msgtype, ros_version=2)
+            self._schemas[msgtype] = self._writer.register_schema(msgtype, "ros2msg", definition.encode())
+        return self._writer.register_channel(topic, "cdr", self._schemas[msgtype])
 
 
 def _foxglove(path: Path, compression: Compression, stack: ExitStack) -> Recorder:
@@ -134,7 +142,7 @@ def _foxglove(path: Path, compression: Compression, stack: ExitStack) -> Recorde
 _RECORDERS: dict[RecordingFormat, Callable[[Path, Compression, ExitStack], Recorder]] = {
     "ros1": _Ros1Recorder,
     "ros2": _Ros2Recorder,
-    "mcap": _McapRecorder,
+    "mcap": McapRecorder,
     "foxglove": _foxglove,
 }
 

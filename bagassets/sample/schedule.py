@@ -17,7 +17,6 @@ from bagassets.geometry.se3 import SE3, quaternion_multiply, rotate
 from bagassets.geometry.wgs84 import LocalFrame
 from bagassets.recordings.model import Message
 from bagassets.sample.messages import Messages
-from bagassets.sample.recorder import Recorder
 from bagassets.sample.render import CameraView, lidar_points, radar_targets
 from bagassets.sample.rig import EGO_SE3_LIDAR, EGO_SE3_RADAR, LIDAR, RADAR, Camera
 from bagassets.sample.truth import Truth
@@ -44,26 +43,13 @@ class Event:
         log_time_ns: when it is logged.
         topic: its topic.
         msgtype: `pkg/msg/Type`.
-        payload: gives the serialized message for a recorder.
-        make: gives the message itself; None for the serialized messages of the profile `tas`.
+        make: gives the message itself.
     """
 
     log_time_ns: int
     topic: str
     msgtype: str
-    payload: Callable[[Recorder], bytes | bytearray]
-    make: Make | None = None
-
-
-def event(log_time_ns: int, topic: str, msgtype: str, make: Make) -> Event:
-    """Return the event of a message that `make` makes."""
-    return Event(
-        log_time_ns,
-        topic,
-        msgtype,
-        lambda recorder: recorder.serialize(msgtype, make(recorder.messages)),
-        make,
-    )
+    make: Make
 
 
 def merged(*streams: Iterator[Event]) -> Iterator[Event]:
@@ -92,7 +78,7 @@ def motion_events(truth: Truth, end_ns: int) -> Iterator[Event]:
     """Yield where the car is and where its sensors sit: TF, odometry, GNSS and IMU."""
     periodic, tf = partial(_periodic, truth, end_ns), "tf2_msgs/msg/TFMessage"
     return merged(
-        iter([event(truth.start_ns, "/tf_static", tf, partial(_mounts, truth))]),
+        iter([Event(truth.start_ns, "/tf_static", tf, partial(_mounts, truth))]),
         periodic(20 * _MS, "/odom", "nav_msgs/msg/Odometry", partial(_odometry, truth)),
         periodic(
             20 * _MS, "/tf", tf, lambda at_ns: _edge(at_ns, "odom", "base_link", truth.odom_SE3_ego(at_ns))
@@ -117,7 +103,7 @@ def _periodic(
 ) -> Iterator[Event]:
     """Yield the messages of a topic, one a period up to and with the end; `make_at` takes the header stamp of each."""
     for stamp_ns in range(truth.start_ns, end_ns + 1, period_ns):
-        yield event(stamp_ns + latency_ns, topic, msgtype, make_at(stamp_ns))
+        yield Event(stamp_ns + latency_ns, topic, msgtype, make_at(stamp_ns))
 
 
 def _mounts(truth: Truth, messages: Messages) -> Message:
@@ -178,29 +164,38 @@ def _boxes(truth: Truth, stamp_ns: int) -> Make:
 def _camera(truth: Truth, camera: Camera, number: int, end_ns: int) -> Iterator[Event]:
     view = CameraView(truth.world, camera)
     for stamp_ns in range(truth.start_ns + (10 + 5 * number) * _MS, end_ns + 1, 100 * _MS):
-        log_time_ns = stamp_ns + CAMERA_LATENCY_NS
-        info = partial(Messages.camera_info, stamp_ns=stamp_ns, camera=camera)
-        yield event(log_time_ns, f"/{camera.name}/camera_info", "sensor_msgs/msg/CameraInfo", info)
-        topic, msgtype, make = camera_image(camera, stamp_ns, view.image(truth.seconds(stamp_ns)))
-        yield event(log_time_ns, topic, msgtype, make)
+        yield from camera_events(
+            camera, stamp_ns, sensed(camera.encoding, view.image(truth.seconds(stamp_ns)))
+        )
 
 
-def camera_image(camera: Camera, stamp_ns: int, image_bgr: NDArray[np.uint8]) -> tuple[str, str, Make]:
-    """Return topic, type and message of an image as its camera records it."""
-    topic, frame = f"/{camera.name}/image_raw", camera.frame
-    if camera.encoding == "jpeg":
-        data = cv2.imencode(".jpg", image_bgr, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
-        make = partial(Messages.compressed_image, stamp_ns=stamp_ns, frame=frame, kind="jpeg", data=data)
-        return f"{topic}/compressed", "sensor_msgs/msg/CompressedImage", make
-    pixels = mosaic(image_bgr) if camera.encoding.startswith("bayer") else image_bgr[:, :, ::-1]
-    encoding = camera.encoding
-    image = partial(Messages.image, stamp_ns=stamp_ns, frame=frame, encoding=encoding, pixels=pixels)
-    return topic, "sensor_msgs/msg/Image", image
+def camera_events(camera: Camera, stamp_ns: int, recorded: NDArray[np.uint8]) -> Iterator[Event]:
+    """Yield the calibration of a camera and an image, which is as of `sensed`."""
+    info = partial(Messages.camera_info, stamp_ns=stamp_ns, camera=camera)
+    log_time_ns, below = stamp_ns + CAMERA_LATENCY_NS, f"/{camera.name}"
+    yield Event(log_time_ns, f"{below}/camera_info", "sensor_msgs/msg/CameraInfo", info)
+    topic = f"{below}/image_raw" + ("/compressed" if camera.encoding == "jpeg" else "")
+    yield Event(log_time_ns, topic, *image_message(camera.frame, camera.encoding, stamp_ns, recorded))
 
 
-def mosaic(image_bgr: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return what a sensor with an RGGB filter records of an image (H, W, 3): (H, W)."""
+def sensed(encoding: str, image_bgr: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return what messages of an encoding hold of an image (H, W, 3): a mosaic (H, W), RGB (H, W, 3), or a JPEG file (N,)."""
+    if encoding == "jpeg":
+        return np.asarray(cv2.imencode(".jpg", image_bgr, [cv2.IMWRITE_JPEG_QUALITY, 95])[1], np.uint8)
+    if not encoding.startswith("bayer"):
+        return image_bgr[:, :, ::-1]
     raw = image_bgr[:, :, 1].copy()
     raw[0::2, 0::2] = image_bgr[0::2, 0::2, 2]
     raw[1::2, 1::2] = image_bgr[1::2, 1::2, 0]
     return raw
+
+
+def image_message(frame: str, encoding: str, stamp_ns: int, recorded: NDArray[np.uint8]) -> tuple[str, Make]:
+    """Return type and message of an image, which is as of `sensed`."""
+    if encoding == "jpeg":
+        make = partial(
+            Messages.compressed_image, stamp_ns=stamp_ns, frame=frame, kind=encoding, data=recorded.tobytes()
+        )
+        return "sensor_msgs/msg/CompressedImage", make
+    image = partial(Messages.image, stamp_ns=stamp_ns, frame=frame, encoding=encoding, pixels=recorded)
+    return "sensor_msgs/msg/Image", image

@@ -6,7 +6,7 @@ stamps, poses and calibration are true at all times, pictures and points are tho
 half second. Sensor noise is drawn per image of the cycle, so that JPEG works as hard as on real ones.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -21,10 +21,9 @@ from bagassets.geometry.kernels.returns import BANK_FLAGS, PACKET
 from bagassets.geometry.se3 import Floats
 from bagassets.recordings.model import Message
 from bagassets.sample.messages import Messages
-from bagassets.sample.recorder import Recorder
 from bagassets.sample.render import CameraView, cast_from
 from bagassets.sample.rig import EGO_SE3_LIDAR, Camera, cameras, rear_camera
-from bagassets.sample.schedule import CAMERA_LATENCY_NS, Event, event, merged, mosaic, motion_events
+from bagassets.sample.schedule import Event, camera_events, merged, motion_events, sensed
 from bagassets.sample.truth import Truth
 from bagassets.sample.world import World
 
@@ -47,7 +46,7 @@ def throughput_cameras(width: int, height: int) -> list[Camera]:
     return [replace(camera, encoding="bayer_rggb8") for camera in rig]
 
 
-def throughput_events(truth: Truth, seed: int, duration_s: float) -> Iterator[Event]:
+def throughput_events(truth: Truth, duration_s: float, seed: int) -> Iterator[Event]:
     """Yield all messages of a drive, in the order of their log times."""
     end_ns = truth.start_ns + round(duration_s * 1e9)
     streams = [motion_events(truth, end_ns), _lidar(truth, end_ns)]
@@ -57,43 +56,14 @@ def throughput_events(truth: Truth, seed: int, duration_s: float) -> Iterator[Ev
     return merged(*streams)
 
 
-class _Template:
-    """A message that is serialized once per ROS version and then only stamped again."""
-
-    def __init__(self, msgtype: str, make: Callable[[Messages], Message]) -> None:
-        self._msgtype = msgtype
-        self._make = make
-        self._made: dict[bool, bytearray] = {}
-
-    def stamped(self, recorder: Recorder, stamp_ns: int) -> bytearray:
-        """Return the message with another header stamp; valid until the next call."""
-        ros1 = recorder.messages.ros1
-        if ros1 not in self._made:
-            self._made[ros1] = bytearray(recorder.serialize(self._msgtype, self._make(recorder.messages)))
-        data = self._made[ros1]
-        # Behind the sequence number of ROS 1, or the encapsulation header of CDR: four bytes both.
-        data[4:12] = np.array([stamp_ns // 10**9, stamp_ns % 10**9], "<u4").tobytes()
-        return data
-
-
 def _camera(truth: Truth, camera: Camera, number: int, seed: int, end_ns: int) -> Iterator[Event]:
-    msgtype = "sensor_msgs/msg/Image"
-    templates = [
-        _Template(
-            msgtype,
-            partial(
-                Messages.image, stamp_ns=0, frame=camera.frame, encoding=camera.encoding, pixels=mosaic(image)
-            ),
-        )
+    images = [
+        sensed(camera.encoding, image)
         for image in _images(truth.world, camera, np.random.default_rng([seed, number]))
     ]
     first_ns = truth.start_ns + (10 + 5 * number) * 1_000_000
     for count, stamp_ns in enumerate(range(first_ns, end_ns + 1, PERIOD_NS)):
-        log_time_ns = stamp_ns + CAMERA_LATENCY_NS
-        info = partial(Messages.camera_info, stamp_ns=stamp_ns, camera=camera)
-        yield event(log_time_ns, f"/{camera.name}/camera_info", "sensor_msgs/msg/CameraInfo", info)
-        payload = partial(_Template.stamped, templates[count % _CYCLE], stamp_ns=stamp_ns)
-        yield Event(log_time_ns, f"/{camera.name}/image_raw", msgtype, payload)
+        yield from camera_events(camera, stamp_ns, images[count % _CYCLE])
 
 
 def _images(world: World, camera: Camera, dice: np.random.Generator) -> Iterator[NDArray[np.uint8]]:
@@ -117,32 +87,22 @@ def _images(world: World, camera: Camera, dice: np.random.Generator) -> Iterator
 
 
 def _lidar(truth: Truth, end_ns: int) -> Iterator[Event]:
-    msgtype = "velodyne_msgs/msg/VelodyneScan"
-    revolutions = []
-    for count in range(_CYCLE):
-        packets = packets_of_revolution(truth.world, count * PERIOD_NS * 1e-9)
-        payloads = packets.view(np.uint8).reshape(PACKETS, PACKET.itemsize)
-        make = partial(Messages.velodyne_scan, frame="lidar_top", stamps_ns=[0] * PACKETS, packets=payloads)
-        revolutions.append(_Template(msgtype, make))
+    revolutions = [packets_of_revolution(truth.world, count * PERIOD_NS * 1e-9) for count in range(_CYCLE)]
     for count, stamp_ns in enumerate(range(truth.start_ns, end_ns + 1 - PERIOD_NS, PERIOD_NS)):
-        payload = partial(_stamped_scan, template=revolutions[count % _CYCLE], stamp_ns=stamp_ns)
-        yield Event(stamp_ns + PERIOD_NS + 5_000_000, "/lidar_top/velodyne_packets", msgtype, payload)
+        yield Event(
+            stamp_ns + PERIOD_NS + 5_000_000,
+            "/lidar_top/velodyne_packets",
+            "velodyne_msgs/msg/VelodyneScan",
+            partial(_scan, stamp_ns=stamp_ns, packets=revolutions[count % _CYCLE]),
+        )
 
 
-def _stamped_scan(recorder: Recorder, template: _Template, stamp_ns: int) -> bytearray:
-    """Stamp a scan, each of its packets, and the lidar's own clock in them."""
-    data = template.stamped(recorder, stamp_ns)
-    # CDR aligns the stamp of each packet to four bytes; nothing follows the last one.
-    stride = 8 + PACKET.itemsize + (0 if recorder.messages.ros1 else 2)
-    base = len(data) - (PACKETS - 1) * stride - (8 + PACKET.itemsize)
-    whole = np.frombuffer(data, np.uint8)
+def _scan(messages: Messages, stamp_ns: int, packets: NDArray[np.void]) -> Message:
+    """Return a revolution, with stamps and the lidar's own clock in its packets."""
     times_ns = stamp_ns + np.arange(PACKETS) * PACKET_NS
-    heads = np.stack([times_ns // 10**9, times_ns % 10**9], axis=1).astype("<u4").view(np.uint8)
-    clock_us = (times_ns // 1000 % 3_600_000_000).astype("<u4").view(np.uint8).reshape(PACKETS, 4)
-    starts = base + np.arange(PACKETS)[:, None] * stride
-    whole[starts + np.arange(8)] = heads
-    whole[starts + 8 + (PACKET.itemsize - 6) + np.arange(4)] = clock_us
-    return data
+    packets["us"] = times_ns // 1000 % 3_600_000_000
+    payloads = packets.view(np.uint8).reshape(PACKETS, PACKET.itemsize)
+    return messages.velodyne_scan("lidar_top", times_ns.tolist(), payloads)
 
 
 def packets_of_revolution(world: World, start_s: float) -> NDArray[np.void]:

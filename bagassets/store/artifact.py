@@ -2,7 +2,6 @@
 
 import io
 import json
-import os
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bagassets.base import files
 from bagassets.base.errors import StoreError
 from bagassets.base.json_types import Json, JsonObject
 from bagassets.store.canonical import canonical_json, digest_bytes
@@ -129,7 +129,7 @@ class ArtifactWriter:
         self._entries: dict[str, FileEntry] = {}
         self._made: set[Path] = set()
         self._lock = threading.Lock()
-        self._files.mkdir(parents=True)
+        files.make_folder(self._files, new=True)
 
     @property
     def scratch(self) -> Path:
@@ -150,13 +150,9 @@ class ArtifactWriter:
             self._entries[relative] = entry
         with writing(path):
             if path.parent not in self._made:
-                path.parent.mkdir(parents=True, exist_ok=True)
+                files.make_folder(path.parent)
                 self._made.add(path.parent)
-            # Read-only, since datasets have hard links to it.
-            with open(
-                path, "xb", opener=lambda name, flags: os.open(name, flags | os.O_CLOEXEC, 0o444)
-            ) as file:
-                file.write(data)
+            files.write(path, data, new=True, mode=0o444)  # read-only, since datasets have hard links to it
         return entry
 
     def write_json(self, relative: str, value: object, *, indent: int | None = 1) -> FileEntry:
@@ -175,10 +171,10 @@ class ArtifactWriter:
     def finish(self, summary: JsonObject) -> str:
         """Write the manifest and return the digest of the artifact."""
         entries = [self._entries[name] for name in sorted(self._entries)]
-        files = [{"path": e.path, "size": e.size, "digest": e.digest} for e in entries]
-        manifest = canonical_json({"files": files, "summary": summary})
+        rows = [{"path": e.path, "size": e.size, "digest": e.digest} for e in entries]
+        manifest = canonical_json({"files": rows, "summary": summary})
         with writing(self._folder):
-            (self._folder / MANIFEST).write_bytes(manifest)
+            files.write(self._folder / MANIFEST, manifest)
             for name in (self._files, self._folder):
                 name.chmod(0o755)
         return digest_bytes(manifest)

@@ -7,7 +7,6 @@ that mark for the last time; so neither can overlook the other.
 
 import json
 import os
-import shutil
 import socket
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
@@ -15,10 +14,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from uuid import uuid4
 
+from bagassets.base import files
 from bagassets.base.errors import StoreError
 from bagassets.store.store import Store
-
-__all__ = ["Collected", "Garbage", "collect", "find_garbage"]
 
 # An artifact without any record may be about to get one.
 _UNRECORDED_S = 86400.0
@@ -117,19 +115,18 @@ def find_garbage(
 
 def collect(store: Store, garbage: Collection[Garbage], now_s: float) -> Collected:
     """Remove leftovers of killed processes and garbage, except what a build began to use since it was found."""
-    collected = Collected()
-    for entry in garbage:
-        if _forget(entry) and _remove(store, entry):
-            collected.removed.append(entry)
-        else:
-            collected.spared += 1
+    forgotten = [entry for entry in garbage if _forget(entry)]
+    for folder in {record.parent for entry in forgotten for record in entry.records}:
+        files.sync_folder(folder)  # a crash must leave no record without its artifact
+    removed = [entry for entry in forgotten if _remove(store, entry)]
+    collected = Collected(removed, spared=len(garbage) - len(removed))
     for folder in _leftovers(store, now_s):
-        shutil.rmtree(folder, ignore_errors=True)
+        files.remove_all(folder)
         collected.leftovers += 1
     for path in (store.root / "actions").glob("*/.*"):  # records that killed processes did not finish
         with suppress(FileNotFoundError):
             if now_s - path.stat().st_mtime > _UNRECORDED_S:
-                path.unlink()
+                files.remove(path)
                 collected.leftovers += 1
     return collected
 
@@ -140,15 +137,15 @@ def _forget(entry: Garbage) -> bool:
     for path in entry.records:
         away = path.with_name(f".{path.name}.{uuid4().hex}")
         with suppress(FileNotFoundError):
-            path.rename(away)
+            files.move(path, away)
             taken.append((path, away))
     # A build that looks now finds no record. One that looked before has marked it.
     if all(away.stat().st_mtime <= entry.used_s for _, away in taken):
         for _, away in taken:
-            away.unlink(missing_ok=True)
+            files.remove(away)
         return True
     for path, away in taken:
-        away.replace(path)
+        files.move(away, path)
     return False
 
 
@@ -157,15 +154,15 @@ def _remove(store: Store, entry: Garbage) -> bool:
     folder = store.artifact_folder(entry.artifact)
     away = store.make_temporary_folder()
     try:
-        folder.rename(away / entry.artifact)
+        files.move(folder, away / entry.artifact)
         if _marked_ns(away / entry.artifact) > entry.marked_ns:
             with suppress(OSError):  # it exists again already
-                (away / entry.artifact).rename(folder)
+                files.move(away / entry.artifact, folder)
             return False
     except FileNotFoundError:
         return False  # another collector was faster
     finally:
-        shutil.rmtree(away, ignore_errors=True)
+        files.remove_all(away)
     return True
 
 

@@ -1,9 +1,7 @@
 """Checking a store: every artifact byte for byte, and that every record leads to one."""
 
 import json
-import os
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -38,18 +36,35 @@ class Damage:
         return f"{self.kind} {self.digest[:16]}{of_step}: {'; '.join(self.reasons[:3])}{more}"
 
 
-def check_store(store: Store, progress: Callable[[int], None] | None = None) -> Iterator[Damage]:
-    """Read everything in the store and yield what is damaged.
+def check_store(store: Store) -> Iterator[Damage]:
+    """Read everything in the store and yield what is damaged; nothing is changed."""
+    made_by: dict[str, str] = {}
+    for folder in record_folders(store):
+        yield from check_records(store, folder, made_by)
+    for artifact in artifacts_in(store):
+        yield from check_artifact(artifact, made_by.get(artifact.digest))
 
-    Nothing is changed. Artifacts that a garbage collector removes meanwhile do not count as damaged.
+
+def record_folders(store: Store) -> list[Path]:
+    """Return the folders of records of actions."""
+    return sorted(store.root.glob("actions/*/"))
+
+
+def artifacts_in(store: Store) -> Iterator[Artifact]:
+    """Yield all artifacts but those that are still being written."""
+    folders = sorted(store.root.glob("artifacts/*/*"))
+    return (Artifact(folder.name, folder) for folder in folders if folder.name[0] != ".")
+
+
+def check_records(store: Store, folder: Path, made_by: dict[str, str]) -> Iterator[Damage]:
+    """Read one folder of records and yield those that are torn, or whose artifact is gone.
 
     Args:
         store: the store.
-        progress: called with 1 for each artifact that was checked.
+        folder: of `record_folders`.
+        made_by: takes artifact -> step that made it.
     """
-    made_by: dict[str, str] = {}
-    lost: dict[str, list[tuple[str, str]]] = {}
-    for path in _entries(store.root / "actions", ".json"):
+    for path in sorted(folder.glob("*.json")):
         name = path.name.partition(".")[0]
         try:
             record = json.loads(path.read_bytes())
@@ -57,30 +72,22 @@ def check_store(store: Store, progress: Callable[[int], None] | None = None) -> 
             if digest_json(record["action"]) != name:
                 yield Damage("action", name, ("its record was changed",), step)
             elif "artifact" in record:
-                made = str(record["artifact"])
-                made_by[made] = step
-                if not store.has(made):
-                    lost.setdefault(made, []).append((name, step))
+                made_by[made := str(record["artifact"])] = step
+                if not store.artifact_folder(made).is_dir():
+                    yield Damage("action", name, (f"artifact {made[:16]}, which it made, is gone",), step)
             elif "error" not in record:
                 yield Damage("action", name, ("its record has neither an artifact nor an error",), step)
         except FileNotFoundError:
             continue
         except (OSError, ValueError, KeyError, TypeError) as err:
             yield Damage("action", name, (f"its record cannot be read ({err})",))
-    artifacts = [Artifact(folder.name, folder) for folder in _entries(store.root / "artifacts")]
-    pool = ThreadPoolExecutor(min(8, os.cpu_count() or 1))
-    try:
-        for artifact, reasons in zip(artifacts, pool.map(artifact_damage, artifacts), strict=True):
-            if reasons and artifact.folder.is_dir():
-                lost.pop(artifact.digest, None)
-                yield Damage("artifact", artifact.digest, tuple(reasons), made_by.get(artifact.digest))
-            if progress is not None:
-                progress(1)
-    finally:
-        pool.shutdown(cancel_futures=True)
-    for made, actions in sorted(lost.items()):
-        for action, step in actions:
-            yield Damage("action", action, (f"artifact {made[:16]}, which it made, is gone",), step)
+
+
+def check_artifact(artifact: Artifact, step: str | None = None) -> Iterator[Damage]:
+    """Yield what is wrong with an artifact, if anything is; one that a garbage collector removes meanwhile is not damaged."""
+    reasons = artifact_damage(artifact)
+    if reasons and artifact.folder.is_dir():
+        yield Damage("artifact", artifact.digest, tuple(reasons), step)
 
 
 def artifact_damage(artifact: Artifact) -> list[str]:
@@ -115,12 +122,3 @@ def artifact_damage(artifact: Artifact) -> list[str]:
 
 def _digest(path: Path, size: int) -> str:
     return digest_file(path) if size > _WHOLE_BYTES else digest_bytes(path.read_bytes())
-
-
-def _entries(folder: Path, suffix: str = "") -> Iterator[Path]:
-    """Yield the entries of the subfolders of `folder`, by name, without hidden ones, which are still being written."""
-    if not folder.is_dir():
-        return
-    for part in sorted(folder.iterdir()):
-        if part.is_dir():
-            yield from (p for p in sorted(part.iterdir()) if p.name.endswith(suffix) and p.name[0] != ".")

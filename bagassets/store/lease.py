@@ -16,10 +16,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from uuid import uuid4
 
+from bagassets.base import files
 from bagassets.base.errors import StoreError
 from bagassets.base.lock_files import LockFile, is_locked
-
-__all__ = ["HOLDERS", "action_lock", "in_use", "in_use_since_s"]
 
 _FOLDER, _ACTIONS = "leases", "underway"
 # Where the file system has no locks, a lease is valid for this long.
@@ -50,7 +49,6 @@ def in_use(root: Path) -> Iterator[Path]:
 def _take_lease(root: Path) -> LockFile:
     path = root / _FOLDER / f"{socket.gethostname()}-{os.getpid()}-{uuid4().hex}"
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         lease = LockFile.open(path, shared=True, new=True)
     except OSError as err:
         raise StoreError(f"{path}: the store cannot be written ({err.strerror}).") from err
@@ -59,7 +57,7 @@ def _take_lease(root: Path) -> LockFile:
         lease.write(HOLDERS.name)
     # Whoever checked between creating and locking it took it for a dead process's lease and removed it.
     with suppress(OSError):
-        path.touch()
+        files.mark(path)
     return lease
 
 
@@ -76,7 +74,7 @@ def in_use_since_s(root: Path) -> float | None:
             if _is_held(path, begun_s):
                 since.append(begun_s)
             else:
-                path.unlink()
+                files.remove(path)
     return min(since, default=None)
 
 
@@ -91,7 +89,7 @@ def _is_held(path: Path, begun_s: float) -> bool:
 
 
 @dataclass
-class Holders:
+class _Holders:
     """Who holds locks of actions, and whether a holder need not be waited for.
 
     A worker that was declared dead may be frozen, and hold its locks for ever.
@@ -105,7 +103,7 @@ class Holders:
     has_ended: Callable[[str], bool] | None = None
 
 
-HOLDERS = Holders()
+HOLDERS = _Holders()
 """Of this process; set by whoever knows."""
 
 _LEASES: dict[tuple[Path, int], LockFile] = {}  # of this process
@@ -125,14 +123,14 @@ def action_lock(root: Path, action_digest: str) -> Iterator[None]:
     with ExitStack() as stack:
         with suppress(OSError, StoreError):
             lease = stack.enter_context(in_use(root))
-            path.parent.mkdir(exist_ok=True)
+            files.make_folder(path.parent)
             is_held = _linked(lease, path)
         try:
             yield
         finally:
             if is_held:
                 with suppress(OSError):
-                    path.unlink()  # whoever waits for it sees that; whoever comes now finds the artifact
+                    files.remove(path)  # whoever waits for it sees that; whoever comes now finds the artifact
 
 
 def _linked(lease: Path, path: Path) -> bool:
@@ -144,12 +142,12 @@ def _linked(lease: Path, path: Path) -> bool:
     looked_s = time.monotonic()
     while True:
         with suppress(FileExistsError):
-            os.link(lease, path)
+            files.link(lease, path)
             return True
         with LockFile.open(path, shared=True) as other:
             if other.try_lock():  # its holder is dead, or done by now
                 if other.is_in_place:
-                    path.unlink()
+                    files.remove(path)
                 continue
             if HOLDERS.has_ended is not None and time.monotonic() - looked_s > _LOOK_S:
                 looked_s = time.monotonic()

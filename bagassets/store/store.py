@@ -16,7 +16,6 @@ import errno
 import json
 import os
 import re
-import shutil
 import socket
 import time
 from contextlib import AbstractContextManager, suppress
@@ -24,8 +23,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from uuid import uuid4
 
-from bagassets.base.atomic import create_atomically, write_atomically
+from bagassets.base import files
 from bagassets.base.errors import StoreError
+from bagassets.base.files import create_atomically, write_atomically
 from bagassets.base.json_types import Json, JsonObject
 from bagassets.store.action import Action
 from bagassets.store.artifact import MANIFEST, Artifact, ArtifactWriter, writing
@@ -79,7 +79,7 @@ class Pending:
 
     def discard(self) -> None:
         """Remove what was written."""
-        shutil.rmtree(self._folder, ignore_errors=True)
+        files.remove_all(self._folder)
 
 
 class Store:
@@ -111,7 +111,7 @@ class Store:
         """Create an empty folder on the store's file system."""
         folder = self.root / "tmp" / f"{socket.gethostname()}-{os.getpid()}-{uuid4().hex}"
         try:
-            folder.mkdir(parents=True)
+            files.make_folder(folder, new=True)
         except OSError as err:
             raise StoreError(f"{folder}: the store cannot be written ({err.strerror}).") from err
         return folder
@@ -125,9 +125,9 @@ class Store:
 
     def _move_in(self, folder: Path, target: Path, digest: str) -> None:
         for _ in range(_ATTEMPTS):
-            target.parent.mkdir(parents=True, exist_ok=True)
+            files.make_folder(target.parent)
             try:
-                folder.rename(target)
+                files.move(folder, target)
             except OSError as err:
                 if err.errno not in _TAKEN:
                     raise
@@ -135,8 +135,8 @@ class Store:
                     # If the garbage collector removes it now, the next attempt moves in.
                     with suppress(FileNotFoundError):
                         # Seen by the collector, but not by those who ask whether the artifact is as it was.
-                        os.utime(target)
-                        shutil.rmtree(folder, ignore_errors=True)
+                        files.mark(target)
+                        files.remove_all(folder)
                         return
                 else:
                     self.remove(digest)  # it is damaged
@@ -148,8 +148,8 @@ class Store:
         """Remove an artifact at once, such as a damaged one; the actions that made it will run again."""
         retired = self.make_temporary_folder() / digest
         with suppress(FileNotFoundError):
-            self.artifact_folder(digest).rename(retired)
-        shutil.rmtree(retired.parent, ignore_errors=True)
+            files.move(self.artifact_folder(digest), retired)
+        files.remove_all(retired.parent)
 
     # --- actions ---------------------------------------------------------------------
 
@@ -166,7 +166,7 @@ class Store:
         except FileNotFoundError:
             return None
         except (ValueError, KeyError):
-            path.unlink(missing_ok=True)  # torn by a power loss
+            files.remove(path)  # torn by a power loss
             return None
         except OSError as err:
             raise StoreError(
@@ -187,7 +187,7 @@ class Store:
         if known is None:
             return None
         try:
-            os.utime(self._action_file(action.digest))
+            files.mark(self._action_file(action.digest))
         except FileNotFoundError:
             return None  # it is garbage that is being removed right now
         except OSError:
@@ -215,7 +215,7 @@ class Store:
     def forget(self, action_digest: str) -> None:
         """Remove the records of an action, so that it runs again."""
         for path in (self._action_file(action_digest), self._failure_file(action_digest)):
-            path.unlink(missing_ok=True)
+            files.remove(path)
 
     def begin(self, action: Action) -> Pending:
         """Start an action; the caller commits or discards it."""
@@ -236,9 +236,8 @@ class Store:
         content = {"action": action.as_json(), "artifact": artifact.digest, "seconds": round(seconds, 3),
                    "host": socket.gethostname()}  # fmt: skip
         with writing(path):
-            path.parent.mkdir(parents=True, exist_ok=True)
             created = create_atomically(path, _json(content))
-        self._failure_file(action.digest).unlink(missing_ok=True)
+        files.remove(self._failure_file(action.digest))
         if not created:
             recorded = _recorded(path, "artifact")
             if recorded == artifact.digest:
@@ -248,7 +247,7 @@ class Store:
                     f"step {action.step} is not deterministic: action {action.digest[:16]} made artifact "
                     f"{recorded[:16]} before and {artifact.digest[:16]} now; please report this."
                 )
-            path.unlink(missing_ok=True)  # its artifact is gone, or a power loss tore it
+            files.remove(path)  # its artifact is gone, or a power loss tore it
             self.record(action, artifact, seconds)
 
     def failure(self, action_digest: str, subject: Path | None = None) -> str | None:
@@ -271,8 +270,7 @@ class Store:
         path = self._failure_file(action.digest)
         content = {"action": action.as_json(), "error": error}
         with suppress(OSError):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            write_atomically(path, _json(content))
+            write_atomically(path, _json(content), folders=True)
 
     # --- places ----------------------------------------------------------------------
 

@@ -10,8 +10,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from bagassets.base.atomic import write_atomically
 from bagassets.base.errors import StoreError
+from bagassets.base.files import remove, write_atomically
 from bagassets.store.canonical import digest_json
 
 _FOLDER = "users"
@@ -49,11 +49,10 @@ def note_user(root: Path, recipe_file: Path) -> None:
     """
     user = User(recipe_file.absolute(), socket.gethostname(), root.absolute())
     path = _file(root, user)
-    if path.exists():
-        return
+    content = json.dumps(vars(user), sort_keys=True, default=str).encode()
     with suppress(OSError):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomically(path, json.dumps(vars(user), sort_keys=True, default=str).encode())
+        if not path.exists() or path.read_bytes() != content:  # a power loss may have torn it
+            write_atomically(path, content, folders=True)
 
 
 def users_of(root: Path) -> list[User]:
@@ -77,8 +76,7 @@ def users_of(root: Path) -> list[User]:
 
 def forget_user(root: Path, user: User) -> None:
     """Remove the note of a project that no longer exists."""
-    with suppress(FileNotFoundError):
-        _file(root, user).unlink()
+    remove(_file(root, user))
 
 
 def _file(root: Path, user: User) -> Path:

@@ -19,8 +19,8 @@ from google.protobuf.message import Message
 from mcap.writer import CompressionType, Writer
 
 from bagassets import __version__
-from bagassets.base.atomic import replacing
 from bagassets.base.errors import DatasetError
+from bagassets.base.files import make_folder, replacing
 from bagassets.formats.reader.source import Reading
 from bagassets.geometry.wgs84 import LocalFrame
 from bagassets.recordings.own_files import VIEW_LIBRARY
@@ -44,7 +44,7 @@ def write_scene(scene: DatasetScene, output: Path, fixes: Sequence[Fix] = ()) ->
     """
     counts: Counter[str] = Counter()
     try:
-        output.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(output.parent)
         with replacing(output) as temporary, temporary.open("wb") as stream:
             writer: Any = Writer(stream, compression=CompressionType.ZSTD)
             writer.start(profile="", library=f"{VIEW_LIBRARY} {__version__}")

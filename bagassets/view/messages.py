@@ -30,19 +30,6 @@ from bagassets.base.json_types import JsonMapping
 from bagassets.formats.reader.source import Reading
 from bagassets.geometry.se3 import SE3
 
-__all__ = [
-    "EGO",
-    "GLOBAL",
-    "boxes",
-    "calibration",
-    "cloud",
-    "image",
-    "location",
-    "path",
-    "pose",
-    "transforms",
-]
-
 GLOBAL, EGO = "global", "ego"
 _TYPES = {
     "i1": PackedElementField.INT8,

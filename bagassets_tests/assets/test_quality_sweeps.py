@@ -21,7 +21,7 @@ from bagassets.sample.messages import Messages
 from bagassets.sample.recorder import open_recorder
 from bagassets.sample.render import lidar_points
 from bagassets.sample.rig import EGO_SE3_LIDAR
-from bagassets.sample.schedule import event, motion_events
+from bagassets.sample.schedule import Event, motion_events
 from bagassets.sample.truth import Truth
 from bagassets.sample.world import RADIUS_M, Ego, Thing, World
 from bagassets.store.store import Store
@@ -79,14 +79,14 @@ class Drive:
                 key=lambda one: one.log_time_ns,
             )
             for one in events:
-                recorder.write_raw(one.topic, one.msgtype, one.log_time_ns, one.payload(recorder))
+                recorder.write(one.topic, one.msgtype, one.log_time_ns, one.make(recorder.messages))
 
     def _clouds(self, header_ns, timed):
         for number, points in enumerate(self.points):
             begin_ns = START_NS + number * PERIOD_NS
             sent = points if timed else repack_fields(points[["x", "y", "z", "intensity", "ring"]])
             make = partial(Messages.cloud, stamp_ns=begin_ns + header_ns, frame="lidar_top", points=sent)
-            yield event(begin_ns + 105 * MS, "/lidar_top/points", "sensor_msgs/msg/PointCloud2", make)
+            yield Event(begin_ns + 105 * MS, "/lidar_top/points", "sensor_msgs/msg/PointCloud2", make)
 
 
 @pytest.fixture(scope="module")

@@ -63,8 +63,8 @@ def report(tmp_path):
         ("old",),
         moved={"a": ("val", "train")},
         splits={
-            "train": {"asked": 0.8, "recordings": 2, "share": 0.83, "is_far": False},
-            "val": {"asked": 0.2, "recordings": 1, "share": 0.17, "is_far": False},
+            "train": {"asked": 0.8, "recordings": 2, "duration_s": 9.0, "share": 0.83, "is_far": False},
+            "val": {"asked": 0.2, "recordings": 1, "duration_s": 9.0, "share": 0.17, "is_far": False},
         },
         dataset="updated",
         dataset_path=Path("/data set"),
@@ -196,15 +196,19 @@ def test_the_line_that_opens_the_ui_can_be_pasted(tmp_path, monkeypatch):
 
 
 def test_a_share_far_from_what_was_asked_for_is_said():
-    night = {"asked": 0.5, "recordings": 0, "share": 0.0, "is_far": True}
-    day = {"asked": 0.5, "recordings": 2, "share": 1.0, "is_far": True}
+    night = {"asked": 0.5, "recordings": 0, "duration_s": 0.0, "share": 0.0, "is_far": True}
+    day = {"asked": 0.5, "recordings": 2, "duration_s": 9.0, "share": 1.0, "is_far": True}
     assert splits_text({"day": day, "night": night}) == (
         "day 2 (100% of the time, 50% asked for), night 0 (0% of the time, 50% asked for)"
+    )
+    without_episodes = night | {"recordings": 1}
+    assert splits_text({"day": day, "night": without_episodes}) == (
+        "day 2 (100% of the time, 50% asked for), night 1 (with nothing for the dataset, 50% asked for)"
     )
 
 
 def test_of_recordings_without_duration_no_shares_are_said():
-    moments = {"asked": 0.5, "recordings": 1, "share": 0.0, "is_far": True}
+    moments = {"asked": 0.5, "recordings": 1, "duration_s": 0.0, "share": 0.0, "is_far": True}
     assert splits_text({"day": moments, "night": moments}) == "day 1, night 1"
     assert splits_text({"train": moments}) == "train 1; in the devkit custom_train"
     assert splits_text({"train": moments}, of_nuscenes=False) == "train 1"

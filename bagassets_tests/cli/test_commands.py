@@ -1,21 +1,26 @@
 """Every command as users meet it: in the overview, in its own help, and in the pages that it cites."""
 
 import ast
+import errno
 import os
 import re
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import click
 import pytest
 
 import bagassets
 from bagassets.__main__ import main as program
+from bagassets.base import files
 from bagassets.cli import docs as docs_command
 from bagassets.cli.docs import all_commands
 from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.main import COMMANDS, main, root
+from bagassets.store import collect as store_collect
+from bagassets_tests.small_drive import RECIPE
 
 # A page by its file; references are written to one with `bagassets docs … > docs/….md`.
 PAGE_FILE = re.compile(r"(?<!> )(?<![\w/])docs/[a-z-]+\.md")
@@ -55,6 +60,27 @@ def test_a_place_that_cannot_be_is_reported_and_is_no_defect(tmp_path, capsys, p
     output = capsys.readouterr().err
     assert f"{tmp_path / 'file'}" in output
     assert "fix this one" in output
+
+
+@pytest.mark.parametrize("error", ["EIO", "ENOSPC"])
+def test_a_disk_that_fails_is_reported_and_is_no_defect(tmp_path, capsys, monkeypatch, error):
+    (tmp_path / "bags").mkdir()
+    (tmp_path / "recipe.yaml").write_text(RECIPE.format(name="x", root="bags"))
+
+    def collect(_store, _garbage, _now_s):
+        monkeypatch.setattr(files, "os", SimpleNamespace(**vars(os) | {"write": fail}))
+        files.write(tmp_path / "file", b"x")
+
+    def fail(_descriptor, _data):
+        number = getattr(errno, error)
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(store_collect, "collect", collect)
+    assert main(["gc", "--recipe", str(tmp_path / "recipe.yaml")]) == ExitStatus.FAILED
+    words = os.strerror(getattr(errno, error))
+    assert (
+        f"error: {tmp_path / 'file'}: {words}; name another path, or fix this one" in capsys.readouterr().err
+    )
 
 
 def test_pages_are_listed_and_printed(capsys):

@@ -22,7 +22,7 @@ from bagassets.formats.assembly import assemble
 from bagassets.formats.dataset_build import select_inputs
 from bagassets.formats.dataset_diff import diff_datasets
 from bagassets.formats.dataset_lock import load_lock, locked_artifacts, read_lock
-from bagassets.formats.dataset_restore import missing_recordings, restore_dataset
+from bagassets.formats.dataset_restore import restore_dataset
 from bagassets.formats.format import Part
 from bagassets.formats.nuscenes.format import NUSCENES
 from bagassets.formats.nuscenes.settings import NuScenes
@@ -142,7 +142,7 @@ class TestLocks:
         with pytest.raises(DatasetError, match=r"has several \(v1.0-a, v1.0-b\)"):
             load_lock(tmp_path)
 
-    @pytest.mark.parametrize("text", ["", "{}", "[]", '{"format": 1, "bags": [{}], "tables": {}}'])
+    @pytest.mark.parametrize("text", ["", "{}", "[]", '{"format": 2, "bags": [{}], "files": {}}'])
     def test_what_is_no_lock_is_refused(self, tmp_path, text):
         (tmp_path / "x.json").write_text(text)
         with pytest.raises(DatasetError, match="expected the lock file of a dataset"):
@@ -185,72 +185,12 @@ class TestLocks:
 
     def test_a_later_format_is_reported(self, tmp_path):
         (tmp_path / "x.json").write_text('{"format": 3}')
-        with pytest.raises(DatasetError, match="format 3, this version of bagassets knows 1 and 2"):
+        with pytest.raises(DatasetError, match="format 3, this version of bagassets knows 2"):
             load_lock(tmp_path / "x.json")
 
 
 def linked(store, of):
     return {file["artifact"] for file in store.artifact(of.artifact).read_json("files.json")}
-
-
-def as_format_1(lock):
-    """Write a lock as bagassets did before formats could be installed."""
-    value = json.loads(lock.text)
-    part_name = {"nuscenes": "nuscenes_tables", "vision": "vision_sequences"}[value.pop("dataset")]
-    value["format"] = 1
-    value["tables" if lock.kind == "nuscenes" else "files"] = value.pop("files")
-    for row in value["bags"]:
-        row[part_name] = row.pop("artifacts")[0]
-        row.update(row.pop("counts"))
-    if lock.kind == "vision":
-        del value["shares"]
-    lock.path.write_text(json.dumps(value))
-    return load_lock(lock.path)
-
-
-class TestLocksOfFormat1:
-    def test_it_does_not_differ_from_one_of_today(self, store, tmp_path):
-        parts = [part(store, "a"), part(store, "b", seed=1), part(store, "copy", content="content-a-0")]
-        now, old = (lock_of(store, tmp_path / name, parts, skipped={"s": "why"}) for name in ("now", "old"))
-        old = as_format_1(old)
-        assert (old.kind, old.bags, old.files, old.splits) == (now.kind, now.bags, now.files, now.splits)
-        assert diff_datasets(old, now, store).is_empty
-        assert diff_datasets(now, old, store).is_empty
-        fewer = lock_of(store, tmp_path / "fewer", parts[:1], dealt=now.splits)
-        assert diff_datasets(old, fewer, store) == diff_datasets(now, fewer, store)
-        assert [bag.change for bag in diff_datasets(old, fewer, store).bags] == ["removed"]
-
-    def test_its_dataset_can_be_made_again(self, store, tmp_path):
-        parts = [part(store, "a"), part(store, "b", seed=1), part(store, "copy", content="content-a-0")]
-        now = lock_of(store, tmp_path / "now", parts, skipped={"s": "why"})
-        text = now.text
-        old = as_format_1(lock_of(store, tmp_path / "old", parts, skipped={"s": "why"}))
-        made = restore_dataset(old, store, tmp_path / "again")
-        assert (made / "dataset.lock.json").read_bytes() == text
-        assert content(tmp_path / "again") == content(tmp_path / "now")
-
-    def test_its_artifacts_are_named_and_missed(self, store, tmp_path):
-        (one,) = parts = [part(store, "a")]
-        old = as_format_1(lock_of(store, tmp_path, parts))
-        assert locked_artifacts(old.path) == {one.artifact}
-        assert missing_recordings(old, store) == []
-        few = Store(tmp_path / "few")
-        shutil.copytree(store.artifact_folder(one.artifact), few.artifact_folder(one.artifact))
-        assert missing_recordings(old, few) == ["a"]  # its images are not there
-        assert missing_recordings(load_lock(old.path), Store(tmp_path / "none")) == ["a"]
-
-    def test_the_next_build_keeps_its_files(self, store, tmp_path):
-        parts = [part(store, "a"), part(store, "b", seed=1)]
-        text = lock_of(store, tmp_path, parts).text
-        as_format_1(load_lock(tmp_path))
-        dealt = load_lock(tmp_path).splits
-        made = assemble(NUSCENES, parts[:1], SETTINGS, store, tmp_path, dealt=dealt, suspects=frozenset())
-        assert made.files.get("linked", 0) == 0  # those of `a` are there
-        assert made.files["removed"] > 0
-        assert made.moved == {}
-        assemble(NUSCENES, parts, SETTINGS, store, tmp_path)
-        assert load_lock(tmp_path).text == text
-        assert check_dataset(tmp_path, VERSION) == []
 
 
 class TestRestore:

@@ -13,7 +13,7 @@ from rosbags.typesys import Stores, get_typestore
 from bagassets.cli.main import root
 from bagassets.recordings.open import open_recording
 from bagassets.store.canonical import digest_file
-from bagassets_tests.damaged_files import SOUND, damaged, truth
+from bagassets_tests.damaged_files import SOUND, damaged, storage_of, truth
 
 pytestmark = pytest.mark.once
 SUFFIX = {"ros1": ".bag", "mcap": ".mcap"}
@@ -85,22 +85,32 @@ def test_a_sound_recording_is_said_to_be_that(sound, kind):
     assert status == 0
     assert output == f"{sound[kind]}\n\nSound: all {truth(kind).total()} messages can be read.\n"
     found = json.loads(doctor(sound[kind], "--json")[1])
-    assert (found["damage"], found["remark"]) == (None, "")
+    assert found["damage"] is None
 
 
 @pytest.mark.parametrize("behind", ["noise", "a second recording"])
-@pytest.mark.parametrize("kind", ["ros1", "ros1 lz4", "mcap zstd", "mcap unchunked"])
-def test_bytes_behind_the_end_are_said_not_to_be_read(tmp_path, sound, kind, behind):
+@pytest.mark.parametrize(
+    "kind", ["ros1", "ros1 lz4", "mcap zstd", "mcap unchunked", "db3", "folder", "folder mcap"]
+)
+def test_with_bytes_behind_its_end_a_recording_is_mendable_in_every_format(tmp_path, sound, kind, behind):
     path = tmp_path / sound[kind].name
-    data = sound[kind].read_bytes()
+    (shutil.copytree if path.name == "a" else shutil.copy)(sound[kind], path)
+    file = storage_of(path)
+    data = file.read_bytes()
     more = b"x" * 1000 if behind == "noise" else data
-    path.write_bytes(data + more)
+    file.write_bytes(data + more)
     status, output = doctor(path)
-    said = f"{path.name}: behind the end of the recording are {len(more)} more bytes, which are not read"
+    said = f"{file.name}: behind the end of the recording are {len(more)} more bytes, which are not read"
     assert said in output
+    assert "Builds use it as it is" in output
     found = json.loads(doctor(path, "--json")[1])
-    assert (found["remark"], found["verdict"]) == (said, "mendable" if status else "sound")
+    assert (status, found["verdict"], found["damage"]["complete"]) == (3, "mendable", True)
+    assert said in found["damage"]["findings"]
     assert sum(one["messages"] for one in found["topics"].values()) == truth(kind).total()
+    copy = tmp_path / f"copy{SUFFIX.get(kind.split()[0], '')}"
+    assert doctor(path, "--write", copy)[0] == 3
+    assert messages_of(copy) == truth(kind)
+    assert doctor(copy)[0] == 0
 
 
 def test_the_page_says_what_where_what_can_be_saved_and_what_to_do(tmp_path, sound):

@@ -12,6 +12,7 @@ import dagster as dg
 import pytest
 from click.testing import CliRunner
 
+from bagassets.base import files
 from bagassets.base.errors import DatasetError, StoreError
 from bagassets.cli.main import root as command_line
 from bagassets.defs.builds.garbage import locks_of
@@ -276,6 +277,26 @@ class TestLeftovers:
         )
         assert outcome.artifact.path("file").read_bytes() == b"other"
 
+    def test_records_are_gone_for_good_before_the_first_artifact_goes(self, store, monkeypatch):
+        """A crash in between could leave a record that leads nowhere."""
+        records = {make(store, name): None for name in ("one", "other")}
+        calls = []
+        for name in ("remove", "sync_folder", "move"):
+            real = getattr(files, name)
+            monkeypatch.setattr(
+                files,
+                name,
+                lambda path, *to, name=name, real=real: (calls.append((name, path)), real(path, *to))[1],
+            )
+        assert len(collect_all(store).removed) == len(records)
+        kinds = [(name, path.relative_to(store.root).parts[0]) for name, path in calls]
+        last_synced = max(index for index, kind in enumerate(kinds) if kind == ("sync_folder", "actions"))
+        assert kinds.count(("sync_folder", "actions")) == len(
+            {path for name, path in calls if name == "sync_folder"}
+        )
+        assert all(kind[1] == "actions" for kind in kinds[:last_synced])
+        assert kinds[last_synced + 1 :].count(("move", "artifacts")) == len(records)
+
 
 class TestUsers:
     def test_projects_note_themselves_once(self, tmp_path):
@@ -286,6 +307,14 @@ class TestUsers:
         assert all(user.is_here for user in users_of(tmp_path))
         forget_user(tmp_path, users_of(tmp_path)[0])
         assert [user.recipe.parent.name for user in users_of(tmp_path)] == ["b"]
+
+    @pytest.mark.parametrize("torn", [b"", bytes(100), b'{"host": "x'])
+    def test_a_note_that_a_power_loss_tore_is_written_anew(self, tmp_path, torn):
+        note_user(tmp_path, tmp_path / "a" / "recipe.yaml")
+        (note,) = (tmp_path / "users").iterdir()
+        note.write_bytes(torn)
+        note_user(tmp_path, tmp_path / "a" / "recipe.yaml")
+        assert [user.recipe.parent.name for user in users_of(tmp_path)] == ["a"]
 
     def test_an_unreadable_note_stops_the_collection(self, tmp_path):
         (tmp_path / "users").mkdir()

@@ -104,7 +104,7 @@ def record(path, odd):
     with ExitStack() as stack:
         recorder = open_recorder(path, "mcap", "none", stack)
         for one in events(odd):
-            recorder.write_raw(one.topic, one.msgtype, one.log_time_ns, one.payload(recorder))
+            recorder.write(one.topic, one.msgtype, one.log_time_ns, one.make(recorder.messages))
     return path
 
 

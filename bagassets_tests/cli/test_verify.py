@@ -4,7 +4,9 @@ import json
 import os
 import random
 import shutil
+import time
 
+import click
 import pytest
 from click.testing import CliRunner
 
@@ -96,10 +98,18 @@ def load_recipe_with(recipe, text):
 
 class TestStore:
     def test_a_store_as_it_was_written_is_whole(self, project):
-        counted = []
-        assert list(check_store(store_of(project), counted.append)) == []
-        assert sum(counted) == len(list((project.store_path / "artifacts").glob("*/*")))
+        assert list(check_store(store_of(project))) == []
         assert list(find_damage(project, store_of(project))) == []
+
+    @pytest.mark.parametrize("is_torn", [True, False])
+    def test_a_folder_that_a_killed_build_left_is_no_damaged_dataset(self, project, is_torn):
+        current = project.nuscenes.output / VERSION
+        left = current.with_name(f"{VERSION}.tmp-0123")
+        shutil.copytree(current, left)
+        (left / ("dataset.lock.json" if is_torn else "sample.json")).write_bytes(b"")
+        assert list(find_damage(project, store_of(project))) == []
+        make_dataset(project)
+        assert not left.exists()
 
     def test_an_empty_store_is_whole(self, tmp_path):
         assert list(check_store(Store(tmp_path / "none"))) == []
@@ -300,6 +310,155 @@ class TestDatasets:
         assert path.read_bytes() == content
 
 
+class TestMinutes:
+    """`verify --minutes`: each run goes on where the last one stopped."""
+
+    MOMENT = 1e-9  # one thing is verified nevertheless
+
+    @pytest.fixture(autouse=True)
+    def one_thread(self, monkeypatch):
+        monkeypatch.setattr("bagassets.engine.verified._THREADS", 1)
+
+    def times(self, project):
+        return json.loads((project.store_path / "verified.json").read_text())
+
+    def set_times(self, project, change):
+        times = {name: change(name, at) for name, at in self.times(project).items()}
+        (project.store_path / "verified.json").write_text(json.dumps(times))
+
+    def verified(self, project, *args, minutes=10, status=0):
+        return json.loads(run(project, "--minutes", minutes, "--json", *args, status=status).stdout)[
+            "verified"
+        ]
+
+    def test_runs_that_are_stopped_come_to_the_end_together(self, project):
+        names = {path.name for path in (project.store_path / "artifacts").glob("*/*")}
+        folders = {path.name for path in (project.store_path / "actions").iterdir()}
+        seen = set()
+        for number in range(len(names) + len(folders) + 2):
+            share = self.verified(project, minutes=self.MOMENT)
+            now = set(self.times(project)) if (project.store_path / "verified.json").exists() else set()
+            assert seen <= now
+            assert len(now) + share["recordings"] <= number + 1
+            seen = now
+        assert seen == names | folders
+        assert (share["artifacts"], share["of_artifacts"]) == (len(names), len(names))
+
+    def test_what_was_verified_longest_ago_comes_first(self, project):
+        self.verified(project)
+        names = sorted(self.times(project), reverse=True)
+        began_s = int(time.time())
+        self.set_times(project, lambda name, _: began_s - 1000 - names.index(name))
+        for oldest in reversed(names[-3:]):
+            self.verified(project, minutes=self.MOMENT)
+            assert self.times(project)[oldest] >= began_s
+        assert sum(at >= began_s for at in self.times(project).values()) == 3
+
+    def test_of_what_was_verified_only_thirty_days_count(self, project):
+        assert self.verified(project)["artifacts"] == self.verified(project)["of_artifacts"] > 3
+        day_s = 86_400
+        some = set(sorted(path.name for path in (project.store_path / "artifacts").glob("*/*"))[:2])
+        late = next(iter(set(self.times(project)) - some))
+        ago = {name: 31 * day_s if name in some else 29 * day_s for name in self.times(project)} | {
+            late: -day_s
+        }
+        self.set_times(project, lambda name, at: at - ago[name])
+        share = self.verified(
+            project, minutes=self.MOMENT
+        )  # of what has a time to come nobody knows when it was
+        assert share["of_artifacts"] - share["artifacts"] == 2
+        assert self.times(project)[late] <= time.time()
+        text = run(project, "--minutes", self.MOMENT).stdout
+        assert text.startswith("Verified within 30 days: ")
+        assert f" of {share['of_artifacts']} artifacts, " in text
+
+    def test_what_is_gone_is_forgotten_and_what_is_new_comes_first(self, project):
+        self.verified(project)
+        gone = artifact_of(project, "calibration")
+        shutil.rmtree(gone.folder)
+        self.verified(project, minutes=self.MOMENT)
+        assert gone.digest not in self.times(project)
+        build_all(project)
+        began_s = int(time.time())
+        self.set_times(project, lambda _, __: began_s - 100)
+        self.verified(project, minutes=self.MOMENT)
+        assert self.times(project)[gone.digest] >= began_s
+
+    def test_damage_is_taken_out_with_what_datasets_have_of_it_and_heals(self, project):
+        path = next((project.nuscenes.output / "samples" / "CAM_FRONT").iterdir())
+        content = path.read_bytes()
+        overwrite(path, b"?" * len(content))
+        (project.nuscenes.output / VERSION / "log.json").unlink()  # of the dataset nothing else is looked at
+        done = run(project, "--minutes", 10, status=3)
+        assert done.stdout.count("damaged  artifact") == 1
+        assert f"{path}: was changed" in done.stdout
+        assert "log.json" not in done.stdout
+        assert not path.exists()
+        make_dataset(project)
+        assert path.read_bytes() == content
+        run(project, "--minutes", 10)
+
+    def test_damage_that_stays_is_found_again_first(self, project):
+        artifact = artifact_of(project, "frames", "CAM_FRONT")
+        overwrite(next(artifact.files.glob("*.jpg")), b"?")
+        torn = next((project.store_path / "actions").glob("*/*.json"))
+        overwrite(
+            torn,
+            torn.read_bytes()
+            .replace(b'"step":', b'"stop":', 1)
+            .replace(b'"action":{', b'"action":{"step":"x",', 1),
+        )
+        for _ in range(2):
+            done = run(project, "--minutes", 10, "--report-only", status=3)
+            assert done.stdout.count("damaged") == 2
+            assert not {artifact.digest, torn.stem[:2]} & set(self.times(project))
+
+    def test_a_whole_check_counts_too(self, project):
+        overwrite(artifact_of(project, "calibration").path("calibration.json"), b"?")
+        run(project, "--report-only", status=3)
+        share = self.verified(project, "--report-only", minutes=self.MOMENT, status=3)
+        assert share["of_artifacts"] - share["artifacts"] == 1
+
+    def test_an_interrupt_keeps_what_was_verified(self, project, monkeypatch):
+        looked_at = []
+
+        def interrupted(artifact, _step):
+            if len(looked_at) == 3:
+                raise KeyboardInterrupt
+            looked_at.append(artifact.digest)
+            return []
+
+        monkeypatch.setattr("bagassets.engine.verified.check_artifact", interrupted)
+        command = ["verify", "--minutes", "10", "--recipe", str(project.state.parent / "recipe.yaml")]
+        with pytest.raises(click.Abort):
+            CliRunner().invoke(root, command, standalone_mode=False, catch_exceptions=False)
+        assert set(looked_at) <= set(self.times(project))
+
+    @pytest.mark.parametrize("text", ["", "[]", '{"a": null}', '{"a"'])
+    def test_a_torn_note_costs_time_only(self, project, text):
+        (project.store_path / "verified.json").write_text(text)
+        share = self.verified(project)
+        assert share["artifacts"] == share["of_artifacts"]
+
+    def test_where_it_cannot_be_noted_that_is_said(self, project):
+        (project.store_path / "verified.json").mkdir()
+        done = run(project, "--minutes", 10)
+        assert "verified.json: it cannot be noted what was verified (Is a directory)" in done.stderr
+        assert "the next run begins where this one did" in done.stderr
+
+    def test_two_ways_at_once_are_refused(self, project):
+        command = [
+            "verify",
+            "--minutes",
+            "1",
+            "--rebuild",
+            "1",
+            "--recipe",
+            str(project.state.parent / "recipe.yaml"),
+        ]
+        assert "--minutes and --rebuild" in CliRunner().invoke(root, command).output
+
+
 class TestRebuild:
     def test_known_actions_are_those_of_the_recordings(self, project):
         known = list(known_actions(recording_assets(project), store_of(project)))
@@ -461,6 +620,26 @@ class TestRecordings:
         path.unlink()
         assert done.return_value == 0
         assert f"unknown  {path}: it has no digest on record" in done.stdout
+
+    def test_in_turn_a_changed_one_is_found_and_not_counted(self, kept):
+        def verify(status):
+            command = ["verify", "--minutes", "10", "--recordings", "--json", "--recipe", str(kept)]
+            done = CliRunner().invoke(root, command, standalone_mode=False)
+            assert (done.return_value or 0) == status, done.output
+            return json.loads(done.stdout)
+
+        share = verify(0)["verified"]
+        assert (share["recordings"], share["of_recordings"], share["of_artifacts"]) == (3, 3, 0)
+        assert share["recording_bytes"] == share["of_recording_bytes"] > 0
+        path = kept.parent.parent / "bags" / "a.bag"
+        write_over(path, flipped(path, path, "/odom"), path.stat().st_mtime_ns + 5_000_000_000)
+        found = verify(3)
+        assert [one["key"] for one in found["recordings"] if one["files"]] == ["a.bag"]
+        share = found["verified"]
+        assert share["recordings"] == 2
+        assert share["of_recording_bytes"] - share["recording_bytes"] == path.stat().st_size
+        noted = json.loads((kept.parent / ".bagassets" / "verified.json").read_text())
+        assert {name.partition(" ")[0] for name in noted} == {"b.mcap", "c"}
 
 
 def write_over(path, data, mtime_ns):

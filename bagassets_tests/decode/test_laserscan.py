@@ -33,6 +33,12 @@ def test_what_is_no_measurement_is_dropped_and_counted():
     assert len(reading.points) == 2
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_ray_straight_ahead_that_hits_nothing_makes_no_noise():
+    reading = decode_laserscan(scan([1.0, np.inf], angle_min=-0.5, angle_increment=0.5))
+    assert (len(reading.points), reading.dropped) == (1, 1)
+
+
 @pytest.mark.parametrize(("meaning", "first"), [("start", 0), ("middle", -1_000_000), ("end", -2_000_000)])
 def test_each_ray_has_its_time(meaning, first):
     reading = decode_laserscan(scan([1, np.nan, 3], time_increment=0.001), meaning)

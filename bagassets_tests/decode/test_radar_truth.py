@@ -22,7 +22,7 @@ from bagassets.recordings.open import open_recording
 from bagassets.sample.oddities import EGO_SE3_TURNED_RADAR, ODDITIES
 from bagassets.sample.recorder import open_recorder
 from bagassets.sample.render import radar_targets
-from bagassets.sample.schedule import LATENCY_NS, event, motion_events
+from bagassets.sample.schedule import LATENCY_NS, Event, motion_events
 from bagassets.sample.truth import Truth
 from bagassets.sample.world import World
 from bagassets.store.store import Store
@@ -37,12 +37,12 @@ def record(path, odd, seconds=1.6, seed=3):
     truth = Truth(World(seed), START_NS, {})
     end_ns = START_NS + round(seconds * 1e9)
     stamps = range(START_NS, end_ns, PERIOD_NS)
-    readings = (event(stamp + LATENCY_NS, TOPIC, "sensor_msgs/msg/PointCloud2", None) for stamp in stamps)
+    readings = (Event(stamp + LATENCY_NS, TOPIC, "sensor_msgs/msg/PointCloud2", None) for stamp in stamps)
     events = heapq.merge(motion_events(truth, end_ns), readings, key=lambda one: one.log_time_ns)
     with ExitStack() as stack:
         recorder = open_recorder(path, "mcap", "none", stack)
         for one in ODDITIES[odd](events, truth):
-            recorder.write_raw(one.topic, one.msgtype, one.log_time_ns, one.payload(recorder))
+            recorder.write(one.topic, one.msgtype, one.log_time_ns, one.make(recorder.messages))
     return truth
 
 

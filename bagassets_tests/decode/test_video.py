@@ -22,6 +22,7 @@ from bagassets.decode.video import (
     VideoStream,
     decode_video_packet,
 )
+from bagassets.decode.video_units import UnitReader
 from bagassets_tests.video_streams import PATCHES, SIZE, X264, X265, encode, number_in
 
 START_NS, PERIOD_NS = 1_700_000_000_000_000_000, 50_000_000
@@ -132,6 +133,19 @@ def test_frame_numbers_begin_again_in_long_groups():
     assert shown(stream[:40] + stream[41:], period_ns=None) == {
         n: n if n < 40 or n >= 80 else AFTER_GAP for n in range(90) if n != 40
     }
+
+
+@pytest.mark.parametrize(("log2", "numbers"), [(0, 16), (12, 1 << 16), (13, 0), (2000, 0)])
+def test_more_frame_numbers_than_the_standard_has_are_none(log2, numbers):
+    """A few bytes may announce a number that no memory holds."""
+    code = f"{log2 + 1:b}"
+    # Profile, constraints and level; number of the set; frame numbers; order as decoded, one reference, no gaps.
+    bits = f"{0x42001E:024b}" + "1" + "0" * (len(code) - 1) + code + "011" + "010" + "0"
+    bits += "0" * (-len(bits) % 8)
+    parameters = int(bits, 2).to_bytes(len(bits) // 8, "big")
+    reader = UnitReader()
+    reader.read("h264", b"\0\0\0\1\x67" + parameters + bytes(8))
+    assert reader.frame_numbers == numbers
 
 
 @pytest.mark.parametrize("codec", CODECS)

@@ -74,7 +74,16 @@ class TestCache:
 
     @pytest.mark.parametrize(
         "damage",
-        [b"", b"short", b"no database at all, but long enough to be one " * 300, "another format", "half"],
+        [
+            b"",
+            b"short",
+            b"no database at all, but long enough to be one " * 300,
+            "another format",
+            "half",
+            "of a later SQLite",
+            "without its table",
+            "with a name that is no text",
+        ],
     )
     def test_a_damaged_one_raises_and_is_replaced(self, tmp_path, damage):
         cache, path = Cache(tmp_path), tmp_path / NAME
@@ -85,6 +94,15 @@ class TestCache:
             connection.close()
         elif damage == "half":
             path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+        elif damage == "of a later SQLite":
+            path.write_bytes(path.read_bytes()[:18] + b"\x09\x09" + path.read_bytes()[20:])
+        elif damage == "without its table":
+            with sqlite3.connect(path) as connection:
+                connection.execute("DROP TABLE entries")
+            connection.close()
+        elif damage == "with a name that is no text":
+            data = path.read_bytes().replace(b"CREATE TABLE", b"CREATE TALBE")
+            path.write_bytes(data.replace(b"entries", b"ent\x91ies"))
         else:
             path.write_bytes(damage)
         with pytest.raises(PlanNeeded):
@@ -129,7 +147,10 @@ class TestCache:
 
         def full(_self, connection):
             connection.execute("DELETE FROM entries")
-            raise sqlite3.OperationalError("database or disk is full")
+            connection.execute("PRAGMA max_page_count = 1")
+            with pytest.raises(sqlite3.OperationalError, match="disk is full") as caught:
+                connection.execute("INSERT INTO entries VALUES ('letter', 'b', zeroblob(1000000), '')")
+            raise caught.value
 
         monkeypatch.setattr(Changes, "apply", full)
         assert not cache.write(changes(OTHER))

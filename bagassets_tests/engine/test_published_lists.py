@@ -136,6 +136,19 @@ def test_what_is_distrusted_does_not_hold_even_where_it_is_not_there(root, tmp_p
         made.check()
 
 
+def test_what_a_crash_may_have_torn_is_distrusted_until_the_dataset_is_published_again(root, tmp_path):
+    made = Publication(tmp_path, "dataset")
+    made.write(root, {"a0": "digest of a0"}, links_of("b"), None)
+    assert made.torn_since_s is None
+    made.distrust(200.0, links=True)
+    made.distrust(300.0, links=True)  # after another crash, before anything was published
+    assert made.torn_since_s == 200.0
+    assert made.is_as_published(root, lambda path: f"digest of {path.rpartition('/')[2]}") is False
+    assert Publication(tmp_path, "dataset").torn_since_s == 200.0
+    made.write(root, {"a0": "digest of a0"}, links_of("b"), None)
+    assert made.torn_since_s is None
+
+
 def test_a_file_that_is_gone_when_it_is_recorded_does_not_hold(root, tmp_path):
     made = Publication(tmp_path, "dataset")
     made.write(root, {"nothing": "digest"}, {}, None)

@@ -397,18 +397,14 @@ def test_a_server_serves_though_its_first_job_failed(tmp_path):
         client.shutdown(grace_s=0.0)
 
 
-def test_a_server_that_nobody_wants_any_more_ends_while_it_starts(tmp_path):
+def test_a_server_with_a_first_job_looks_at_the_recipe_before_it_imports_the_rest(tmp_path):
     slow = write_module(tmp_path / "code", "slow_module", "import time\ntime.sleep(60)\n")
-    spec = spec_in(tmp_path / "state", **slow)
-    files = ServerFiles(spec.state_folder, spec.stamp())
-
-    def refuse():
-        eventually(lambda: files.lock.exists() and is_locked(files.lock))
-        raise BagAssetsError("not this recipe")
-
-    with pytest.raises(BagAssetsError, match="not this recipe"):
-        ServerStart(spec, 60.0).wait(meanwhile=refuse)
-    eventually(lambda: not is_locked(files.lock))
+    recipe = tmp_path / "recipe.yaml"
+    recipe.write_text("- no recipe")
+    spec = spec_in(tmp_path / "state", recipe=recipe, **slow)
+    with pytest.raises(BagAssetsError, match="the recipe starts with a list"):
+        ServerStart(spec, 60.0, (f"{JOBS}:fail", {})).wait()
+    eventually(lambda: not is_locked(ServerFiles(spec.state_folder, spec.stamp()).lock))
 
 
 def test_a_server_that_cannot_start_shows_the_end_of_its_log(tmp_path):

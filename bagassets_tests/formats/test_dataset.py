@@ -10,7 +10,7 @@ from contextlib import suppress
 import pytest
 from handmade import Drive, make_tables
 
-from bagassets.base import atomic
+from bagassets.base import files
 from bagassets.base.errors import DatasetError, StoreError
 from bagassets.formats import linking
 from bagassets.formats.assembly import assemble
@@ -388,7 +388,7 @@ class TestFileSystems:
         )
 
     def test_without_an_exchange_folders_are_renamed(self, store, parts, tmp_path, monkeypatch):
-        monkeypatch.setattr(atomic, "_rename", lambda *_: False)
+        monkeypatch.setattr(files, "_rename", lambda *_: False)
         assemble(NUSCENES, parts, SETTINGS, store, tmp_path)
         assemble(NUSCENES, parts[:1], SETTINGS, store, tmp_path)
         assert check_dataset(tmp_path, VERSION) == []

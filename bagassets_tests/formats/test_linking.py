@@ -9,9 +9,9 @@ import sys
 
 import pytest
 
-from bagassets.base import atomic
-from bagassets.base.atomic import swap_in
+from bagassets.base import files
 from bagassets.base.errors import DatasetError
+from bagassets.base.files import swap_in
 from bagassets.formats import linking
 from bagassets.formats.assembly import remove_files
 from bagassets.formats.groups import Piece, write_rows
@@ -43,7 +43,7 @@ def refuse_links(monkeypatch, number):
 
 class TestLinker:
     def test_a_file_is_linked_and_one_that_is_there_is_kept(self, tmp_path, source):
-        linker = Linker(tmp_path / "data")
+        linker = Linker(tmp_path / "data", tmp_path)
         linker.put(str(source), "samples/CAM/a.jpg")
         linker.put(str(source), "samples/CAM/a.jpg")
         linker.put(str(source), "sweeps/CAM/a.jpg")
@@ -55,7 +55,7 @@ class TestLinker:
         self, tmp_path, source, monkeypatch, name
     ):
         asked = refuse_links(monkeypatch, getattr(errno, name))
-        linker = Linker(tmp_path / "data")
+        linker = Linker(tmp_path / "data", tmp_path)
         for target in ("a.jpg", "b.jpg", "b.jpg"):
             linker.put(str(source), target)
         assert linker.counts["copied"] + linker.counts["cloned"] == 2
@@ -68,7 +68,7 @@ class TestLinker:
         self, tmp_path, source, monkeypatch
     ):
         asked = refuse_links(monkeypatch, errno.EMLINK)
-        linker = Linker(tmp_path / "data")
+        linker = Linker(tmp_path / "data", tmp_path)
         linker.put(str(source), "a.jpg")
         linker.put(str(source), "b.jpg")
         assert len(asked) == 2
@@ -83,7 +83,7 @@ class TestLinker:
 
         refuse_links(monkeypatch, errno.EXDEV)
         monkeypatch.setattr(linking, "ioctl", clone)
-        linker = Linker(tmp_path / "data")
+        linker = Linker(tmp_path / "data", tmp_path)
         linker.put(str(source), "a.jpg")
         assert dict(linker.counts) == {"cloned": 1}
         assert asked == [0x40049409]
@@ -94,22 +94,48 @@ class TestLinker:
         with pytest.raises(
             DatasetError, match=r"a\.jpg: this file of the store is gone, so s/a.jpg cannot be made"
         ):
-            Linker(tmp_path / "data").put(str(source), "s/a.jpg")
+            Linker(tmp_path / "data", tmp_path).put(str(source), "s/a.jpg")
 
     def test_a_dataset_that_cannot_be_written_is_named(self, tmp_path, source, monkeypatch):
         refuse_links(monkeypatch, errno.ENOSPC)
         with pytest.raises(DatasetError, match=r"data/a\.jpg: cannot be written \(No space left on device\)"):
-            Linker(tmp_path / "data").put(str(source), "a.jpg")
+            Linker(tmp_path / "data", tmp_path).put(str(source), "a.jpg")
 
     def test_a_copy_that_fails_leaves_nothing(self, tmp_path, source, monkeypatch):
         def full(*_args):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
         refuse_links(monkeypatch, errno.EXDEV)
-        monkeypatch.setattr(linking.shutil, "copyfile", full)
+        monkeypatch.setattr(files.shutil, "copyfile", full)
         with pytest.raises(DatasetError, match="cannot be written"):
-            Linker(tmp_path / "data").put(str(source), "a.jpg")
+            Linker(tmp_path / "data", tmp_path).put(str(source), "a.jpg")
         assert list((tmp_path / "data").iterdir()) == []
+
+    def test_a_copy_grows_in_the_scratch_folder_which_is_removed_after_a_kill(
+        self, tmp_path, source, monkeypatch
+    ):
+        targets, copyfile = [], files.shutil.copyfile
+        refuse_links(monkeypatch, errno.EXDEV)
+        monkeypatch.setattr(
+            files.shutil, "copyfile", lambda one, other: (targets.append(other), copyfile(one, other))
+        )
+        (tmp_path / "scratch").mkdir()
+        Linker(tmp_path / "data", tmp_path / "scratch").put(str(source), "s/a.jpg")
+        assert [target.parent for target in targets] == [tmp_path / "scratch"]
+        assert (tmp_path / "data" / "s" / "a.jpg").read_bytes() == b"picture"
+        assert list((tmp_path / "scratch").iterdir()) == []
+
+    @pytest.mark.parametrize(
+        ("torn_since_s", "content"),
+        [(None, b"\0\0\0\0\0\0\0"), (2000.0, b"\0\0\0\0\0\0\0"), (1000.0, b"picture")],
+    )
+    def test_a_file_that_a_crash_may_have_torn_is_compared(self, tmp_path, source, torn_since_s, content):
+        (tmp_path / "data").mkdir()
+        target = tmp_path / "data" / "a.jpg"
+        target.write_bytes(bytes(7))
+        os.utime(target, (1000, 1000))
+        Linker(tmp_path / "data", tmp_path, torn_since_s).put(str(source), "a.jpg")
+        assert target.read_bytes() == content
 
 
 class TestSwap:
@@ -135,7 +161,7 @@ class TestSwap:
     @pytest.mark.parametrize("number", [errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP, None])
     def test_where_they_cannot_be_they_are_renamed(self, folders, monkeypatch, number):
         new, current = folders
-        monkeypatch.setattr(atomic.ctypes, "CDLL", fake_c_library(number))
+        monkeypatch.setattr(files.ctypes, "CDLL", fake_c_library(number))
         old = swap_in(new, current)
         assert old.parent == current.parent
         assert (current / "which").read_text() == "new"
@@ -144,7 +170,7 @@ class TestSwap:
 
     def test_any_other_refusal_is_an_error(self, folders, monkeypatch):
         new, current = folders
-        monkeypatch.setattr(atomic.ctypes, "CDLL", fake_c_library(errno.EACCES))
+        monkeypatch.setattr(files.ctypes, "CDLL", fake_c_library(errno.EACCES))
         with pytest.raises(PermissionError, match="Permission denied"):
             swap_in(new, current)
         assert (current / "which").read_text() == "current"
@@ -156,7 +182,7 @@ def fake_c_library(number):
     class Library:
         def __init__(self, *_args, **_options):
             if number is not None:
-                self.renameat2 = lambda *_args: (atomic.ctypes.set_errno(number), -1)[1]
+                self.renameat2 = lambda *_args: (files.ctypes.set_errno(number), -1)[1]
 
     return Library
 

@@ -22,14 +22,14 @@ from bagassets.sample.drive import Target, write_recordings
 from bagassets.store import artifact
 from bagassets.store.store import Store
 from bagassets_tests.small_drive import RECIPE as SMALL
-from benchmarks.cold import cold_table
+from benchmarks.cold import BUILD, FIXED_LOOP, PICTURES, cold_table
 from benchmarks.common import Options, Project, converter_command, markdown, project, save, speedup
 from benchmarks.drives import LIDAR_TOPIC, write_jpeg_project, write_tas_drive
 from benchmarks.peers import BAGASSETS, BAZEL, LOOP, BazelWorkspace, Peers, params_of, peers_table
 from benchmarks.peers import main as peers_main
 from benchmarks.plain import convert_plainly
 from benchmarks.resources import Used, run_watched
-from benchmarks.rq1 import PLAIN, output_lines
+from benchmarks.rq1 import output_lines
 from benchmarks.rq2 import fit
 
 pytestmark = pytest.mark.once
@@ -298,7 +298,7 @@ def test_what_ours_takes_of_bazels_time_is_the_median_over_the_turns():
 
 
 def test_cold_tells_medians_and_what_builds_take_beyond_conversions(tmp_path, monkeypatch):
-    """With times that are given: a build takes 2 CPU-s to start, and 0.5 CPU-s and half the speed for each recording."""
+    """With times that are given: a build takes 2 CPU-s to start, and for each recording 0.5, 0.25 for pictures, and half the speed."""
 
     class Made(Project):
         def stop_server(self):
@@ -314,29 +314,36 @@ def test_cold_tells_medians_and_what_builds_take_beyond_conversions(tmp_path, mo
                 stream.truncate(round(size))
         return made
 
-    def runs(made, _options):
+    def runs(made, _options, _loop):
         number = len(list(made.bags.iterdir()))
         plain = [Used(10 * made.size_gb * slower, number * slower, 100.0, 0.5) for slower in (1.0, 1.2, 0.1)]
         built = [Used(20 * made.size_gb, number * 1.5 + 2, 300.0, 0.9)] * 3
-        return {"bagassets": built, PLAIN: plain}
+        drawn = [Used(24 * made.size_gb, number * 1.75 + 2, 300.0, 0.9)] * 3
+        return {PICTURES: drawn, BUILD: built, FIXED_LOOP: plain}
 
     monkeypatch.setattr(benchmarks.cold, "project", make)
     monkeypatch.setattr(
         benchmarks.cold, "jpeg_project", lambda folder, size, trials: make(folder, [size], trials)
     )
     monkeypatch.setattr(benchmarks.cold, "_runs", runs)
+    monkeypatch.setattr(benchmarks.cold, "_checkout", lambda folder: folder)
+    monkeypatch.setattr(
+        benchmarks.cold, "stages_of", lambda *_: ({"read": 0.04, "write": 0.06}, {"other": 9.0})
+    )
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _pid: {0, 1})
     options = Options(tmp_path, tmp_path / "results", 3, 0.01, 2, None, tiny=True)
     benchmarks.cold.cold(options)
     found = json.loads((tmp_path / "results" / "cold.json").read_text())
-    assert len(found["cases"]) == 6
-    assert found["cpu_s_per_recording"] == pytest.approx(0.5)
-    assert found["cpu_s_to_start"] == pytest.approx(2.0)
+    assert len(found["cases"]) == 7
+    assert found["beyond"] == pytest.approx({"once": 2.0, "each": 0.5, "pictures": 0.25})
     rates = found["jpeg_mb_per_s"]
-    assert (rates["bagassets"], rates[PLAIN]) == (pytest.approx(50.0), pytest.approx(100.0))
+    assert (rates[BUILD], rates[FIXED_LOOP]) == (pytest.approx(50.0), pytest.approx(100.0))
     assert "cutting it into files" in rates
     table = (tmp_path / "results" / "cold.md").read_text()
     assert table == cold_table(found)
-    assert "| one recording of 0.02 GB: plain sequential | 0.19 | 1 | 50 | 100 | 100 |" in table
+    assert "| one recording of 0.02 GB: loop | 0.19 | 1 | 1 | 0 | 50 | 100 |" in table
+    assert "| one recording of 0.02 GB: bagassets, no pictures | 0.38 | 2 | 3.5 | 2.5 | 90 | 300 |" in table
+    assert "| one recording of 0.02 GB: floor | 0.05 | 0.263 | 0.1 |  | 100 |  |" in table
 
 
 def test_a_project_is_a_bench(drives):

@@ -17,10 +17,6 @@ WORDS = {
     ("assets/quality/topic_rules.py", "annotations"): "what a topic of the recipe is for",
     ("cli/convert.py", "sweeps"): "what is counted",
     ("engine/differences.py", "calibration"): "the prefix of an input: a calibration file",
-    ("formats/dataset_lock.py", "nuscenes"): "locks of format 1 have these keys",
-    ("formats/dataset_lock.py", "nuscenes_tables"): "likewise",
-    ("formats/dataset_lock.py", "vision"): "likewise",
-    ("formats/dataset_lock.py", "vision_sequences"): "likewise",
     ("formats/lerobot/groups.py", "frames"): "what is counted",
     ("formats/lerobot/join.py", "frames"): "what is counted",
     ("formats/lerobot/recording_part.py", "frames"): "what is counted",
@@ -44,7 +40,6 @@ WORDS = {
     ("recordings/describe.py", "frames"): "coordinate frames",
     ("sample/oddities.py", "annotations"): "a topic",
     ("sample/recipe.py", "nuscenes"): "a folder",
-    ("view/messages.py", "calibration"): "a topic",
 }
 # Where a name of ours is meant, and stays for a reason.
 NAMED = {

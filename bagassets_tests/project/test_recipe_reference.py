@@ -27,6 +27,12 @@ def test_docs_are_up_to_date():
     )
 
 
+def test_a_field_of_several_kinds_names_them():
+    text = render_reference()
+    assert "| `field` | text or a list, each entry text | required |" in text
+    assert "| a value |" not in text
+
+
 def test_every_field_is_described():
     text = render_reference()
     for model in models():

@@ -120,7 +120,7 @@ def test_what_a_part_leaves_running_ends_with_it(monkeypatch, tmp_path):
 def test_an_unknown_part_is_refused(capsys):
     with pytest.raises(SystemExit):
         test_all.main(["longest"])
-    assert "no part 'longest'; the parts are long, lerobot, lowest, newest" in capsys.readouterr().err
+    assert "no part 'longest'; the parts are long, lerobot, fuzz, lowest, newest" in capsys.readouterr().err
 
 
 def test_without_the_python_that_it_needs_a_part_is_left_out(monkeypatch, capfd):

@@ -367,6 +367,23 @@ def test_a_damaged_index(bag, tmp_path, no_attributes):
     assert stored_digest(bag, DigestIndex(tmp_path)) == digest
 
 
+@pytest.mark.parametrize("how", ["of a later SQLite", "with other columns", "with a name that is no text"])
+def test_a_database_that_cannot_be_the_index_is_replaced(bag, tmp_path, no_attributes, how):
+    index = tmp_path / "digests.sqlite"
+    with sqlite3.connect(index) as connection:
+        connection.execute("CREATE TABLE digests (path TEXT, other TEXT)")
+    if how == "of a later SQLite":
+        data = index.read_bytes()
+        index.write_bytes(data[:18] + b"\x09\x09" + data[20:])
+    elif how == "with a name that is no text":
+        data = index.read_bytes().replace(b"CREATE TABLE", b"CREATE TALBE").replace(b"digests", b"dige\x91ts")
+        index.write_bytes(data)
+        with pytest.raises(UnicodeDecodeError), sqlite3.connect(index) as connection:
+            connection.execute("SELECT * FROM digests")
+    digest = recording_digest(bag, DigestIndex(tmp_path)).digest
+    assert stored_digest(bag, DigestIndex(tmp_path)) == digest
+
+
 def test_an_index_that_cannot_be_written(bag, tmp_path, no_attributes):
     (tmp_path / "state").write_text("a file where the folder should be")
     with pytest.raises(StoreError, match="index of digests cannot be written"):

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from bagassets.base.errors import RecordingError
 from bagassets.recipe.model import Bags
-from bagassets.recordings.discover import _key, bags_of_one, discover, find_one, matches
-from bagassets.recordings.globs import literal_glob, may_match_within
+from bagassets.recordings.discover import _key, bags_of_one, discover, find_one
+from bagassets.recordings.globs import literal_glob, matches, may_match_within
 from bagassets.recordings.join_parts import FOR_NOW
 from bagassets_tests.recorded_bags import NOON_NS, text, write_ros1
 

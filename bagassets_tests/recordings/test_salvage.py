@@ -17,14 +17,27 @@ from bagassets.recordings.salvage.find_records import _MOST_TRIED
 from bagassets.recordings.salvage.open import open_salvaged, read_as_far
 from bagassets.store.canonical import digest_file
 from bagassets_tests import damaged_files
-from bagassets_tests.damaged_files import DAMAGES, KIB, SOUND, damaged, entries, halves, oracle, truth
+from bagassets_tests.damaged_files import (
+    DAMAGES,
+    KIB,
+    SERIES,
+    SOUND,
+    damaged,
+    entries,
+    halves,
+    oracle,
+    spoil,
+    storage_of,
+    truth,
+)
 from bagassets_tests.killed_recorder import leave_log
+from bagassets_tests.recorded_bags import NOON_NS, text
 from bagassets_tests.reindexed_bag import CHUNK, records
 from bagassets_tests.tree_memory import run_measured
 
 TOTAL = truth("ros1").total()
 # Nothing in these tells that a byte of a message was changed, so such a message counts as read.
-UNCHECKED = {"ros1", "ros1 lz4", "mcap unchunked", "mcap without indexes", "db3", "folder", "folder split",
+UNCHECKED = {"ros1", "ros1 lz4", "ros1 series", "mcap unchunked", "mcap without indexes", "db3", "folder", "folder split",
              "folder mcap", "folder zstd", "folder zstd messages"}  # fmt: skip
 
 
@@ -32,7 +45,7 @@ UNCHECKED = {"ros1", "ros1 lz4", "mcap unchunked", "mcap without indexes", "db3"
 def sound(tmp_path_factory):
     """Kind -> a sound recording."""
     made = {}
-    for kind, make in SOUND.items():
+    for kind, make in CORPUS.items():
         folder = tmp_path_factory.mktemp(kind.replace(" ", "_"))
         made[kind] = make(folder)
     return made
@@ -61,11 +74,16 @@ def files_of(path):
 
 def check(tmp_path, kind, damage, sound):
     """Damage a recording, and compare what is saved of it with what was in it, and with what others save."""
-    path = damaged(tmp_path, kind, damage, sound)
+    path = tmp_path / sound.name
+    (shutil.copytree if sound.is_dir() else shutil.copy)(sound, path)
+    recording = path
+    if kind in SERIES:
+        (recording,) = discover(bags_of_parts(sorted(path.iterdir()))).recordings.values()
+    spoil(storage_of(path), kind, damage)
     before = [(file, digest_file(file)) for file in files_of(path)]
     best = (oracle(kind, path, sound) & truth(kind)).total()
     try:
-        found, damage_map = saved(path)
+        found, damage_map = saved(recording)
     except RecordingError:
         assert best == 0
         return
@@ -87,11 +105,12 @@ def check(tmp_path, kind, damage, sound):
     assert all(one.endswith(".") for one in sentences)
 
 
-SAMPLE = random.Random(45).sample([(kind, damage) for kind in SOUND for damage in DAMAGES], 60)
+CORPUS = SOUND | SERIES
+SAMPLE = random.Random(45).sample([(kind, damage) for kind in CORPUS for damage in DAMAGES], 60)
 
 
 def test_the_corpus_is_as_large_as_it_should_be():
-    assert len(SOUND) * len(DAMAGES) >= 200
+    assert len(CORPUS) * len(DAMAGES) >= 200
 
 
 @pytest.mark.parametrize(("kind", "damage"), SAMPLE)
@@ -100,7 +119,7 @@ def test_a_sample_of_damaged_files(tmp_path, sound, kind, damage):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("kind", SOUND)
+@pytest.mark.parametrize("kind", CORPUS)
 def test_all_damaged_files(tmp_path, sound, kind):
     for number, damage in enumerate(DAMAGES):
         folder = tmp_path / str(number)
@@ -169,6 +188,51 @@ def test_a_hole_says_where_when_and_what(tmp_path, sound):
     times = [time_ns for _, time_ns, _ in gone]
     assert (hole.start_ns, hole.end_ns) == (min(times), max(times))
     assert hole.lost == dict(damage.lost) == dict(Counter(topic for topic, _, _ in gone.elements()))
+
+
+ZEROED = ["ros1", "mcap unchunked", "mcap no checksums"]
+
+
+@pytest.mark.parametrize("to_end", [True, False])
+@pytest.mark.parametrize("kind", ZEROED)
+def test_a_message_that_reaches_into_zeros_is_lost_and_counted(tmp_path, sound, kind, to_end):
+    path = tmp_path / sound[kind.partition(" no ")[0]].name
+    if kind == "mcap no checksums":
+        damaged_files.write_mcap(path, CompressionType.NONE, entries(), enable_crcs=False)
+    else:
+        shutil.copy(sound[kind], path)
+    data = path.read_bytes()
+    cut = [one for one in truth(kind) if one[0] == "/camera"][-4]
+    begin = data.index(cut[2])
+    middle = begin + len(cut[2]) // 2
+    data = (
+        data[:middle]
+        + bytes(len(data) - middle if to_end else 2 * len(cut[2]))
+        + (b"" if to_end else data[middle + 2 * len(cut[2]) :])
+    )
+    path.write_bytes(data)
+    found, damage = saved(path)
+    assert found - truth(kind) == Counter()
+    assert found.total() > 0.6 * TOTAL
+    assert not damage.is_complete
+    if not to_end:  # what the end announces is still there
+        assert damage.is_total_known
+        assert damage.lost == dict(Counter(topic for topic, _, _ in (truth(kind) - found).elements()))
+        assert damage.read + sum(damage.lost.values()) == TOTAL
+
+
+@pytest.mark.parametrize("kind", ["ros1", "mcap unchunked"])
+def test_a_message_of_zeros_is_kept_where_more_follows(tmp_path, kind):
+    some = [text(NOON_NS + i, "\0" * 200) for i in range(50)]
+    path = tmp_path / ("a.bag" if kind == "ros1" else "a.mcap")
+    if kind == "ros1":
+        damaged_files.write_bag(path, None, some)
+    else:
+        damaged_files.write_mcap(path, CompressionType.NONE, some, use_chunking=False)
+    path.write_bytes(damaged_files.without_index(path.read_bytes(), None))
+    found, damage = saved(path)
+    assert found.total() == 50
+    assert damage.is_complete
 
 
 def clear_pages_with(data, text):

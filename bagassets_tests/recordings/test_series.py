@@ -18,7 +18,7 @@ from bagassets.base.errors import RecordingError
 from bagassets.cli.main import main
 from bagassets.engine.choose import choose_recordings
 from bagassets.engine.splits import Ties, deal
-from bagassets.recipe.model import Bags
+from bagassets.recipe.model import Bags, Limits
 from bagassets.recipe.model_annotations import AnnotationFiles
 from bagassets.recipe.model_splits import Splits
 from bagassets.recordings import join_parts
@@ -27,14 +27,15 @@ from bagassets.recordings.digest import recording_digest
 from bagassets.recordings.discover import bags_of_parts, discover, series_with
 from bagassets.recordings.open import open_recording
 from bagassets.recordings.part_facts import part_facts
+from bagassets.recordings.salvage.open import open_salvaged
 from bagassets.recordings.series import Part, PartFacts, candidates, judge
-from bagassets.recordings.topic import ForeignBytes
+from bagassets.recordings.topic import ForeignBytes, RefusedBytes
 from bagassets.sample.recorder import open_recorder
 from bagassets.store.canonical import digest_bytes, digest_json
 from bagassets_tests.killed_recorder import leave_journal, leave_log
 from bagassets_tests.pose_data import Written
 from bagassets_tests.series import write_part, write_parts
-from bagassets_tests.small_drive import START_NS
+from bagassets_tests.small_drive import START_NS, write_drive
 
 TOPICS = {"/odom": "nav_msgs/msg/Odometry", "/tf_static": "tf2_msgs/msg/TFMessage"}
 OTHER = {**TOPICS, "/imu": "sensor_msgs/msg/Imu"}
@@ -181,6 +182,19 @@ def test_a_cut_drive_is_one_recording_with_key_and_messages_of_the_whole(drives)
     assert cut.files == tuple(parts)
     assert cut.size == sum(path.stat().st_size for path in parts)
     assert content(cut) == content(one)
+
+
+def test_its_parts_are_opened_as_it_is(drives):
+    """With its limits, and telling how far reading has come, of whole parts and of damaged ones."""
+    _, parts = drives
+    [one] = discover(bags(parts[0].parent)).recordings.values()
+    for opener in (open_recording, open_salvaged):
+        read = set()
+        limits = Limits.model_construct(message_bytes=1)
+        with opener(one, limits=limits, on_read=lambda path, *_, read=read: read.add(path)) as opened:
+            assert opened.format == one.format
+            assert all(isinstance(message.data, RefusedBytes) for message in opened.messages(opened.topics))
+        assert read == set(parts)
 
 
 def test_its_digest_is_one_of_its_parts_in_order(drives):
@@ -449,6 +463,23 @@ def test_convert_says_which_part_is_missing(tmp_path, capsys, names, odd):
     errors = capsys.readouterr().err
     assert ("warning: " in errors) == bool(odd)
     assert f"warning: {tmp_path / 'd.mcap'}: {odd}; the drive is converted as it is.\n" in errors or not odd
+
+
+def test_inspect_shows_a_drive_in_parts_as_the_drive_in_one_file(cut, tmp_path, capsys, monkeypatch):
+    whole = tmp_path / "whole" / "drive.bag"
+    write_drive(whole, "ros1", 2.0)
+    monkeypatch.chdir(cut)
+    shown = {}
+    for name, files in {
+        "whole": [str(whole)],
+        "parts": [f"drive_{number}.bag" for number in range(3)],
+    }.items():
+        assert main(["inspect", "--json", *files]) == 0
+        shown[name] = json.loads(capsys.readouterr().out)
+    for key in ("start_ns", "end_ns", "duration_s", "daylight", "gnss", "notes"):
+        assert shown["parts"][key] == shown["whole"][key]
+    counts = {name: {one["name"]: one["count"] for one in made["topics"]} for name, made in shown.items()}
+    assert counts["parts"] == counts["whole"]
 
 
 def test_a_rig_may_match_a_part():

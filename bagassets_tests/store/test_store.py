@@ -17,11 +17,13 @@ from blake3 import blake3
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bagassets.base import files
 from bagassets.base.errors import BagAssetsError, DecodeError, StoreError
 from bagassets.engine.freshness.artifacts import artifacts_fingerprint, packed
 from bagassets.engine.run_action import run_action
 from bagassets.store.action import Action, Step
 from bagassets.store.canonical import canonical_json, digest_bytes, digest_file, digest_json
+from bagassets.store.identity import id_of_store, identify
 from bagassets.store.integrity import artifact_damage, check_store
 from bagassets.store.lease import HOLDERS, action_lock, in_use
 from bagassets.store.store import Store
@@ -450,24 +452,22 @@ class TestFileSystems:
         with pytest.raises(StoreError, match=r"the store cannot be read .*check the disk"):
             run_action(Store(tmp_path / "store"), action_of(), write("a", b"x"))
 
-    @pytest.mark.parametrize(
-        ("method", "place"), [("write_bytes", "actions"), ("write_bytes", "tmp"), ("rename", "tmp")]
-    )
+    @pytest.mark.parametrize(("method", "place"), [("write", "actions"), ("write", "tmp"), ("move", "tmp")])
     def test_a_disk_that_fails_late_leaves_nothing(self, store, monkeypatch, method, place):
-        real = getattr(Path, method)
+        real = getattr(files, method)
         refused = []
 
-        def full(path, *args):
+        def full(path, *args, **options):
             if place in path.parts:
                 refused.append(path)
                 raise OSError(28, "No space left on device")
-            return real(path, *args)
+            return real(path, *args, **options)
 
-        monkeypatch.setattr(Path, method, full)
+        monkeypatch.setattr(files, method, full)
         with pytest.raises(StoreError, match=r"No space left on device.*free disk space"):
             run_action(store, action_of(), write("a", b"x"))
         assert refused
-        monkeypatch.setattr(Path, method, real)
+        monkeypatch.setattr(files, method, real)
         assert list((store.root / "tmp").iterdir()) == []
         assert list(store.root.rglob(".*")) == []
         assert list(check_store(store)) == []
@@ -475,7 +475,7 @@ class TestFileSystems:
 
     def test_a_failure_that_cannot_be_recorded_hides_none(self, store, monkeypatch):
         def fail(out):
-            monkeypatch.setattr(Path, "write_bytes", full)
+            monkeypatch.setattr(files, "write", full)
             raise DecodeError("topic /x: bad")
 
         def full(*args, **options):
@@ -483,6 +483,16 @@ class TestFileSystems:
 
         with pytest.raises(BagAssetsError, match="topic /x: bad"):
             run_action(store, action_of(), fail)
+
+
+@pytest.mark.parametrize("torn", [b"", bytes(33), b"0123456789abcdef"])
+def test_an_id_that_a_power_loss_tore_is_given_anew_once(tmp_path, torn):
+    before = identify(tmp_path)
+    (tmp_path / "store.id").write_bytes(torn)
+    assert id_of_store(tmp_path) is None
+    after = identify(tmp_path)
+    assert after not in (None, before)
+    assert identify(tmp_path) == id_of_store(tmp_path) == after
 
 
 @pytest.mark.parametrize("torn", [b"", b"{", b"{}"])

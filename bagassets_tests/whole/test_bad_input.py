@@ -1,5 +1,6 @@
 """Bad input and bad luck: one clear sentence each, others go on, nothing finished is lost, nothing half-made seen."""
 
+import errno
 import json
 import os
 import random
@@ -611,6 +612,13 @@ def no_memory_in_opencv():
 def test_words_for_errors_that_are_ours_already():
     err = StoreError("x")
     assert explained_error(err, Path("a.bag"), "frames") is err
+    full = explained_error(
+        OSError(errno.ENOSPC, "No space left on device", "/store/x"), Path("a.bag"), "frames CAM_FRONT"
+    )
+    assert str(full).startswith(
+        "/store/x: frames CAM_FRONT of a.bag cannot be made (No space left on device)"
+    )
+    assert full.transient  # not recorded, but tried again
     for short in (MemoryError(), pa.lib.ArrowMemoryError("malloc of size 1 failed"), no_memory_in_opencv()):
         reported = explained_error(short, Path("a.bag"), "frames CAM_FRONT")
         assert reported.transient

@@ -155,6 +155,24 @@ def test_what_docs_devkit_says_of_it_is_so(dataroot, tmp_path):
         "valid": 2, "without_a_byte_more": "AssertionError", "no_target": "AssertionError",
         "valid_by_its_docstring": 1, "nan_in_the_first": 0,
     }  # fmt: skip
+    exported = seen["exported"]
+    assert (
+        exported["kitti"][0]
+        == "AssertionError: Requested split custom_val which is not a known nuScenes split."
+    )
+    assert exported["kitti"][1].startswith("AssertionError: Requested split train which is not compatible")
+    assert exported["poses"] == exported["readings"] > 0
+    assert exported["begins"] == ""
+    assert (
+        exported["coordinates"]
+        == "AssertionError: Error: The given location: yard, has no available reference."
+    )
+    assert re.fullmatch(r"KeyError: 'CAM_\w+'", exported["points"])
+    assert exported["futures"] > 0
+    assert (
+        exported["prediction"]
+        == "ValueError: split must be one of (mini_train, mini_val, train, train_val, val)"
+    )
     assert seen["evaluated"]["one_without_points"] == seen["evaluated"]["before"] - 1
     assert seen["evaluated"]["without_lidar"] == "KeyError: 'LIDAR_TOP'"
     assert seen["without_velocity"] == [0, len(boxes_of(dataroot)), len(boxes_of(dataroot))]

@@ -19,18 +19,12 @@ from bagassets_tests.services import BIN, bare_environment, eventually, free_por
 from bagassets_tests.small_drive import write_drive
 
 OLD = sorted((Path(__file__).parents[1] / "upgrade").glob("*.tar.xz"))
-BEFORE_THE_FIRST_RELEASE = "bb81e10"
 LOCK = Path("dataset/nuscenes/v1.0-test/dataset.lock.json")
-# What versions before 0.1.0 kept in the state folder to tell whether anything had changed.
-LEFT_BEHIND = ("plan.sqlite", "nothing-to-do.snapshot", "published", "last-build.json")
 
 pytestmark = [
     pytest.mark.parametrize(
         "old",
-        [
-            pytest.param(path, marks=pytest.mark.long if BEFORE_THE_FIRST_RELEASE in path.name else ())
-            for path in OLD
-        ],
+        OLD,
         ids=lambda path: path.name.removesuffix(".tar.xz"),
         scope="module",
     ),
@@ -88,7 +82,6 @@ def test_a_build_takes_the_state_over(built):
     project = built
     assert "nothing to do" in run(project, "build")
     assert re.search(r"1 recording: \d+ fresh\.", run(project, "status"))
-    assert not [name for name in LEFT_BEHIND if (project / ".bagassets" / name).exists()]
 
 
 def test_the_build_says_what_this_version_makes_again(built):
@@ -143,7 +136,7 @@ def test_a_lock_of_a_later_version_is_refused(project, tmp_path):
     later.write_text(json.dumps({**json.loads((project / LOCK).read_text()), "format": 99}))
     said = run(project, "dataset", "diff", later, project / LOCK, status=1)
     assert said.splitlines() == [
-        f"error: {later}: this lock has format 99, this version of bagassets knows 1 and 2; use the version that wrote it."
+        f"error: {later}: this lock has format 99, this version of bagassets knows 2; use the version that wrote it."
     ]
 
 
@@ -152,7 +145,7 @@ def test_what_a_later_version_noted_about_changes_is_not_believed(old, tmp_path)
     noted = project / ".bagassets" / "freshness.sqlite"
     with closing(sqlite3.connect(noted)) as connection:
         connection.execute(f"PRAGMA user_version = {_FORMAT + 1}")
-        connection.execute("DROP TABLE IF EXISTS entries")  # 0.1.0 has one
+        connection.execute("DROP TABLE IF EXISTS entries")
         connection.execute("CREATE TABLE entries (something TEXT)")
         connection.commit()
     run(project, "build")

@@ -2,11 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from bagassets.base.columns import column, numbers
 from bagassets.geometry.se3 import Floats
 
 SCHEMA = pa.schema(
@@ -75,39 +77,38 @@ class BoxTable:
 
     def to_arrow(self) -> pa.Table:
         """Return the rows sorted by stamp, track and source; boxes without identity keep their order."""
-        numbers = np.concatenate([self.centers_m, self.rotations, self.sizes_m], axis=1)
+        values = np.concatenate([self.centers_m, self.rotations, self.sizes_m], axis=1)
         order = sorted(range(len(self)), key=lambda i: (self.stamps_ns[i], self.tracks[i], self.sources[i]))
-        columns: list[object] = [
+        columns: list[Sequence[Any] | NDArray[Any]] = [
             self.stamps_ns[order],
             [self.tracks[i] for i in order],
             [self.categories[i] for i in order],
             [list(self.attributes[i]) for i in order],
-            *(numbers[order, column] for column in range(10)),
+            *values[order].T,
             self.scores[order],
             [self.sources[i] for i in order],
             self.message_stamps_ns[order],
         ]
-        return pa.table(
-            [pa.array(column, type=field.type) for column, field in zip(columns, SCHEMA, strict=True)],
-            schema=SCHEMA,
+        return pa.Table.from_arrays(
+            [column(one, field.type) for one, field in zip(columns, SCHEMA, strict=True)], schema=SCHEMA
         )
 
     @classmethod
     def from_arrow(cls, table: pa.Table) -> "BoxTable":
         """Return the content of an `annotations.parquet`."""
 
-        def numbers(*names: str) -> Floats:
-            return np.stack([table.column(name).to_numpy() for name in names], axis=1)
+        def together(*names: str) -> Floats:
+            return np.stack([numbers(table.column(name)) for name in names], axis=1)
 
         return cls(
-            stamps_ns=table.column("stamp_ns").to_numpy(),
+            stamps_ns=numbers(table.column("stamp_ns")),
             tracks=table.column("track_id").to_pylist(),
             categories=table.column("category").to_pylist(),
             attributes=table.column("attributes").to_pylist(),
-            centers_m=numbers("x", "y", "z"),
-            rotations=numbers("qw", "qx", "qy", "qz"),
-            sizes_m=numbers("width", "length", "height"),
-            scores=table.column("score").to_numpy(),
+            centers_m=together("x", "y", "z"),
+            rotations=together("qw", "qx", "qy", "qz"),
+            sizes_m=together("width", "length", "height"),
+            scores=numbers(table.column("score")),
             sources=table.column("source").to_pylist(),
-            messages_ns=table.column("message_ns").to_numpy(),
+            messages_ns=numbers(table.column("message_ns")),
         )

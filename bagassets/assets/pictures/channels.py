@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from bagassets.assets.lidar_file import read_lidar_file
 from bagassets.assets.pictures.canvas import Image, read_image, read_reduced
+from bagassets.base.columns import numbers
 from bagassets.geometry.calibration import CameraLens
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.se3 import SE3, Floats
@@ -117,10 +118,10 @@ class CameraImages(_Readings):
         return cls(
             channel,
             artifact,
-            index.column("stamp_ns").to_numpy(),
+            numbers(index.column("stamp_ns")),
             index.column("file").to_pylist(),
             ego_SE3_cam.normalised(),
-            index.column("width").to_numpy(),
+            numbers(index.column("width")),
             camera,
         )
 
@@ -149,7 +150,7 @@ class Clouds(_Readings):
         return cls(
             channel,
             artifact,
-            index.column("stamp_ns").to_numpy(),
+            numbers(index.column("stamp_ns")),
             index.column("file").to_pylist(),
             ego_SE3_lidar.normalised(),
         )

@@ -10,6 +10,7 @@ from bagassets.assets.contents import Contents
 from bagassets.assets.frames import FRAMES
 from bagassets.assets.sweeps import SWEEPS
 from bagassets.assets.timeline.keyframes import Stamps
+from bagassets.base.columns import numbers
 from bagassets.base.json_types import JsonObject
 from bagassets.recipe.model import Recipe, Rig
 from bagassets.recipe.model_base import Clock
@@ -88,5 +89,5 @@ class Evidence(Contents):
 
     def _read_stamps_ns(self, digest: str) -> Stamps:
         index = self.store.artifact(digest).read_table("index.parquet", ["stamp_ns"])
-        stamps_ns: Stamps = index.column("stamp_ns").to_numpy().astype(np.int64)
+        stamps_ns: Stamps = numbers(index.column("stamp_ns")).astype(np.int64)
         return stamps_ns

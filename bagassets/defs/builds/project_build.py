@@ -17,6 +17,7 @@ from bagassets.defs.builds.own_build import OwnBuild
 from bagassets.defs.builds.own_states import load_own
 from bagassets.defs.builds.pending_work import open_project
 from bagassets.defs.builds.report import checked_remarks, outcomes_of, report_of, standing_remarks, warnings
+from bagassets.defs.graph.dataset import write_report
 from bagassets.defs.records.projects import forget_other_prefixes, require_own_keys
 from bagassets.defs.runs.orphaned_runs import end_orphaned_runs
 from bagassets.defs.runs.run_pool import Listener
@@ -29,6 +30,7 @@ from bagassets.formats.after_crash import noted_build
 from bagassets.formats.catalogue import recording_assets
 from bagassets.formats.dataset_build import split_on_disk
 from bagassets.formats.dataset_integrity import remove_changed_sources
+from bagassets.formats.report_data import report_path
 from bagassets.recipe import load_recipe
 from bagassets.store.store import Store
 
@@ -70,6 +72,8 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
             own_work = own.survey(instance, build.look_on(), options)
 
         before, now = build.before, build.now
+        if options.is_whole and now.plan.bags and not report_path(recipe).exists():
+            write_report(instance, workspace, now.plan)  # a crash tore it, or it could not be written
         outcomes = outcomes_of(instance, build, made_ahead(), is_whole=options.is_whole)
         interrupted = build.interrupted or own_build.interrupted
         report = report_of(instance, workspace, build, outcomes, split_before, interrupted=interrupted)

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import dagster as dg
 
-from bagassets.base.atomic import replacing
 from bagassets.base.errors import RecipeError, StoreError
+from bagassets.base.files import write_atomically
 from bagassets.defs.records.instances import location_variables, pack_instance
 from bagassets.defs.records.naming import Naming, parse_prefix
 from bagassets.store.canonical import digest_json
@@ -131,10 +131,8 @@ def note_instance(instance: dg.DagsterInstance, state: Path, prefix: tuple[str, 
     if file.exists():
         return
     with suppress(OSError):  # the state folder is on another machine, or read-only
-        file.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(file) as written:
-            written.touch(mode=0o600)  # it may hold the password of a database
-            written.write_text(json.dumps(value, sort_keys=True), "utf-8")
+        # It may hold the password of a database.
+        write_atomically(file, json.dumps(value, sort_keys=True).encode(), mode=0o600, folders=True)
 
 
 def instances_of(state: Path) -> Iterator[tuple[str, tuple[str, ...]]]:

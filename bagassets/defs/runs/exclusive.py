@@ -45,7 +45,6 @@ def exclusive(
     if file in _HELD:
         yield True
         return
-    folder.mkdir(parents=True, exist_ok=True)
     asked = 0
     with LockFile.open(file) as lock:
         try:

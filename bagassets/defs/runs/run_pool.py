@@ -30,10 +30,10 @@ from bagassets.engine.build_report import Event
 
 _CANCEL_GRACE_S = 35.0  # our own launcher kills after 30 s, and the command waits for 40 s
 _HEALTH_S = 5.0
-# The end of a run is noticed late by at most 2 % of its duration. To read the records takes some milliseconds.
-_QUICKEST_S, _SLOWEST_S = 0.02, 0.5
-_POLL_SHARE = 0.02
-_LOG_S = 2.0
+# The end of a run is noticed late by at most 3 % of its duration. To read the records takes some milliseconds.
+_QUICKEST_S, _SLOWEST_S = 0.03, 0.5
+_POLL_SHARE = 0.03
+_LOG_S, _LOG_OF_SEVERAL_S = 2.0, 0.25
 _FEW = 20  # active runs that are all read each time
 _MOST_THREADS = 32
 _ENDED = [dg.DagsterRunStatus.SUCCESS, dg.DagsterRunStatus.FAILURE, dg.DagsterRunStatus.CANCELED]
@@ -226,8 +226,9 @@ class RunPool:
                 continue
             run = records.get(run_id)
             # The log of a run about one recording says something only if that takes long, and in the end.
-            is_due = not active.has_steps and (len(active.batch) > 1 or (run is not None and run.is_finished))
-            if is_due or min(now - active.since, now - active.read_at) > _LOG_S:
+            log_s = _LOG_OF_SEVERAL_S if len(active.batch) > 1 and not active.has_steps else _LOG_S
+            is_over = run is not None and run.is_finished and not active.has_steps
+            if is_over or min(now - active.since, now - active.read_at) > log_s:
                 active.read_at = now
                 self._follow(run_id, active)
             if run is None:

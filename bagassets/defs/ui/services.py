@@ -209,7 +209,6 @@ def _is_left_alone(client: Client) -> bool:
 def _lock(state: Path, url: str) -> LockFile:
     """Lock the state folder against a second daemon; the lock file holds the URL of this one."""
     try:
-        state.mkdir(parents=True, exist_ok=True)
         lock = LockFile.open(state / _LOCK)
     except OSError as err:
         raise BagAssetsError(f"{state}: the state folder cannot be written ({err.strerror}).") from err

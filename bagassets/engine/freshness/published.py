@@ -14,7 +14,7 @@ import os
 import random
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
-from typing import TYPE_CHECKING, TypedDict
+from typing import TYPE_CHECKING, NotRequired, TypedDict
 
 from bagassets.base.cache import Cache, Changes
 from bagassets.base.fingerprints import PlanNeeded, Signature, signature
@@ -40,6 +40,7 @@ class _Head(TypedDict):
         digests: name -> digest of its content.
         folders: name -> modification time (ns) and inode of a folder with links.
         lists: part of a recording -> bytes of each piece of the list of its links.
+        torn_since_s: see `Publication.torn_since_s`.
     """
 
     root: str
@@ -47,6 +48,7 @@ class _Head(TypedDict):
     digests: dict[str, str]
     folders: dict[str, list[int]]
     lists: dict[str, list[int]]
+    torn_since_s: NotRequired[float]
 
 
 class Publication:
@@ -66,6 +68,14 @@ class Publication:
         """Its folder; None if nothing is on record."""
         try:
             return self._head()["root"]
+        except PlanNeeded:
+            return None
+
+    @property
+    def torn_since_s(self) -> float | None:
+        """Since when (Unix seconds) a crash may have torn files that are not on record, until the next `write`; else None."""
+        try:
+            return self._head().get("torn_since_s")
         except PlanNeeded:
             return None
 
@@ -205,7 +215,7 @@ class Publication:
         )
 
     def distrust(self, since_s: float, *, links: bool) -> None:
-        """Have the next check read all written files, and links that were made recently.
+        """Have the next check read all written files, and links that were made recently; see also `torn_since_s`.
 
         Args:
             since_s: links made since this time (Unix seconds) are read.
@@ -227,7 +237,8 @@ class Publication:
             return
         files = dict.fromkeys(head["files"], _NEVER)
         folders = dict.fromkeys(head["folders"], _NEVER)
-        self._put_head({**head, "files": files, "folders": folders}, changes)
+        since_s = min(since_s, head.get("torn_since_s", since_s))
+        self._put_head({**head, "files": files, "folders": folders, "torn_since_s": since_s}, changes)
 
     # --- the record ----------------------------------------------------------------------
 

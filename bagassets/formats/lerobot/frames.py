@@ -1,5 +1,6 @@
 """The frames of an episode: which values and images each of them gets, or why the episode is left out."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -12,6 +13,7 @@ from bagassets.formats.lerobot.ranges import Span
 from bagassets.formats.lerobot.settings import MOST_S
 
 LEAST_FRAMES = 2
+COUNTED = ("dropped", "repeated", "held")
 
 
 @dataclass(frozen=True)
@@ -57,16 +59,13 @@ class Frames:
     Attributes:
         times_ns: their times, (N,).
         picked: which of its values they get, for each source.
-        dropped: feature -> values in the episode that no frame has.
-        repeated: feature -> frames with the value of the frame before.
-        held: feature -> frames with the latest value, since none was near.
+        counts: feature -> number, of values in the episode that no frame has (`dropped`), of frames with the value of the frame
+            before (`repeated`), and of those with the latest value, since none was near (`held`).
     """
 
     times_ns: Stamps
     picked: Sequence[Picked]
-    dropped: Mapping[str, int]
-    repeated: Mapping[str, int]
-    held: Mapping[str, int]
+    counts: Mapping[str, Counter[str]]
 
 
 def whole_span(sources: Sequence[Source]) -> Span:
@@ -109,14 +108,14 @@ def frames_of(
             raise DecodeError(f"{first} ends at {at_s(ends_ns)} already, more than {trim_s:g} s before it")
     times_ns = grid_ns(begins_ns, ends_ns, fps)
     picked: list[Picked] = []
-    held: dict[str, int] = {}
+    counts: dict[str, Counter[str]] = {what: Counter() for what in COUNTED}
     number = len(times_ns)
     for source in sources:
         one = pick(source.stamps_ns, times_ns, source.rule.at, round(source.rule.tolerance_s * 1e9))
         gaps = np.flatnonzero(~one.has_value)
         if len(gaps) and source.rule.gap == "hold":
             one = one.held()
-            held[source.feature] = held.get(source.feature, 0) + len(gaps)
+            counts["held"][source.feature] += len(gaps)
             gaps = np.flatnonzero(~one.has_value)
         if len(gaps) and source.rule.gap == "end":
             number = min(number, int(gaps[0]))
@@ -130,15 +129,13 @@ def frames_of(
             f"it is {number / fps:.0f} s long, and a video ends before {MOST_S} s; set lerobot.episodes.max_length_s"
         )
     times_ns, picked = times_ns[:number], [one.cut(number) for one in picked]
-    dropped: dict[str, int] = {}
-    repeated: dict[str, int] = {}
     for source, one in zip(sources, picked, strict=True):
         first, after = np.searchsorted(source.stamps_ns, [times_ns[0], times_ns[-1] + 1])
         within = np.arange(first, after)
         unused = len(np.setdiff1d(within, np.union1d(one.before, one.after[one.weight > 0])))
-        dropped[source.feature] = max(dropped.get(source.feature, 0), unused)
-        repeated[source.feature] = max(repeated.get(source.feature, 0), one.repeated)
-    return Frames(times_ns, picked, dropped, repeated, held)
+        for what, found in (("dropped", unused), ("repeated", one.repeated)):
+            counts[what][source.feature] = max(counts[what][source.feature], found)
+    return Frames(times_ns, picked, counts)
 
 
 def _no_value(source: Source, at_s: str, fps: int) -> str:

@@ -6,7 +6,6 @@ an inserted episode are written again; packets of videos carry none.
 """
 
 import json
-import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property, partial
 from pathlib import Path
@@ -16,6 +15,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from bagassets.base import files
 from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.engine.splits import SplitShare
 from bagassets.formats.format import Joined, Kept, Member
@@ -136,31 +136,34 @@ class Join:
 
     def _write(self, name: str, write: Callable[[Path], object]) -> None:
         path = self._out / name
-        path.parent.mkdir(parents=True, exist_ok=True)
+        files.make_folder(path.parent)
         write(path)
         self._digests[name] = digest_file(path)
 
     def _shared(self, name: str, key: str, write: Callable[[Path], object]) -> bool:
         """Link a file of the dataset on disk that was joined from the same, or write it; return whether it was there."""
         self._keys[name] = key
-        files: JsonMapping = self._before.get("files", {})
-        same = next((one for one, other in files.items() if other == key and one in self._kept.digests), None)
+        before: JsonMapping = self._before.get("files", {})
+        same = next(
+            (one for one, other in before.items() if other == key and one in self._kept.digests), None
+        )
         if same is None:
             self._write(name, write)
             self._written.append(name)
             return False
         path = self._out / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        os.link(self._kept.path(same), path)
+        files.make_folder(path.parent)
+        files.link(self._kept.path(same), path)
         self._digests[name] = self._kept.digests[same]
         return True
 
-    def _files(self, units: Sequence[Unit], limits: Limits, name: Callable[[int, int], str]) -> list[File]:
+    def _files(self, units: Sequence[Unit], limits: Limits, name: Callable[..., str]) -> list[File]:
         """Return the files in which episodes are, by what `units` say of each."""
         found = []
         for number, group in enumerate(grouped(units, limits)):
-            place = divmod(number, CHUNK_FILES)
-            found.append(File(name(*place), place, [self.episodes[one] for one in group]))
+            chunk, file = place = divmod(number, CHUNK_FILES)
+            own = [self.episodes[one] for one in group]
+            found.append(File(name(chunk_index=chunk, file_index=file), place, own))
         return found
 
     def _films(self, feature: str) -> list[File]:
@@ -172,11 +175,7 @@ class Join:
             Unit(one.name, one.length, film["size"], film["header"])
             for one, film in zip(self.episodes, films, strict=True)
         ]
-        files = self._files(
-            units,
-            limits,
-            lambda chunk, file: VIDEOS.format(video_key=feature, chunk_index=chunk, file_index=file),
-        )
+        files = self._files(units, limits, partial(VIDEOS.format, video_key=feature))
         for file in files:
             parts = [(one, one.facts["videos"][feature]["file"]) for one in file.episodes]
             key = digest_json([_JOIN_VERSION, fps, [[one.member.part.artifact, name] for one, name in parts]])
@@ -191,9 +190,7 @@ class Join:
         most_frames = _MOST_DATA // row_bytes
         limits = Limits(_USUAL_DATA // row_bytes, _USUAL_DATA, most_frames, _MOST_DATA)
         units = [Unit(one.name, one.length, one.length * row_bytes) for one in self.episodes]
-        files = self._files(
-            units, limits, lambda chunk, file: DATA.format(chunk_index=chunk, file_index=file)
-        )
+        files = self._files(units, limits, DATA.format)
         parts: dict[str, list[NDArray[np.float32]]] = {name: [] for name in numeric}
         for file in files:
             first = file.episodes[0]
@@ -219,17 +216,21 @@ class Join:
                 tables[one.member.part.artifact] = one.member.artifact.read_table(ROWS, list(features))
         pieces = [tables[one.member.part.artifact].slice(one.offset, one.length) for one in episodes]
         table = pa.concat_tables(pieces).combine_chunks()
+        columns = {name: table.column(name) for name in features}
+        own = self._own_columns(episodes)
+        return pa.table(columns | {name: pa.array(values) for name, values in own.items()})
+
+    def _own_columns(self, episodes: Sequence[Episode]) -> dict[str, NDArray[np.int64] | NDArray[np.float32]]:
+        """Return the columns that every dataset has, for neighbouring episodes, (N,) each."""
         lengths = np.array([one.length for one in episodes])
         frames = np.concatenate([np.arange(length, dtype=np.int64) for length in lengths])
-        own = {
+        return {
             "timestamp": (frames / self._settings.fps).astype(np.float32),
             "frame_index": frames,
             "episode_index": np.repeat(np.array([one.index for one in episodes], dtype=np.int64), lengths),
             "index": np.arange(episodes[0].first, episodes[0].first + len(frames), dtype=np.int64),
             "task_index": np.repeat(np.array([one.task for one in episodes], dtype=np.int64), lengths),
         }
-        columns = {name: table.column(name) for name in features}
-        return pa.table(columns | {name: pa.array(values) for name, values in own.items()})
 
     def _statistics(self, columns: Mapping[str, NDArray[np.float32]]) -> JsonObject:
         """Return the statistics of all features over the whole dataset."""
@@ -240,17 +241,10 @@ class Join:
             films = [one.facts["videos"][name] for one in self.episodes]
             count = sum(film["images"] for film in films)
             found[name] = of_images(added(film["levels"] for film in films), count)
-        lengths = np.array([one.length for one in self.episodes])
-        frames = np.concatenate([np.arange(length) for length in lengths])
-        own: dict[str, NDArray[np.int64] | NDArray[np.float32]] = {
-            "timestamp": (frames / self._settings.fps).astype(np.float32),
-            "frame_index": frames,
-            "episode_index": np.repeat(np.arange(len(lengths)), lengths),
-            "task_index": np.repeat([one.task for one in self.episodes], lengths),
-        }
+        own = self._own_columns(self.episodes)
+        index = own.pop("index").astype(np.int64)
         found |= {name: of_values(values[:, None]) for name, values in own.items()}
-        last = np.array([len(frames) - 1])
-        found["index"] = of_runs(np.array([0]), last)
+        found["index"] = of_runs(index[:1], index[-1:])
         return {
             name: {what: value.tolist() for what, value in one.items()} for name, one in sorted(found.items())
         }

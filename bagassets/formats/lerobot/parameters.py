@@ -9,8 +9,8 @@ from bagassets.assets.signals import SIGNALS
 from bagassets.base.errors import DatasetError
 from bagassets.formats.lerobot.frames import Rule
 from bagassets.formats.lerobot.ranges import Span, by_file
-from bagassets.formats.lerobot.settings import LeRobot, TaskTopic
-from bagassets.formats.lerobot.video import EncoderSettings, require_pyav
+from bagassets.formats.lerobot.settings import Cuts, Encoding, LeRobot, TaskTopic
+from bagassets.formats.lerobot.video import require_pyav, with_defaults
 from bagassets.recipe.model import Recipe, Rig
 
 USUAL_TOLERANCE_FRAMES = 1.5
@@ -25,20 +25,6 @@ class FeatureParams:
     camera: str | None
     next_of: str | None
     rule: Rule
-
-
-@dataclass(frozen=True)
-class CutParams:
-    """Where episodes are; see `lerobot.episodes` in the recipe."""
-
-    topic: str | None
-    field: str | tuple[str, ...]
-    start: tuple[str | bool | int, ...]
-    end: tuple[str | bool | int, ...]
-    signal: str | None
-    trim_s: float
-    min_length_s: float
-    max_length_s: float | None
 
 
 @dataclass(frozen=True)
@@ -61,10 +47,10 @@ class EpisodesParams:
     rig: str
     fps: int
     features: tuple[FeatureParams, ...]
-    cuts: CutParams
+    cuts: Cuts
     has_ranges: bool
     task: tuple[str, str | tuple[str, ...]] | None
-    video: EncoderSettings
+    video: Encoding
     ranges: Path | None
 
     @classmethod
@@ -77,16 +63,15 @@ class EpisodesParams:
         for name, one in settings.features.items():
             rule = Rule(one.at, one.tolerance_s or USUAL_TOLERANCE_FRAMES / settings.fps, one.gap)
             features.append(FeatureParams(name, one.signals, one.camera, one.next_of, rule))
-        cuts = {name: getattr(settings.episodes, name) for name in CutParams.__dataclass_fields__}
         task = settings.task
         return cls(
             rig=rig.name,
             fps=settings.fps,
             features=tuple(features),
-            cuts=CutParams(**cuts),
+            cuts=Cuts(**settings.episodes.model_dump(exclude={"ranges"})),
             has_ranges=settings.episodes.ranges is not None,
             task=(task.topic, task.field) if isinstance(task, TaskTopic) else None,
-            video=EncoderSettings.of(**dict(settings.video)),
+            video=with_defaults(settings.video),
             ranges=settings.episodes.ranges,
         )
 

@@ -36,7 +36,7 @@ from bagassets.formats.lerobot.cuts import (
     said,
     why_unsaid,
 )
-from bagassets.formats.lerobot.frames import Frames, Source, frames_of, whole_span
+from bagassets.formats.lerobot.frames import COUNTED, Frames, Source, frames_of, whole_span
 from bagassets.formats.lerobot.grid import values_at
 from bagassets.formats.lerobot.parameters import EpisodesParams, EpisodesUse, use
 from bagassets.formats.lerobot.ranges import Span
@@ -105,12 +105,8 @@ class _Maker:
     """
 
     def __init__(self, use: Use[EpisodesUse], inputs: Inputs) -> None:
-        self._use, self._params, self._inputs, self._topics = (
-            use.params,
-            use.params.params,
-            inputs,
-            use.topics,
-        )
+        self._use, self._params = use.params, use.params.params
+        self._inputs, self._topics = inputs, use.topics
         self.cameras: dict[str, _Camera] = {}
         self.names: dict[str, list[str]] = {}
         self.sources: list[Source] = []
@@ -298,7 +294,7 @@ def make(use: Use[EpisodesUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
                         for name, column in values.items()
                     },
                     "videos": {name: film.result() for name, film in films[number].items()},
-                    **{what: dict(getattr(one.frames, what)) for what in ("dropped", "repeated", "held")},
+                    **one.frames.counts,
                 }
             )
     out.write_json(EPISODES, episodes, indent=None)
@@ -315,13 +311,10 @@ def make(use: Use[EpisodesUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
         "features": _specifications(maker, params, columns, episodes),
         "left_out": maker.left_out,
         "why_none": maker.why_none,
-        **{
-            what: dict(sum((Counter(one[what]) for one in episodes), Counter()))
-            for what in ("dropped", "repeated", "held")
-        },
+        **{what: dict(sum((one.frames.counts[what] for one in made), Counter())) for what in COUNTED},
     }
     out.write_json(FACTS, facts)
-    shown = ("episodes", "frames", "left_out", "why_none", "dropped", "repeated", "held")
+    shown = ("episodes", "frames", "left_out", "why_none", *COUNTED)
     return {name: facts[name] for name in shown}
 
 

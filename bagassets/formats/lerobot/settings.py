@@ -73,8 +73,8 @@ class Feature(Model):
         return self
 
 
-class Episodes(Model):
-    """Where episodes are in a recording; without any of these fields, a recording is one episode."""
+class Cuts(Model):
+    """Where episodes are in a recording, as far as the recipe says so."""
 
     topic: TopicName | None = Field(
         None, description="Topic whose messages begin and end episodes; each one begins one without `start`."
@@ -91,11 +91,6 @@ class Episodes(Model):
     signal: str | None = Field(
         None, description="Signal with one element; episodes are where it is not zero."
     )
-    ranges: LooseFile | None = Field(
-        None,
-        description="CSV file with the columns `recording`, `start_s` and `end_s` (seconds since the recording began) or `start_ns` "
-        "and `end_ns` (stamps), and maybe `task`; the end is the first time after the episode. Recordings that it does not name have no episodes.",
-    )
     trim_s: float = Field(
         1.0,
         ge=0,
@@ -108,6 +103,16 @@ class Episodes(Model):
         gt=0,
         lt=MOST_S,
         description="Longer episodes are cut into pieces of this length; default: those that one video file cannot hold are left out.",
+    )
+
+
+class Episodes(Cuts):
+    """Where episodes are in a recording; without any of these fields, a recording is one episode."""
+
+    ranges: LooseFile | None = Field(
+        None,
+        description="CSV file with the columns `recording`, `start_s` and `end_s` (seconds since the recording began) or `start_ns` "
+        "and `end_ns` (stamps), and maybe `task`; the end is the first time after the episode. Recordings that it does not name have no episodes.",
     )
 
     @model_validator(mode="after")

@@ -7,7 +7,6 @@ What would pick another algorithm by the processor is switched off: x264 has `cp
 import io
 import os
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bagassets.base.errors import DatasetError, PluginError
+from bagassets.formats.lerobot.settings import Encoding
 
 PYAV = "av"
 """The distribution whose version, that of the encoders and the muxer in it, is part of the key."""
@@ -30,23 +30,10 @@ _ENCODERS = {
 }
 
 
-@dataclass(frozen=True)
-class EncoderSettings:
-    """How videos are encoded; see `lerobot.video` in the recipe."""
-
-    codec: str
-    crf: int
-    preset: str
-    keyframes: int
-    odd_size: str
-
-    @classmethod
-    def of(
-        cls, codec: str, crf: int | None, preset: str | None, keyframes: int, odd_size: str
-    ) -> "EncoderSettings":
-        """Return the settings with the defaults of the codec."""
-        _, _, _, usual_preset, usual_crf = _ENCODERS[codec]
-        return cls(codec, usual_crf if crf is None else crf, preset or usual_preset, keyframes, odd_size)
+def with_defaults(settings: Encoding) -> Encoding:
+    """Return the settings of an encoder with the quality and the preset that are usual for its codec where they give none."""
+    _, _, _, preset, crf = _ENCODERS[settings.codec]
+    return settings.model_copy(update={"crf": settings.crf or crf, "preset": settings.preset or preset})
 
 
 def require_pyav() -> None:
@@ -72,15 +59,13 @@ def even(image: NDArray[np.uint8], odd_size: str) -> NDArray[np.uint8]:
     return image[: height // 2 * 2, : width // 2 * 2]
 
 
-def encode(
-    images: Iterable[NDArray[np.uint8]], fps: int, settings: EncoderSettings, extra: str = ""
-) -> bytes:
+def encode(images: Iterable[NDArray[np.uint8]], fps: int, settings: Encoding, extra: str = "") -> bytes:
     """Return an MP4 file of images in BGR, (H, W, 3) of the same even size; frame i stands at i / fps exactly.
 
     Args:
         images: at least one.
         fps: frames per second.
-        settings: of the encoder.
+        settings: as of `with_defaults`.
         extra: further parameters of the encoder's own, for tests.
     """
     import av  # noqa: PLC0415  (an extra, and 0.1 s)
@@ -90,7 +75,7 @@ def encode(
     encoder, parameters, fixed, _, _ = _ENCODERS[settings.codec]
     options = {
         "crf": str(settings.crf),
-        "preset": settings.preset,
+        "preset": str(settings.preset),
         "g": str(settings.keyframes),
         "threads": "1",
         parameters: fixed + extra,

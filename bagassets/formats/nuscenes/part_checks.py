@@ -18,6 +18,7 @@ from bagassets.assets.quality.scene_rules import keyframes_complete, scenes_made
 from bagassets.assets.quality.sweep_rules import RadarReadings, Sweeps, radar_velocities, sweeps_timed
 from bagassets.assets.radar_file import read_radar_file
 from bagassets.assets.sweeps import SWEEPS
+from bagassets.base.columns import numbers
 from bagassets.base.errors import DatasetError
 from bagassets.base.json_types import JsonObject
 from bagassets.formats.nuscenes.schema import RECORDING_TABLES, Row
@@ -63,7 +64,7 @@ def _artifacts_of(
 def _sweeps(artifact: Artifact, ego_SE3_sensor: SE3) -> Sweeps:
     index = artifact.read_table("index.parquet", ["stamp_ns", "start_ns", "end_ns", "file"])
     files = index.column("file")
-    times = [index.column(name).to_numpy().astype(np.int64) for name in ("stamp_ns", "start_ns", "end_ns")]
+    times = [numbers(index.column(name)).astype(np.int64) for name in ("stamp_ns", "start_ns", "end_ns")]
 
     def points(number: int) -> NDArray[np.float32] | None:
         try:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from bagassets.assets.timeline.keyframes import Stamps
+from bagassets.base.columns import numbers
 from bagassets.base.json_types import JsonObject
 from bagassets.formats.json_files import rounded
 from bagassets.formats.nuscenes.table_file import quaternion
@@ -69,7 +70,7 @@ def load_readings(
     """Read the index of a channel's artifact and interpolate the ego pose at each reading's own time."""
     facts: JsonObject = artifact.read_json("channel.json")
     index = artifact.read_table("index.parquet")
-    stamps = index.column("stamp_ns").to_numpy()
+    stamps = numbers(index.column("stamp_ns"))
     positions, rotations, valid = trajectory.at(stamps)
     kept = np.flatnonzero(valid).tolist()
     files, digests = index.column("file").to_pylist(), index.column("digest").to_pylist()

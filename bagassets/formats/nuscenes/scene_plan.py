@@ -7,7 +7,6 @@ keyframe: a sample without it is better than no sample, and checks report the ch
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +19,7 @@ from bagassets.assets.timeline.keyframes import (
     partner_readings,
 )
 from bagassets.recipe.model import Scenes
+from bagassets.recipe.model_base import ChannelName
 
 # A reference is silent for this long only if it was off, however long scenes are; of one that is slow, three readings
 # may be missing.
@@ -107,22 +107,10 @@ def cut_scenes(
     return scenes, 0
 
 
-@dataclass(frozen=True)
-class SceneParams:
+class SceneParams(Scenes):
     """How a recording is cut: the recipe's `scenes`, and the reference channel whose readings become keyframes."""
 
-    reference: str
-    keyframe_hz: float
-    length_s: float
-    min_length_s: float
-    tolerance_s: float
-    box_gap_s: float
-    missing: Literal["allow", "refuse"]
-
-    @classmethod
-    def of(cls, scenes: Scenes, reference: str) -> "SceneParams":
-        """Return the recipe's `scenes` with the reference channel of the recording."""
-        return cls(**{**scenes.model_dump(), "reference": reference})
+    reference: ChannelName
 
     @property
     def period_ns(self) -> int:

@@ -121,11 +121,12 @@ def _add_readings(
             readings.files[number].partition(".")[2],
             is_keyframe=is_keyframe,
         )
-        pose = tokens.row("ego_pose", readings.channel, stamp)
+        # As in nuScenes itself, on which the devkit's `export_poses` relies, a pose has the token of its reading.
+        token = data[position]
         width, height = readings.sizes_px[number]
         rows.tables["ego_pose"].append(
             {
-                "token": pose,
+                "token": token,
                 "timestamp": microseconds(stamp),
                 "rotation": readings.rotations[number],
                 "translation": readings.translations[number],
@@ -133,9 +134,9 @@ def _add_readings(
         )
         rows.tables["sample_data"].append(
             {
-                "token": data[position],
+                "token": token,
                 "sample_token": tokens.row("sample", "", sample_ns),
-                "ego_pose_token": pose,
+                "ego_pose_token": token,
                 "calibrated_sensor_token": tokens.row("calibrated_sensor", readings.channel),
                 "timestamp": microseconds(stamp),
                 "fileformat": readings.fileformat,

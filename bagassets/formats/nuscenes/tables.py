@@ -148,7 +148,7 @@ def use(params: TablesParams, facts: Facts) -> dict[str, Use[TablesUse]]:
         key=facts.key,
         vehicle=params.vehicle,
         location=params.location,
-        scenes=SceneParams.of(params.scenes, _reference(params, channels)),
+        scenes=SceneParams(**params.scenes.model_dump() | {"reference": _reference(params, channels)}),
         extrinsics={name: _extrinsics(facts.calibration, name) for name in sorted(channels)},
         attributes_by_motion=params.attributes_by_motion,
     )
@@ -291,8 +291,11 @@ def _shown(artifact: Artifact) -> JsonObject:
 NUSCENES_TABLES = Asset(
     name="nuscenes_tables",
     enabled=lambda recipe: recipe.settings(NuScenes) is not None,
-    version=7,
-    changes={7: "cuts scenes at long pauses and where a clock was set"},
+    version=8,
+    changes={
+        7: "cuts scenes at long pauses and where a clock was set",
+        8: "gives each ego pose the token of its reading, as in nuScenes itself",
+    },
     title="This recording's rows of the nuScenes tables: scenes, keyframes, readings, poses, boxes.",
     description="Keyframe rate, scene length and tolerance act here; nothing is extracted again when they change.",
     kinds=frozenset({"nuscenes", "json"}),

@@ -4,7 +4,7 @@ Nothing is decoded before it is asked for. Names that are not there raise KeyErr
 """
 
 from abc import abstractmethod
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, TypeVar, overload
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from bagassets.base.errors import DatasetError
 from bagassets.base.quantities import count_text
 from bagassets.formats.nuscenes.schema import TABLES
+from bagassets.formats.reader.ahead import Ahead, in_order
 from bagassets.formats.reader.boxes import Boxes, View
 from bagassets.formats.reader.lerobot import INFO, LeRobotSource
 from bagassets.formats.reader.nuscenes import NuScenesSource
@@ -74,6 +75,9 @@ class _Samples(Sequence["Sample"]):
         if isinstance(index, slice):
             return [Sample(self._source, number) for number in self._numbers[index]]
         return Sample(self._source, self._numbers[index])
+
+    def __iter__(self) -> "Iterator[Sample]":
+        return in_order(self._numbers, partial(Sample, self._source))
 
 
 class Dataset(_Samples):
@@ -180,9 +184,10 @@ class Sample:
         stamp_ns: its time.
     """
 
-    def __init__(self, source: Source, index: int) -> None:
+    def __init__(self, source: Source, index: int, ahead: Ahead | None = None) -> None:
         self._source = source
         self.index = index
+        self._ahead = ahead or Ahead()
         self.token, self.stamp_ns = self._source.samples[index]
 
     def __reduce__(self) -> tuple[object, ...]:
@@ -225,9 +230,9 @@ class Sample:
             DatasetError: the file is missing or damaged.
         """
         reading = _chosen(self.readings, channel, ("camera",))
-        if isinstance(self._source, LeRobotSource):
+        if isinstance(self._source, LeRobotSource):  # its videos are decoded in order
             return self._source.image(reading)
-        return read_image(self._source.folder, reading)
+        return self._ahead.take(channel, Sample.image, partial(read_image, self._source.folder, reading))
 
     def points(self, channel: str) -> Points:
         """Read and return the points of a lidar or radar, float32 in the frame of the sensor, metres.
@@ -239,7 +244,8 @@ class Sample:
             KeyError: the sample has no points of this channel.
             DatasetError: the file is missing or damaged.
         """
-        return read_points(self._source.folder, _chosen(self.readings, channel, ("lidar", "radar")))
+        reading = _chosen(self.readings, channel, ("lidar", "radar"))
+        return self._ahead.take(channel, Sample.points, partial(read_points, self._source.folder, reading))
 
     def sweeps(self, channel: str, number: int) -> "list[Sweep]":
         """Return what a channel read before this sample, newest first: at most `number` readings of its scene.
@@ -316,7 +322,7 @@ class Sweep:
             KeyError: it is no image.
             DatasetError: the file is missing or damaged.
         """
-        return read_image(self._source.folder, _chosen(self._readings, self.channel, ("camera",)))
+        return read_image(self._source.folder, self._of("camera"))
 
     def points(self) -> Points:
         """Read and return the points of a lidar or radar, as `Sample.points`.
@@ -325,7 +331,7 @@ class Sweep:
             KeyError: it has no points.
             DatasetError: the file is missing or damaged.
         """
-        return read_points(self._source.folder, _chosen(self._readings, self.channel, ("lidar", "radar")))
+        return read_points(self._source.folder, self._of("lidar", "radar"))
 
     def global_SE3_ego(self) -> Floats:
         """Return the pose of the ego frame at its time, (4, 4)."""
@@ -341,11 +347,10 @@ class Sweep:
         Raises:
             KeyError: it is no image.
         """
-        return _matrix(_chosen(self._readings, self.channel, ("camera",)))
+        return _matrix(self._of("camera"))
 
-    @property
-    def _readings(self) -> Mapping[str, Reading]:
-        return {self.channel: self.reading}
+    def _of(self, *modalities: str) -> Reading:
+        return _chosen({self.channel: self.reading}, self.channel, modalities)
 
 
 def _rank(modality: str) -> int:
@@ -354,11 +359,7 @@ def _rank(modality: str) -> int:
 
 
 def _chosen(readings: Mapping[str, Reading], channel: str, modalities: Collection[str] = ()) -> Reading:
-    fitting = {
-        name: reading
-        for name, reading in readings.items()
-        if not modalities or reading.modality in modalities
-    }
+    fitting = {name: one for name, one in readings.items() if not modalities or one.modality in modalities}
     return _found(fitting, channel, " or ".join(modalities) or "channel", "this sample")
 
 

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from bagassets.base.errors import DatasetError
 from bagassets.base.json_types import JsonObject
-from bagassets.formats.reader.boxes import Box
 from bagassets.formats.reader.film import Film
-from bagassets.formats.reader.source import Reading, SceneRow
+from bagassets.formats.reader.source import ImagesOnly, Reading, SceneRow
 from bagassets.formats.reader.table_folder import TableFolder
 from bagassets.geometry.se3 import SE3
 
@@ -28,7 +27,7 @@ _MOST_OPEN = 16  # files of data, or videos
 T = TypeVar("T")
 
 
-class LeRobotSource:
+class LeRobotSource(ImagesOnly):
     """The content of a LeRobot dataset; it has no poses, no points and no boxes.
 
     Attributes:
@@ -104,16 +103,6 @@ class LeRobotSource:
                 frame=first + number,
             )
         return readings
-
-    def before(self, index: int, channel: str, number: int) -> Sequence[Reading]:
-        """Return nothing: every image is a sample."""
-        del index, channel, number
-        return ()
-
-    def boxes(self, index: int) -> Sequence[Box]:
-        """Return no boxes: the format has none."""
-        del index
-        return ()
 
     def values(self, index: int) -> Mapping[str, NDArray[Any]]:
         """Return feature -> its value in a frame, of those that are no images.

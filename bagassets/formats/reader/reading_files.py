@@ -86,7 +86,7 @@ def read_image(folder: TableFolder, reading: Reading) -> NDArray[np.uint8]:
     """
     import cv2
 
-    data = np.frombuffer(_content(folder, reading), dtype=np.uint8)
+    data = _content(folder, reading)
     as_rgb: int | None = getattr(cv2, "IMREAD_COLOR_RGB", None)  # since OpenCV 4.11; spares a pass
     kind = cv2.IMREAD_COLOR if as_rgb is None else as_rgb
     image = cv2.imdecode(data, kind | cv2.IMREAD_IGNORE_ORIENTATION) if len(data) else None
@@ -97,6 +97,7 @@ def read_image(folder: TableFolder, reading: Reading) -> NDArray[np.uint8]:
         )
     if as_rgb is None:
         image = cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+    folder.recent.append(image)
     return image.astype(np.uint8, copy=False)
 
 
@@ -106,19 +107,16 @@ def read_points(folder: TableFolder, reading: Reading) -> Points:
     Raises:
         DatasetError: the file is missing or damaged.
     """
-    data = _content(folder, reading)
-    if reading.modality == "lidar":
-        values, fields = _lidar_points(data, reading.path), _LIDAR_FIELDS
-    else:
-        values, fields = _radar_points(data, reading.path)
+    read = _lidar_points if reading.modality == "lidar" else _radar_points
+    values, fields = read(_content(folder, reading), reading.path)
     return Points.of(values, fields, reading.find_pose(), reading.ego_SE3_sensor)
 
 
-def _content(folder: TableFolder, reading: Reading) -> bytes:
+def _content(folder: TableFolder, reading: Reading) -> NDArray[np.uint8]:
     """Read a file; if it is missing although the dataset is as it was opened, a build may be putting it back right now."""
     for _ in range(_TRIES):
         try:
-            return reading.path.read_bytes()
+            return np.fromfile(reading.path, dtype=np.uint8)
         except FileNotFoundError:
             if not folder.is_current():
                 raise folder.outdated(reading.path) from None
@@ -129,8 +127,8 @@ def _content(folder: TableFolder, reading: Reading) -> bytes:
     raise folder.missing(reading.path)
 
 
-def _lidar_points(data: bytes, path: Path) -> NDArray[np.float32]:
-    """Return the points (N, 5) of a lidar file of nuScenes.
+def _lidar_points(data: NDArray[np.uint8], path: Path) -> tuple[NDArray[np.float32], tuple[str, ...]]:
+    """Return the points (N, 5) of a lidar file of nuScenes, and the names of the fields.
 
     Raises:
         DatasetError: it is none.
@@ -140,17 +138,16 @@ def _lidar_points(data: bytes, path: Path) -> NDArray[np.float32]:
         raise DatasetError(
             f"{path}: expected points of {size} bytes, got {len(data)} bytes; `bagassets verify` finds such files."
         )
-    # A copy may be written to.
-    return np.frombuffer(data, dtype="<f4").reshape(-1, len(_LIDAR_FIELDS)).astype(np.float32)
+    return data.view("<f4").reshape(-1, len(_LIDAR_FIELDS)).astype(np.float32, copy=False), _LIDAR_FIELDS
 
 
-def _radar_points(data: bytes, path: Path) -> tuple[NDArray[np.float32], tuple[str, ...]]:
+def _radar_points(data: NDArray[np.uint8], path: Path) -> tuple[NDArray[np.float32], tuple[str, ...]]:
     """Return the targets (N, fields) of a radar file of nuScenes, whatever their states, and the names of the fields.
 
     Raises:
         DatasetError: it is none.
     """
-    head, _, body = data.partition(b"DATA binary\n")
+    head, _, body = data.tobytes().partition(b"DATA binary\n")
     try:
         lines = {words[0]: words[1:] for line in head.decode().splitlines() if (words := line.split())}
         fields = tuple(lines["FIELDS"])

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from bagassets.formats.reader.boxes import Box
 from bagassets.geometry.se3 import SE3
 
 
@@ -41,3 +42,17 @@ class SceneRow:
     name: str
     description: str
     samples: range
+
+
+class ImagesOnly:
+    """A source whose images are all samples, without boxes."""
+
+    def before(self, index: int, channel: str, number: int) -> Sequence[Reading]:
+        """Return nothing: every image is a sample."""
+        del index, channel, number
+        return ()
+
+    def boxes(self, index: int) -> Sequence[Box]:
+        """Return no boxes: the format has none."""
+        del index
+        return ()

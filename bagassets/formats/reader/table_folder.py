@@ -8,6 +8,7 @@ the same folder.
 import json
 import os
 import weakref
+from collections import deque
 from collections.abc import Collection
 from contextlib import suppress
 from hashlib import blake2b
@@ -29,6 +30,7 @@ class TableFolder:
         path: the folder.
         identity: equal for equal content: a digest of the lock, which has the digests of all files; without a lock, of their
             sizes and times.
+        recent: images that were decoded last. Freed at once, they would give their pages back, and new ones cost as much as decoding.
 
     Raises:
         DatasetError: the folder cannot be opened.
@@ -36,6 +38,7 @@ class TableFolder:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self.recent: deque[object] = deque(maxlen=4)
         self._files = _open_all(path)
         weakref.finalize(self, _close, list(self._files.values()))
         self.identity = self._identity()

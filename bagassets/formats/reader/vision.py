@@ -6,8 +6,7 @@ from math import cos, sin
 
 from bagassets.base.errors import DatasetError
 from bagassets.base.json_types import JsonObject
-from bagassets.formats.reader.boxes import Box
-from bagassets.formats.reader.source import Reading, SceneRow
+from bagassets.formats.reader.source import ImagesOnly, Reading, SceneRow
 from bagassets.formats.reader.table_folder import LOCK, TableFolder
 from bagassets.geometry.euler import of_half_angles
 from bagassets.geometry.se3 import SE3
@@ -15,7 +14,7 @@ from bagassets.geometry.se3 import SE3
 _MANIFEST = ".manifest.json"
 
 
-class VisionSource:
+class VisionSource(ImagesOnly):
     """The content of a vision dataset; it has no points and no boxes.
 
     The global frame of a sequence is the ego frame at its first image.
@@ -76,16 +75,6 @@ class VisionSource:
             find_pose=partial(self._pose, row, frame),
         )
         return {reading.channel: reading}
-
-    def before(self, index: int, channel: str, number: int) -> Sequence[Reading]:
-        """Return nothing: every image is a sample."""
-        del index, channel, number
-        return ()
-
-    def boxes(self, index: int) -> Sequence[Box]:
-        """Return no boxes: the format has none."""
-        del index
-        return ()
 
     def _pose(self, row: JsonObject, frame: JsonObject) -> SE3:
         """Return the transform of x, y, z and roll, pitch, yaw about fixed axes.

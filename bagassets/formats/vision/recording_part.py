@@ -18,6 +18,7 @@ from bagassets.assets.ego_poses import EGO_POSES
 from bagassets.assets.frames import FRAMES
 from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.transform_logs import read_transforms
+from bagassets.base.columns import numbers
 from bagassets.base.errors import CalibrationError
 from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.formats.format import FACTS
@@ -202,7 +203,7 @@ def _cut_camera(
     Where the rig has no poses at all, neither have its images.
     """
     index = artifact.read_table("index.parquet")
-    stamps_ns = index.column("stamp_ns").to_numpy()
+    stamps_ns = numbers(index.column("stamp_ns"))
     names = index.column("file").to_pylist()
     widths, heights = index.column("width").to_pylist(), index.column("height").to_pylist()
     positions, rotations, has_pose = trajectory.at(stamps_ns)

@@ -45,16 +45,12 @@ def write_copy(recording: Recording, target: Path) -> int:
     Raises:
         RecordingError: it is of a kind of which no copy can be made, or holds a message that is too large.
     """
-    files: Sequence[object]
-    folder: SalvagedFolder | None
-    if isinstance(recording, SalvagedFolder):
-        files, folder = recording.files, recording
-    elif isinstance(recording, FileRecording):
-        files, folder = recording.files, None
-    else:
+    if not isinstance(recording, SalvagedFolder | FileRecording):
         raise RecordingError(
             f"{recording.path}: a drive in several files is mended file by file; name one of them."
         )
+    files: Sequence[object] = recording.files
+    folder = recording if isinstance(recording, SalvagedFolder) else None
     bags = [one for one in files if isinstance(one, SalvagedBag)]
     mcaps = [one for one in files if isinstance(one, SalvagedMcap)]
     if bags:

@@ -46,9 +46,8 @@ class Damage:
         self.holes: dict[tuple[str, int], Hole] = {}
         self.findings: dict[str, None] = {}
         self.is_total_known = True
-        self.is_listed = (
-            False  # whether all topics are counted elsewhere, those in holes of unknown topics included
-        )
+        # Whether all topics are counted elsewhere, those in holes of unknown topics included.
+        self.is_listed = False
 
     def find(self, finding: str) -> None:
         """Note something that costs no message."""
@@ -113,13 +112,7 @@ class DamageMap:
 
     def as_json(self) -> JsonObject:
         """Return it as JSON."""
-        return {
-            "findings": list(self.findings),
-            "holes": [asdict(hole) for hole in self.holes],
-            "lost": dict(self.lost),
-            "read": self.read,
-            "is_total_known": self.is_total_known,
-        }
+        return asdict(self)
 
     @classmethod
     def from_json(cls, value: JsonMapping) -> Self:

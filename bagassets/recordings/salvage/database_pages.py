@@ -5,10 +5,9 @@ A page tells by itself what it is, and a row by the types of its values which ta
 """
 
 import os
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from struct import Struct
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,11 +16,11 @@ from numpy.typing import NDArray
 from bagassets.base.errors import BagAssetsError
 from bagassets.recipe.model import Limits
 from bagassets.recordings.damage import DamageError
-from bagassets.recordings.database_file import serialization_problem
+from bagassets.recordings.database_file import Database
 from bagassets.recordings.journals import journals_of, without_journals
 from bagassets.recordings.model import Definition, OnRead
 from bagassets.recordings.salvage.damage_map import CUT, Damage, Hole
-from bagassets.recordings.topic import RefusedBytes, TopicSource, is_transient_local, normalise_msgtype
+from bagassets.recordings.topic import RefusedBytes, normalise_msgtype
 
 _MAGIC = b"SQLite format 3\0"
 _HEADER_BYTES, _LEAF = 100, 0x0D
@@ -51,7 +50,7 @@ class TopicRow(NamedTuple):
     qos: str
 
 
-class SalvagedDatabase:
+class SalvagedDatabase(Database):
     """Reads the rows of a bag from the pages of its file; close it.
 
     Args:
@@ -169,9 +168,8 @@ class SalvagedDatabase:
         for cell in _cells(page, begin, self._usable, broken):
             values = cell.values
             if len(values) == 4 and values[2][0] <= 9 and values[1][0] <= 9 and values[0][0] <= 9:
-                if (
-                    not 0 < cell.rowid <= self._size or 0 < values[3][0] < 12
-                ):  # more than a file of this size can hold
+                # More than a file of this size can hold.
+                if not 0 < cell.rowid <= self._size or 0 < values[3][0] < 12:
                     broken.number += 1
                     continue
                 topic, time_ns = _integer(page, *values[1]), _integer(page, *values[2])
@@ -279,20 +277,8 @@ class SalvagedDatabase:
         """Return type -> definition."""
         return dict(self._definitions)
 
-    def sources(self, counts: Mapping[int, int] = MappingProxyType({})) -> dict[int, TopicSource]:
-        """Return topic id -> name, type, definition, and one of `counts`."""
-        return {
-            number: TopicSource(
-                row.name,
-                msgtype := normalise_msgtype(row.msgtype),
-                counts.get(number, 0),
-                self._definitions.get(msgtype, Definition("none", "")),
-                "cdr",
-                serialization_problem(row.serialization),
-                is_transient_local(row.qos),
-            )
-            for number, row in sorted(self.topics.items())
-        }
+    def _topic_rows(self) -> Iterator[tuple[int, str, str, str, str]]:
+        return ((number, *row) for number, row in sorted(self.topics.items()))
 
     def counts(self) -> dict[int, int]:
         """Return topic id -> number of rows."""

@@ -22,6 +22,7 @@ Verdict = Literal["sound", "mendable", "lost"]
 
 # A copy takes every message, whatever builds would make of it.
 _ANY = Limits(chunk_bytes=4_000_000_000, message_bytes=4_000_000_000, connections=10**9, topics=10**9)
+_BEHIND = "All of it can be read, but more bytes follow; other programs may refuse it."
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,6 @@ class Examined:
         problem: what builds that refuse damaged recordings say of it; "" if it is sound.
         topics: topic -> type, and number of messages that can be read.
         damage: what is damaged; None if it is sound, or nothing can be read.
-        remark: a clause about what no reader looks at, and so costs nothing; "" if there is nothing.
     """
 
     path: Path
@@ -42,7 +42,6 @@ class Examined:
     problem: str
     topics: Mapping[str, tuple[str, int]]
     damage: DamageMap | None
-    remark: str = ""
 
     def as_json(self) -> JsonObject:
         """Return it as JSON."""
@@ -50,7 +49,6 @@ class Examined:
             "path": str(self.path),
             "verdict": self.verdict,
             "problem": self.problem,
-            "remark": self.remark,
             "topics": {
                 name: {"type": kind, "messages": number} for name, (kind, number) in self.topics.items()
             },
@@ -69,12 +67,7 @@ def examine(path: Path) -> Examined:
     path = path.absolute()
     if not path.exists():
         raise RecordingError(f"{path}: no such file or folder.")
-    behind = 0 if path.is_dir() else bytes_behind_end(path)
-    remark = (
-        f"{path.name}: behind the end of the recording are {behind} more bytes, which are not read"
-        if behind
-        else ""
-    )
+    behind = [*bytes_behind_end(path)]
     try:
         if path.suffix == ZSTD:
             packed = "it is packed by zstd, and builds read such files in ROS 2 bag folders only"
@@ -83,7 +76,9 @@ def examine(path: Path) -> Examined:
             counts, missing = _read(recording)
             problem = ", ".join(f"{number} of {name}" for name, number in missing.items() if number > 0)
             if not problem:
-                return Examined(path, "sound", "", _topics(recording, counts), None, remark)
+                damage = DamageMap(tuple(behind), (), {}, counts.total()) if behind else None
+                verdict: Verdict = "mendable" if behind else "sound"
+                return Examined(path, verdict, _BEHIND if behind else "", _topics(recording, counts), damage)
             problem = f"{path}: messages that its index announces are missing: {problem}."
     except RecordingError as err:
         if err.transient:
@@ -93,12 +88,14 @@ def examine(path: Path) -> Examined:
         with open_salvaged(path) as recording:
             counts, missing = _read(recording)
             if recording.damage is not None and counts.total():
+                for one in behind:
+                    recording.damage.find(one)
                 damage = recording.damage.map(missing, counts.total())
-                return Examined(path, "mendable", problem, _topics(recording, counts), damage, remark)
+                return Examined(path, "mendable", problem, _topics(recording, counts), damage)
     except RecordingError as err:
         if err.transient:
             raise
-    return Examined(path, "lost", problem, {}, None, remark)
+    return Examined(path, "lost", problem, {}, None)
 
 
 def _read(recording: Recording) -> tuple[Counter[str], dict[str, int]]:

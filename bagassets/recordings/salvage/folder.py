@@ -3,19 +3,16 @@
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
 from pathlib import Path
 
 from bagassets.base.errors import BagAssetsError
 from bagassets.base.json_types import JsonMapping
-from bagassets.recipe.model import Limits
-from bagassets.recordings.damage import DamageError, refuse_pointer, unreadable
-from bagassets.recordings.journals import scratch_folder
-from bagassets.recordings.merge_topics import merge_topics
-from bagassets.recordings.model import METADATA, OnRead
-from bagassets.recordings.recording import Recording
+from bagassets.recordings.damage import DamageError, unreadable
+from bagassets.recordings.database_file import Database
+from bagassets.recordings.mcap_file import McapFile
+from bagassets.recordings.model import METADATA
+from bagassets.recordings.recording import How
 from bagassets.recordings.rosbag2 import (
-    ZSTD,
     Rosbag2Recording,
     compression_mode,
     named_files,
@@ -25,7 +22,6 @@ from bagassets.recordings.salvage.damage_map import END_UNKNOWN, Damage, Hole
 from bagassets.recordings.salvage.database_pages import SalvagedDatabase, TopicRow
 from bagassets.recordings.salvage.mcap_scan import SalvagedMcap
 from bagassets.recordings.salvage.unpack import unpack_file
-from bagassets.recordings.sizes import Sizes
 
 _STORAGE = ("*.db3", "*.mcap", "*.db3.zstd", "*.mcap.zstd")
 _NO_METADATA: JsonMapping = {"topics_with_message_count": []}
@@ -36,49 +32,16 @@ class SalvagedFolder(Rosbag2Recording):
 
     Args:
         path: the folder.
-        message_definitions: folders of `.msg` files.
-        limits: of the recipe.
-        on_read: called with how far reading has come.
+        how: how it is opened.
         damage: takes what is found damaged.
 
     Raises:
         RecordingError: none of its files can be read.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        message_definitions: Sequence[Path],
-        limits: Limits,
-        on_read: OnRead | None,
-        damage: Damage,
-    ) -> None:
-        self._limits, self._on_read, self._noted = limits, on_read, damage
-        self._stack = ExitStack()
-        metadata, mode, files = self._described(path)
-        self._compressed_messages = mode == "message"
-        try:
-            there = [file for file in files if file.exists()]
-            self._sizes = Sizes(path, sum(file.stat().st_size for file in there), limits)
-            opened = [
-                self._salvaged(file, metadata, is_packed=mode == "file" or file.suffix == ZSTD)
-                for file in files
-            ]
-            self._files = [one for one in opened if not isinstance(one, BagAssetsError)]  # type: ignore[misc]
-            if not self._files:
-                errors = (one for one in opened if isinstance(one, BagAssetsError))
-                raise next(errors, DamageError("none of its files is there"))  # noqa: TRY301  (others are closed below)
-            for one in self._files:
-                if isinstance(one, SalvagedDatabase):
-                    self._name_topics(one, metadata)
-            if metadata is not _NO_METADATA:  # it says how many there were
-                damage.is_total_known = damage.is_listed = True
-                damage.findings = {one: None for one in damage.findings if not one.endswith(END_UNKNOWN)}
-            topics = merge_topics(path, self._sources(metadata), message_definitions, limits)
-            Recording.__init__(self, path, "ros2", topics)
-        except BaseException:
-            self._stack.close()
-            raise
+    def __init__(self, path: Path, how: How, damage: Damage) -> None:
+        self._noted = damage
+        super().__init__(path, how)
 
     def _described(self, path: Path) -> tuple[JsonMapping, str, list[Path]]:
         """Return the metadata, what is compressed, and the files; without metadata, those that are there."""
@@ -91,38 +54,44 @@ class SalvagedFolder(Rosbag2Recording):
         files = [file for pattern in _STORAGE for file in path.glob(pattern)]
         return _NO_METADATA, "none", sorted(files, key=_by_number)
 
-    def _salvaged(
-        self, file: Path, metadata: JsonMapping, *, is_packed: bool
-    ) -> SalvagedDatabase | SalvagedMcap | BagAssetsError:
+    def _opened(self, files: Sequence[Path], metadata: JsonMapping, mode: str) -> list[Database | McapFile]:
+        opened = [self._salvaged(file, metadata, mode) for file in files]
+        found = [one for one in opened if not isinstance(one, BagAssetsError)]
+        if not found:
+            errors = (one for one in opened if isinstance(one, BagAssetsError))
+            raise next(errors, DamageError("none of its files is there"))
+        for one in found:
+            if isinstance(one, SalvagedDatabase):
+                self._name_topics(one, metadata, is_alone=len(found) == 1)
+        if metadata is not _NO_METADATA:  # it says how many there were
+            noted = self._noted
+            noted.is_total_known = noted.is_listed = True
+            noted.findings = {one: None for one in noted.findings if not one.endswith(END_UNKNOWN)}
+        return found
+
+    def _salvaged(self, file: Path, metadata: JsonMapping, mode: str) -> Database | McapFile | BagAssetsError:
         """Open one file; return why that cannot be, if so, which is noted."""
-        size = file.stat().st_size if file.exists() else 0
         try:
-            refuse_pointer(file)
-            if not is_packed:
-                return self._reader(file)
-            with scratch_folder(file, size) as folder:
-                plain = folder / file.stem
-                if problem := unpack_file(file, plain, self._sizes, self._on_read):
-                    self._noted.is_total_known = False
-                    self._noted.hole(Hole(file.name, size, size, problem))
-                return self._reader(plain)
+            return self._open(file, mode)
         except BagAssetsError as err:
             if err.transient:
                 raise
-            return self._lost(file, size, err, metadata)
+            return self._lost(file, err, metadata)
         except Exception as err:  # noqa: BLE001  (whatever damaged bytes lead to)
-            return self._lost(file, size, unreadable(file, err), metadata)
+            return self._lost(file, unreadable(file, err), metadata)
 
-    def _reader(self, file: Path) -> SalvagedDatabase | SalvagedMcap:
-        opened: SalvagedDatabase | SalvagedMcap
+    def _unpack(self, file: Path, plain: Path) -> None:
+        if problem := unpack_file(file, plain, self._sizes, self._how.on_read):
+            size = file.stat().st_size
+            self._noted.is_total_known = False
+            self._noted.hole(Hole(file.name, size, size, problem))
+
+    def _reader(self, file: Path) -> Database | McapFile:
         if file.suffix == ".mcap":
-            opened = SalvagedMcap(file, self._limits, self._on_read, self._noted, self._sizes)
-        else:
-            opened = SalvagedDatabase(file, self._limits, self._on_read, self._noted)
-        self._stack.callback(opened.close)
-        return opened
+            return SalvagedMcap(file, self._how.limits, self._how.on_read, self._noted, self._sizes)
+        return SalvagedDatabase(file, self._how.limits, self._how.on_read, self._noted)
 
-    def _lost(self, file: Path, size: int, err: BagAssetsError, metadata: JsonMapping) -> BagAssetsError:
+    def _lost(self, file: Path, err: BagAssetsError, metadata: JsonMapping) -> BagAssetsError:
         entries = [
             one
             for one in metadata.get("files") or []
@@ -132,16 +101,17 @@ class SalvagedFolder(Rosbag2Recording):
         lost = {"": number} if isinstance(number, int) else None
         reason = str(err).removeprefix(f"{file}: ").rstrip(".") if file.exists() else "the file is missing"
         self._noted.is_total_known = False
+        size = file.stat().st_size if file.exists() else 0
         self._noted.hole(Hole(file.name, 0, size, reason, lost=lost))
         return err
 
-    def _name_topics(self, database: SalvagedDatabase, metadata: JsonMapping) -> None:
+    def _name_topics(self, database: SalvagedDatabase, metadata: JsonMapping, *, is_alone: bool) -> None:
         """Give topics that have no row the name of the only topic in the metadata with so many messages."""
         counts, listed = database.counts(), metadata["topics_with_message_count"]
         unnamed = {number: count for number, count in counts.items() if number not in database.topics}
         for number, count in unnamed.items():
             alike = [entry["topic_metadata"] for entry in listed if entry["message_count"] == count]
-            if len(alike) == 1 and Counter(unnamed.values())[count] == 1 and len(self._files) == 1:
+            if len(alike) == 1 and Counter(unnamed.values())[count] == 1 and is_alone:
                 name, msgtype, how = (
                     alike[0].get(one) or "" for one in ("name", "type", "serialization_format")
                 )
@@ -150,9 +120,9 @@ class SalvagedFolder(Rosbag2Recording):
         database.note_unnamed()
 
     @property
-    def files(self) -> "tuple[SalvagedDatabase | SalvagedMcap, ...]":
+    def files(self) -> tuple[Database | McapFile, ...]:
         """The open files."""
-        return tuple(self._files)  # type: ignore[arg-type]
+        return tuple(self._files)
 
     def rows(self, file: SalvagedDatabase) -> Iterator[tuple[int, int, bytes | memoryview]]:
         """Yield topic id, log time and payload of the messages in one of the files, decompressed."""

@@ -3,7 +3,6 @@
 Chunks are unpacked by the scan only if nothing else says which channels they hold, and how many messages.
 """
 
-import os
 import re
 from array import array
 from collections import Counter
@@ -13,7 +12,6 @@ from functools import partial
 from io import BytesIO
 from operator import itemgetter
 from pathlib import Path
-from struct import Struct
 from zlib import crc32
 
 from mcap.opcode import Opcode
@@ -22,24 +20,20 @@ from mcap.stream_reader import MAGIC_SIZE
 from bagassets.base.errors import SizeLimitError
 from bagassets.recipe.model import Limits
 from bagassets.recordings.damage import NO_BEGINNING, DamageError
-from bagassets.recordings.mcap_chunk import MESSAGE_HEADER, RECORD_HEADER, Place
+from bagassets.recordings.mcap_chunk import MESSAGE_HEADER, RECORD_HEADER, ChunkHead, Place, chunk_head
 from bagassets.recordings.mcap_file import McapFile
-from bagassets.recordings.mcap_index import ChunkPlace, McapIndex, add_bytes, read_index
+from bagassets.recordings.mcap_index import CHANNEL, ENTRY_BYTES, ChunkPlace, McapIndex, add_bytes, read_index
 from bagassets.recordings.model import OnRead
 from bagassets.recordings.recording import merged
 from bagassets.recordings.salvage.damage_map import CUT, NO_INDEX, Damage, Extent, Hole, times_around
-from bagassets.recordings.salvage.find_records import next_record, what_is_there
+from bagassets.recordings.salvage.find_records import reaches_into_zeros, scan, what_is_there
 from bagassets.recordings.salvage.unpack import unpack_chunk
 from bagassets.recordings.sizes import Sizes
 
-# Of a chunk: start, end, uncompressed size, checksum, name of the compression, and the length of what it holds.
-_CHUNK = Struct("<QQQII")
-_NAMES = {b"": "", b"lz4": "lz4", b"zstd": "zstd"}
-_SIZE, _CHANNEL, _ENTRY_BYTES = Struct("<Q"), Struct("<H"), 16
+_CHUNK_HEAD_BYTES = 40  # but for the name of the compression
 _CHUNK_BEGINNING = rb"\x06.{5}\0\0\0.{28}(?:\0\0\0\0|\x03\0\0\0lz4|\x04\0\0\0zstd)"
 _MESSAGE_BEGINNING = rb"\x05.{4}\0\0\0\0"
 _BEGINNING = re.compile(_CHUNK_BEGINNING + b"|" + _MESSAGE_BEGINNING, re.DOTALL)
-_CHUNKS = re.compile(_CHUNK_BEGINNING, re.DOTALL)
 _LONGEST_RECORD = 64_000_000  # but for chunks and messages
 _OPCODES = frozenset(range(0x01, 0x10))
 _FROM_DAY_NS = 86_400_000_000_000
@@ -68,23 +62,17 @@ class SalvagedMcap(McapFile):
         damage: Damage,
         whole: Sizes | None = None,
     ) -> None:
-        self.path, self.check = path, True
-        self._on_read, self._limits, self._damage = on_read, limits, damage
-        self._file = path.open("rb")
-        try:
-            self._size = os.fstat(self._file.fileno()).st_size
-            self._sizes = Sizes(path, self._size, limits, whole)
-            self._index = McapIndex()
-            self._extents: list[Extent] = []
-            self._outside = array("Q")  # log time, channel, begin and end of each message outside of chunks
-            self._in_chunk: dict[int, Counter[int]] = {}
-            self._ends: dict[int, int] = {}
-            self._scan()
-        except BaseException:
-            self._file.close()
-            raise
+        self._damage = damage
+        self._extents: list[Extent] = []
+        self._outside = array("Q")  # log time, channel, begin and end of each message outside of chunks
+        self._in_chunk: dict[int, Counter[int]] = {}
+        self._ends: dict[int, int] = {}
+        self._chunk = -1  # which the next records may be the index of
+        super().__init__(path, limits, on_read, whole)
 
-    def _scan(self) -> None:
+    def _read_index(self, *, search: bool) -> McapIndex:
+        del search
+        self._index = McapIndex()
         announced = self._announced()
         self._has_chunks = announced is not None and bool(announced.chunks)
         has_end = self._walk()
@@ -108,6 +96,7 @@ class SalvagedMcap(McapFile):
         spans = [one for one in self._all_extents() if self._in_chunk.get(one.begin, True)]
         if spans:
             self._index.span_ns = min(one.first_ns for one in spans), max(one.last_ns for one in spans)
+        return self._index
 
     def _announced(self) -> McapIndex | None:
         """Return what the summary says, and take its channels; None without one that can be read."""
@@ -124,32 +113,22 @@ class SalvagedMcap(McapFile):
 
     def _walk(self) -> bool:
         """Find channels, chunks and messages; what cannot be read between them is a hole. Return whether all were written."""
-        begin, chunk = MAGIC_SIZE, -1
-        while begin < self._size:
-            try:
-                opcode, end = self._record(begin, chunk)
-            except SizeLimitError:
-                raise
-            except Exception:  # noqa: BLE001  (whatever damaged bytes lead to)
-                self._close_chunk(chunk, is_last=True)
-                what = (
-                    _CHUNKS if self._ends or self._has_chunks else _BEGINNING
-                )  # packed ones may hold whole messages
-                at = next_record(self._file, begin + 1, self._size, what, self._is_record)
-                self._note_hole(begin, at)
-                begin, chunk = at, -1
-                continue
-            if opcode in {Opcode.DATA_END, Opcode.FOOTER}:
-                self._close_chunk(chunk)
+        for begin, end, opcode in scan(
+            self._file, MAGIC_SIZE, self._size, self._record, _BEGINNING, self._is_record
+        ):
+            if opcode is None:
+                self._close_chunk(is_last=True)
+                self._note_hole(begin, end)
+            elif opcode in {Opcode.DATA_END, Opcode.FOOTER}:
+                self._close_chunk()
                 return True
-            if opcode == Opcode.CHUNK or (chunk >= 0 and opcode != Opcode.MESSAGE_INDEX):
-                self._close_chunk(chunk)
-                chunk = begin if opcode == Opcode.CHUNK else -1
-            begin = end
-        self._close_chunk(chunk, is_last=True)
+            elif opcode != Opcode.MESSAGE_INDEX:
+                self._close_chunk()
+                self._chunk = begin if opcode == Opcode.CHUNK else -1
+        self._close_chunk(is_last=True)
         return False
 
-    def _record(self, begin: int, chunk: int) -> tuple[int, int]:
+    def _record(self, begin: int) -> tuple[int, int]:
         """Take the record at a position; return its opcode and where it ends."""
         opcode, length = self._header(begin)
         at, end = begin + RECORD_HEADER.size, begin + RECORD_HEADER.size + length
@@ -161,12 +140,14 @@ class SalvagedMcap(McapFile):
         self._file.seek(at)
         if opcode == Opcode.MESSAGE:
             channel, _, time_ns, _ = MESSAGE_HEADER.unpack(self._file.read(MESSAGE_HEADER.size))
+            if reaches_into_zeros(self._file, at + MESSAGE_HEADER.size, end):
+                raise DamageError("zeros")
             self._outside.extend((time_ns, channel, at + MESSAGE_HEADER.size, end))
         elif opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
             add_bytes(self._index, opcode, self._file.read(length), self._sizes)
-        elif opcode == Opcode.MESSAGE_INDEX and chunk >= 0:
-            (channel,) = _CHANNEL.unpack(self._file.read(_CHANNEL.size))
-            self._in_chunk[chunk][channel] += (length - _CHANNEL.size - 4) // _ENTRY_BYTES
+        elif opcode == Opcode.MESSAGE_INDEX and self._chunk >= 0:
+            (channel,) = CHANNEL.unpack(self._file.read(CHANNEL.size))
+            self._in_chunk[self._chunk][channel] += (length - CHANNEL.size - 4) // ENTRY_BYTES
         return opcode, end
 
     def _header(self, begin: int) -> tuple[int, int]:
@@ -178,47 +159,42 @@ class SalvagedMcap(McapFile):
 
     def _is_record(self, begin: int) -> bool:
         """Tell whether a chunk or a message begins there: of a message, the channel must be known, and a record follow."""
-        with suppress(Exception):
-            opcode, length = self._header(begin)
-            end = begin + RECORD_HEADER.size + length
-            if opcode == Opcode.CHUNK:
-                self._chunk_fields(begin)
-                return True
-            if end > self._size or length < MESSAGE_HEADER.size:
-                return False
-            channel, _, time_ns, published_ns = MESSAGE_HEADER.unpack(self._file.read(MESSAGE_HEADER.size))
-            is_near = abs(time_ns - published_ns) < _FROM_DAY_NS
-            if channel not in self._index.channels or not is_near:
-                return False
-            return end == self._size or self._header(end)[0] in _OPCODES
-        return False
+        opcode, length = self._header(begin)
+        end = begin + RECORD_HEADER.size + length
+        if opcode == Opcode.CHUNK:
+            self._head(begin)
+            return True
+        is_packed = self._ends or self._has_chunks  # packed chunks may hold whole messages
+        if is_packed or end > self._size or length < MESSAGE_HEADER.size:
+            return False
+        channel, _, time_ns, published_ns = MESSAGE_HEADER.unpack(self._file.read(MESSAGE_HEADER.size))
+        if channel not in self._index.channels or abs(time_ns - published_ns) >= _FROM_DAY_NS:
+            return False
+        return end == self._size or self._header(end)[0] in _OPCODES
 
-    def _chunk_fields(self, begin: int) -> tuple[int, int, int, int, str, int, int]:
-        """Return start, end, unpacked size, checksum, compression, where the content begins, and its length.
+    def _head(self, begin: int) -> ChunkHead:
+        """Return what stands before the content of a chunk.
 
         Raises:
             DamageError: no chunk can be like that.
         """
-        opcode, length = self._header(begin)
-        start_ns, end_ns, unpacked, checksum, name_length = _CHUNK.unpack(self._file.read(_CHUNK.size))
-        name = self._file.read(name_length) if name_length < 8 else b"?"
-        (packed,) = _SIZE.unpack(self._file.read(_SIZE.size))
-        head = _CHUNK.size + len(name) + _SIZE.size
-        is_too_large = unpacked > self._limits.chunk_bytes or packed > self._limits.chunk_bytes
-        if opcode != Opcode.CHUNK or name not in _NAMES or length != head + packed or is_too_large:
+        head = chunk_head(self._file, begin)
+        length = _CHUNK_HEAD_BYTES + len(head.compression) + head.packed_bytes
+        is_too_large = max(head.unpacked_bytes, head.packed_bytes) > self._limits.chunk_bytes
+        if head.compression not in {"", "lz4", "zstd"} or head.record_bytes != length or is_too_large:
             raise DamageError("chunk")
-        at = begin + RECORD_HEADER.size + head
-        return start_ns, end_ns, unpacked, checksum, _NAMES[name], at, packed
+        return head
 
     def _take_chunk(self, begin: int, end: int) -> None:
-        start_ns, end_ns, unpacked, *_ = self._chunk_fields(begin)
-        self._sizes.add_chunk(begin, unpacked)
-        self._index.chunks.append(ChunkPlace(begin, start_ns, None))
-        self._extents.append(Extent(begin, start_ns, end_ns))
+        head = self._head(begin)
+        self._sizes.add_chunk(begin, head.unpacked_bytes)
+        self._index.chunks.append(ChunkPlace(begin, head.start_ns, None))
+        self._extents.append(Extent(begin, head.start_ns, head.end_ns))
         self._in_chunk[begin], self._ends[begin] = Counter(), end
 
-    def _close_chunk(self, chunk: int, *, is_last: bool = False) -> None:
-        """Unpack a chunk if the index behind it leaves questions; other indexes may be missing where the file ends."""
+    def _close_chunk(self, *, is_last: bool = False) -> None:
+        """Unpack the chunk at hand if the index behind it leaves questions; other indexes may be missing where the file ends."""
+        chunk, self._chunk = self._chunk, -1
         counts = self._in_chunk.get(chunk)
         if counts is None or (counts and counts.keys() <= self._index.channels.keys() and not is_last):
             return
@@ -226,7 +202,7 @@ class SalvagedMcap(McapFile):
         content = self._load(chunk)
         for opcode, begin, end in self._records_in(chunk, content):
             if opcode == Opcode.MESSAGE:
-                found[_CHANNEL.unpack_from(content, begin)[0]] += 1
+                found[CHANNEL.unpack_from(content, begin)[0]] += 1
             elif opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
                 self._add(opcode, content[begin:end])
         self._in_chunk[chunk] = counts | found
@@ -256,12 +232,12 @@ class SalvagedMcap(McapFile):
     # --- chunks --------------------------------------------------------------------------
 
     def _load(self, offset: int) -> bytes:
-        start_ns, end_ns, unpacked, checksum, compression, at, length = self._chunk_fields(offset)
-        self._file.seek(at)
-        packed = self._file.read(length)
+        head = self._head(offset)
+        packed = self._file.read(head.packed_bytes)
         self._tell_position(packed)
-        content, problem = unpack_chunk(packed, compression, unpacked, is_cut=len(packed) < length)
-        if not problem and checksum and crc32(content) != checksum:
+        is_cut = len(packed) < head.packed_bytes
+        content, problem = unpack_chunk(packed, head.compression, head.unpacked_bytes, is_cut=is_cut)
+        if not problem and head.checksum and crc32(content) != head.checksum:
             content, problem = b"", "its content does not match its checksum"
         if problem:
             counts = self._in_chunk[offset]
@@ -270,33 +246,37 @@ class SalvagedMcap(McapFile):
                 known = self._index.channels.get(channel)
                 lost["" if known is None else known.topic] += number
             reason = f"the chunk is damaged: {problem}"
-            span = (start_ns, end_ns)
+            span = (head.start_ns, head.end_ns)
             named = dict(lost) if lost and not content else None
             self._damage.hole(Hole(self.path.name, offset, self._ends[offset], reason, *span, named))
         return content
 
     def _records_in(self, offset: int, content: bytes) -> Iterator[tuple[int, int, int]]:
         """Yield the opcode of each record in a chunk, and where its fields begin and end; what lies between them is noted."""
-        begin, size = 0, len(content)
-        while begin < size:
-            opcode, at, end = _record_in(content, begin)
-            if end:
-                yield opcode, at, end
-                begin = end
-                continue
-            at = next_record(
-                BytesIO(content), begin + 1, size, _BEGINNING, partial(self._is_message, content)
-            )
-            if (self.path.name, offset) not in self._damage.holes:
-                reason = f"bytes {begin} to {at} in the chunk are no record"
+        source, head = BytesIO(content), self._head(offset)
+        self._file.seek(self._ends[offset])
+        is_sure = head.compression or head.checksum
+        beyond = b"" if is_sure else self._file.read(16)
+
+        def record(at: int) -> tuple[tuple[int, int], int]:
+            (opcode, fields), end = _record_in(content, at)
+            begin = fields + MESSAGE_HEADER.size
+            if opcode == Opcode.MESSAGE and not is_sure and reaches_into_zeros(source, begin, end, beyond):
+                raise DamageError("zeros")
+            return (opcode, fields), end
+
+        is_message = partial(self._is_message, content)
+        for begin, end, found in scan(source, 0, len(content), record, _BEGINNING, is_message):
+            if found is not None:
+                yield *found, end
+            elif (self.path.name, offset) not in self._damage.holes:
+                reason = f"bytes {begin} to {end} in the chunk are no record"
                 self._damage.hole(Hole(self.path.name, offset, self._ends[offset], reason))
-            begin = at
 
     def _is_message(self, content: bytes, begin: int) -> bool:
-        opcode, at, end = _record_in(content, begin)
-        if not end or opcode != Opcode.MESSAGE or end - at < MESSAGE_HEADER.size:
-            return False
-        return _CHANNEL.unpack_from(content, at)[0] in self._index.channels
+        (opcode, at), end = _record_in(content, begin)
+        is_one = opcode == Opcode.MESSAGE and end - at >= MESSAGE_HEADER.size
+        return is_one and CHANNEL.unpack_from(content, at)[0] in self._index.channels
 
     def _messages_in(self, offset: int, content: bytes, channels: Collection[int]) -> Iterator[Place]:
         for opcode, begin, end in self._records_in(offset, content):
@@ -337,11 +317,14 @@ class SalvagedMcap(McapFile):
         return (place for place in zip(*columns, strict=True) if place[1] in channels)
 
 
-def _record_in(content: bytes, begin: int) -> tuple[int, int, int]:
-    """Return the opcode of a record in a chunk, and where its fields begin and end; end 0 if there is none."""
-    at = begin + RECORD_HEADER.size
-    if at > len(content):
-        return 0, 0, 0
+def _record_in(content: bytes, begin: int) -> tuple[tuple[int, int], int]:
+    """Return the opcode of a record in a chunk, where its fields begin, and where they end.
+
+    Raises:
+        Exception: there is none.
+    """
     opcode, length = RECORD_HEADER.unpack_from(content, begin)
-    is_one = opcode in _OPCODES and at + length <= len(content)
-    return (opcode, at, at + length) if is_one else (0, 0, 0)
+    at = begin + RECORD_HEADER.size
+    if opcode not in _OPCODES or at + length > len(content):
+        raise DamageError("record")
+    return (opcode, at), at + length

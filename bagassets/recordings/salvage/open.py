@@ -11,7 +11,7 @@ from bagassets.recordings.damage import refuse_pointer, suffix_of, unreadable
 from bagassets.recordings.journals import scratch_folder
 from bagassets.recordings.model import OnRead, RecordingFiles
 from bagassets.recordings.open import open_recording
-from bagassets.recordings.recording import FileRecording, Recording
+from bagassets.recordings.recording import FileRecording, How, Recording
 from bagassets.recordings.salvage.damage_map import Damage, Hole
 from bagassets.recordings.salvage.database_pages import SalvagedDatabase
 from bagassets.recordings.salvage.folder import SalvagedFolder
@@ -44,12 +44,12 @@ def open_salvaged(
         RecordingError: nothing of a recording is there.
     """
     path = recording.path if isinstance(recording, RecordingFiles) else recording
-    limits, damage = limits or Limits(), Damage() if damage is None else damage
+    how, damage = How(message_definitions, limits or Limits(), on_read), damage or Damage()
     try:
         if isinstance(recording, RecordingFiles) and recording.parts:
-            opened = _series(recording, message_definitions, limits, on_read, damage)
+            opened = _series(recording, how, damage)
         else:
-            opened = _one(path, message_definitions, limits, on_read, damage)
+            opened = _one(path, how, damage)
     except BagAssetsError:
         raise
     except Exception as err:  # whatever the libraries raise: see `unreadable`
@@ -58,49 +58,38 @@ def open_salvaged(
     return opened
 
 
-def _one(
-    path: Path, message_definitions: Sequence[Path], limits: Limits, on_read: OnRead | None, damage: Damage
-) -> Recording:
+def _one(path: Path, how: How, damage: Damage) -> Recording:
     if path.is_dir():
-        return SalvagedFolder(path, message_definitions, limits, on_read, damage)
+        return SalvagedFolder(path, how, damage)
     refuse_pointer(path)
     if path.suffix == ".zstd":
-        sizes = Sizes(path, path.stat().st_size, limits)
+        sizes = Sizes(path, path.stat().st_size, how.limits)
         with scratch_folder(path, path.stat().st_size) as folder:
             plain = folder / path.stem
-            if problem := unpack_file(path, plain, sizes, on_read):
+            if problem := unpack_file(path, plain, sizes, how.on_read):
                 damage.hole(Hole(path.name, path.stat().st_size, path.stat().st_size, problem))
-            return _one(plain, message_definitions, limits, on_read, damage)
+            return _one(plain, how, damage)
     if suffix_of(path) == ".mcap":
-        mcap = SalvagedMcap(path, limits, on_read, damage)
-        return FileRecording(path, "mcap", mcap, message_definitions, limits)
+        return FileRecording(path, "mcap", SalvagedMcap(path, how.limits, how.on_read, damage), how)
     if suffix_of(path) == ".db3":
-        database = SalvagedDatabase(path, limits, on_read, damage)
+        database = SalvagedDatabase(path, how.limits, how.on_read, damage)
         database.note_unnamed()
-        return FileRecording(path, "ros2", database, message_definitions, limits)
-    return FileRecording(
-        path, "ros1", SalvagedBag(path, limits, on_read, damage), message_definitions, limits
-    )
+        return FileRecording(path, "ros2", database, how)
+    return FileRecording(path, "ros1", SalvagedBag(path, how.limits, how.on_read, damage), how)
 
 
-def _series(
-    recording: RecordingFiles,
-    message_definitions: Sequence[Path],
-    limits: Limits,
-    on_read: OnRead | None,
-    damage: Damage,
-) -> Recording:
+def _series(recording: RecordingFiles, how: How, damage: Damage) -> Recording:
     """Open the parts that can be; each of the others is a hole."""
     once: dict[Path, Recording] = {}
 
     def opened(path: Path) -> Recording:
-        return once.pop(path, None) or open_salvaged(path, message_definitions, limits, on_read, damage)
+        return once.pop(path, None) or open_salvaged(path, *how, damage)
 
     parts = []
     for part in recording.parts:
         before = dict(damage.holes), dict(damage.findings)
         try:
-            once[part.path] = open_salvaged(part.path, message_definitions, limits, on_read, damage)
+            once[part.path] = open_salvaged(part.path, *how, damage)
         except RecordingError as err:
             if err.transient:
                 raise
@@ -115,7 +104,7 @@ def _series(
         raise RecordingError(
             f"{recording.path}: none of its parts can be read; copy them again from where they were recorded."
         )
-    return SeriesRecording(recording.path, recording.format, parts, opened, message_definitions, limits)
+    return SeriesRecording(recording, parts, opened, how)
 
 
 def read_as_far(

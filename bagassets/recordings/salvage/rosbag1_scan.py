@@ -6,7 +6,7 @@ due (https://wiki.ros.org/Bags/Format/2.0).
 
 import re
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from io import BytesIO
@@ -24,9 +24,9 @@ from bagassets.recipe.model import Limits
 from bagassets.recordings.chunks import LatestChunks, detached
 from bagassets.recordings.damage import NO_BEGINNING, DamageError
 from bagassets.recordings.model import OnRead
-from bagassets.recordings.rosbag1 import ENTRY, SIZE, IndexReader, Records, in_order, sized, text_in
+from bagassets.recordings.rosbag1 import ENTRY, SIZE, IndexReader, Records, in_order, sized, text_in, times_of
 from bagassets.recordings.salvage.damage_map import NO_INDEX, Damage, Extent, Hole, times_around
-from bagassets.recordings.salvage.find_records import next_record, what_is_there
+from bagassets.recordings.salvage.find_records import reaches_into_zeros, scan, what_is_there
 from bagassets.recordings.salvage.unpack import unpack_chunk
 
 _MAGIC = b"#ROSBAG V2.0\n"
@@ -66,6 +66,7 @@ class SalvagedBag(IndexReader):
     def __init__(self, path: Path, limits: Limits, on_read: OnRead | None, damage: Damage) -> None:
         self._damage = damage
         self._found: dict[int, _Found] = {}
+        self._latest: _Found | None = None  # which the next records may be the index of
         self._data_end = 0  # where the index begins; 0 if nothing says so
         self._by_id: dict[int, Connection] = {}
         self.fields: dict[int, Header] = {}
@@ -159,20 +160,14 @@ class SalvagedBag(IndexReader):
 
     def _walk(self, begin: int) -> None:
         """Find all chunks with their indexes; what cannot be read between them is a hole."""
-        latest: _Found | None = None
         data_end = self._data_end or self._size
-        while begin < data_end:
-            try:
-                latest, begin = self._record(begin, latest)
-            except SizeLimitError:
-                raise
-            except Exception:  # noqa: BLE001  (as above)
-                at = next_record(self._opened, begin + 1, data_end, _CHUNK_BEGINNING, self._is_chunk)
-                self._note_hole(begin, at)
-                begin, latest = at, None
+        found_there = scan(self._opened, begin, data_end, self._record, _CHUNK_BEGINNING, self._is_chunk)
+        for hole_begin, hole_end, op in found_there:
+            if op is None:
+                self._note_hole(hole_begin, hole_end)
 
-    def _record(self, begin: int, latest: _Found | None) -> tuple[_Found | None, int]:
-        """Take the record at a position; return the chunk that an index behind it belongs to, and where it ends."""
+    def _record(self, begin: int) -> tuple[int, int]:
+        """Take the record at a position; return its opcode and where it ends."""
         header, at, size = self._header(begin)
         end, op = at + size, header.get_uint8("op")
         if op == RecordType.CHUNK:
@@ -189,10 +184,11 @@ class SalvagedBag(IndexReader):
                 self._damage.find(f"{self._file.name}: its last chunk was being written")
             self.chunks[begin] = Chunk(min(end, self._size) - at, at, bytes)
             self._compression[begin] = compression, unpacked
-            latest = self._found[begin] = _Found(min(end, self._size), end > self._size, is_open)
-            return latest, latest.end
+            self._latest = self._found[begin] = _Found(min(end, self._size), end > self._size, is_open)
+            return op, self._latest.end
         if end > self._size or size > _LONGEST_RECORD:
             raise DamageError("cut off")
+        latest = self._latest
         if op == RecordType.IDXDATA and latest is not None and begin == latest.end:
             if size != header.get_uint32("count") * ENTRY.itemsize or header.get_uint32("ver") != 1:
                 raise DamageError("index")
@@ -207,7 +203,7 @@ class SalvagedBag(IndexReader):
             self._infos.append(Reader.read_chunk_info(self))  # in the order of the file, behind all chunks
         elif op not in {RecordType.BAGHEADER, RecordType.IDXDATA}:
             raise DamageError("record")
-        return latest, end
+        return op, end
 
     def _header(self, begin: int) -> tuple[Header, int, int]:
         """Return the header of the record at a position, where its data begin, and their length."""
@@ -216,10 +212,8 @@ class SalvagedBag(IndexReader):
         return header, self._opened.tell(), size
 
     def _is_chunk(self, begin: int) -> bool:
-        with suppress(Exception):
-            header, _, size = self._header(begin)
-            return header.get_uint8("op") == RecordType.CHUNK and size > 0
-        return False
+        header, _, size = self._header(begin)
+        return header.get_uint8("op") == RecordType.CHUNK and size > 0
 
     def _note_hole(self, begin: int, end: int, reason: str = "") -> None:
         lost: Counter[str] = Counter()
@@ -234,7 +228,7 @@ class SalvagedBag(IndexReader):
         )
 
     def _extents(self) -> list[Extent]:
-        spans = [(position, _span_of(one.index)) for position, one in self._found.items()]
+        spans = [(position, _span_of(one.index.values())) for position, one in self._found.items()]
         return [Extent(position, *span) for position, span in spans if span is not None]
 
     def _note_missing_index(self) -> None:
@@ -288,7 +282,7 @@ class SalvagedBag(IndexReader):
         if len(offsets) and (int(offsets[-1]) >= unpacked or (np.diff(offsets) == 0).any()):
             return False
         if not all(
-            (np.diff(_times(one)) >= 0).all() and (np.diff(one["offset"].astype(np.int64)) > 0).all()
+            (np.diff(times_of(one)) >= 0).all() and (np.diff(one["offset"].astype(np.int64)) > 0).all()
             for one in found.index.values()
         ):
             return False
@@ -313,7 +307,7 @@ class SalvagedBag(IndexReader):
         content, problem = unpack_chunk(packed, compression, most, is_cut=found.is_cut)
         if problem and not (found.is_open and compression == "none"):  # whose records tell where they end
             end = self._content_end(position)
-            own_ns = _span_of(found.index)
+            own_ns = _span_of(found.index.values())
             if content or own_ns is None:  # what is missing comes after all that was found up to there
                 first_ns, last_ns = times_around(self._extents(), end, end)
             else:
@@ -338,7 +332,7 @@ class SalvagedBag(IndexReader):
 
     def _records_in(self, position: int, content: bytes) -> Iterator[tuple[int, Header, int]]:
         """Yield where each record in a chunk begins, its header, and where it ends."""
-        source, begin = BytesIO(content), 0
+        source = BytesIO(content)
 
         def record(at: int) -> tuple[Header, int]:
             header = _header_at(source, at)
@@ -348,28 +342,19 @@ class SalvagedBag(IndexReader):
             header.get_uint32("conn")
             if op == RecordType.MSGDATA:
                 header.get_time("time")
-            end = source.tell() + SIZE.size + len(sized(content, source.tell()))
+            begin = source.tell() + SIZE.size
+            end = begin + len(sized(content, begin - SIZE.size))
+            if op == RecordType.MSGDATA and self._reaches_into_zeros(position, source, begin, end):
+                raise DamageError("zeros")
             return header, end
 
-        def is_record(at: int) -> bool:
-            with suppress(Exception):
-                record(at)
-                return True
-            return False
-
-        while begin < len(content):
-            try:
-                header, end = record(begin)
-            except Exception:  # noqa: BLE001  (as above)
-                at = next_record(source, begin + 1, len(content), _MESSAGE_BEGINNING, is_record)
-                found = self._found[position]
-                if not found.is_cut or found.is_open or at < len(content):
-                    reason = f"bytes {begin} to {at} in the chunk are no record"
-                    self._damage.hole(Hole(self._file.name, position, self._content_end(position), reason))
-                begin = at
-                continue
-            yield begin, header, end
-            begin = end
+        at_hand = self._found[position]
+        for begin, end, header in scan(source, 0, len(content), record, _MESSAGE_BEGINNING, record):
+            if header is not None:
+                yield begin, header, end
+            elif not at_hand.is_cut or at_hand.is_open or end < len(content):
+                reason = f"bytes {begin} to {end} in the chunk are no record"
+                self._damage.hole(Hole(self._file.name, position, self._content_end(position), reason))
 
     # --- messages ------------------------------------------------------------------------
 
@@ -380,9 +365,7 @@ class SalvagedBag(IndexReader):
 
     def span_ns(self) -> tuple[int, int] | None:
         """Return first and last log time of what can be read."""
-        spans = [_span_of(dict(enumerate(e for _, e in parts))) for parts in self._entries.values()]
-        found = [span for span in spans if span is not None]
-        return (min(first for first, _ in found), max(last for _, last in found)) if found else None
+        return _span_of(entries for parts in self._entries.values() for _, entries in parts)
 
     def messages(  # type: ignore[override]  # as that of its base
         self, connections: Collection[int]
@@ -394,10 +377,21 @@ class SalvagedBag(IndexReader):
             content = chunks.at(position)
             try:
                 data: memoryview | None = records[number].data(content, time_ns, offset)
+                if data and not data[-1]:  # else it was written to its end
+                    begin = offset + SIZE.unpack_from(content, offset)[0] + 2 * SIZE.size
+                    if self._reaches_into_zeros(position, BytesIO(content), begin, begin + len(data)):
+                        raise DamageError("zeros")  # noqa: TRY301  (as what cannot be read)
             except Exception:  # noqa: BLE001  (as above)
                 data = self._looked_for(position, content, records[number].connection, time_ns)
             if data is not None:
                 yield records[number].connection, time_ns, detached(data)
+
+    def _reaches_into_zeros(self, position: int, content: BytesIO, begin: int, end: int) -> bool:
+        """Tell whether a message in a chunk was not written to its end."""
+        if self._compression[position][0] != "none":  # else it was unpacked as a whole
+            return False
+        self._opened.seek(self._content_end(position))
+        return reaches_into_zeros(content, begin, end, self._opened.read(SIZE.size))
 
     def _looked_for(self, position: int, content: bytes, connection: int, time_ns: int) -> memoryview | None:
         """Return a message that is not where the index says, or note that it is lost."""
@@ -422,15 +416,10 @@ def _header_at(source: BinaryIO, begin: int) -> Header:
     return Header.read(source)
 
 
-def _span_of(index: Mapping[int, NDArray[np.void]]) -> tuple[int, int] | None:
+def _span_of(index: Iterable[NDArray[np.void]]) -> tuple[int, int] | None:
     """Return first and last log time of entries; None if there are none."""
-    times = [_times(entries) for entries in index.values() if len(entries)]
+    times = [times_of(entries) for entries in index if len(entries)]
     return (min(int(one.min()) for one in times), max(int(one.max()) for one in times)) if times else None
-
-
-def _times(entries: NDArray[np.void]) -> NDArray[np.int64]:
-    times: NDArray[np.int64] = entries["seconds"].astype(np.int64) * 10**9 + entries["nanoseconds"]
-    return times
 
 
 def _read_as(bag: SalvagedBag, source: BinaryIO, begin: int) -> Connection:

@@ -50,7 +50,7 @@ def fails(recipe_file):
 def test_a_store_that_is_not_mounted(project, tmp_path, what):
     store = load_recipe(project).store_path
     if what == "another":
-        (tmp_path / "other" / "store.id").write_text("0123\n")
+        (tmp_path / "other" / "store.id").write_text("0123" * 8 + "\n")
     use_slurm(project, prefix=seen_as(store, tmp_path / "other"))
     store.mkdir(parents=True, exist_ok=True)
     before = {path.name for path in (tmp_path / "other").iterdir()}

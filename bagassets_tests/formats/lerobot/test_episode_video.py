@@ -13,11 +13,12 @@ import pytest
 
 from bagassets.base.errors import DatasetError, PluginError
 from bagassets.formats.lerobot import video
+from bagassets.formats.lerobot.settings import Encoding
 from bagassets.store.canonical import digest_bytes
 from bagassets_tests.painted_numbers import number_in, painted
 
-H264 = video.EncoderSettings.of("h264", None, None, 2, "crop")
-AV1 = video.EncoderSettings.of("av1", None, None, 2, "crop")
+H264 = video.with_defaults(Encoding())
+AV1 = video.with_defaults(Encoding(codec="av1"))
 BOTH = pytest.mark.parametrize("settings", [H264, AV1], ids=["h264", "av1"])
 
 # Of the version in requirements.lock; others have other encoders in them.
@@ -35,8 +36,9 @@ if sys.argv[1] == "masked":
     library = next(Path(av.__file__).parent.parent.glob("av.libs/libavutil*"))
     ctypes.CDLL(str(library)).av_force_cpu_flags(0)
 from bagassets.formats.lerobot import video
+from bagassets.formats.lerobot.settings import Encoding
 from bagassets_tests.formats.lerobot.test_episode_video import scene
-settings = video.EncoderSettings.of(sys.argv[2], None, None, 2, "crop")
+settings = video.with_defaults(Encoding(codec=sys.argv[2]))
 extra = ":asm=0" if sys.argv[1] == "masked" else ""
 from bagassets.store.canonical import digest_bytes
 print(digest_bytes(video.encode(scene(), 30, settings, extra)))
@@ -83,9 +85,7 @@ class TestEncoding:
 
     @BOTH
     def test_there_are_no_b_frames_and_key_frames_as_asked(self, tmp_path, settings):
-        data = video.encode(
-            scene(), 30, video.EncoderSettings(settings.codec, 30, settings.preset, 4, "crop")
-        )
+        data = video.encode(scene(), 30, settings.model_copy(update={"crf": 30, "keyframes": 4}))
         (tmp_path / "x.mp4").write_bytes(data)
         with av.open(str(tmp_path / "x.mp4")) as container:
             packets = [packet for packet in container.demux(video=0) if packet.dts is not None]
@@ -101,7 +101,7 @@ class TestEncoding:
         """Saturated colours come back: with the other matrix, levels are off by up to 40."""
         colours = [(200, 30, 30), (30, 200, 30), (30, 30, 200)]
         blue_first = [np.full((64, 64, 3), colour[::-1], np.uint8) for colour in colours]
-        fine = video.EncoderSettings(settings.codec, 4, settings.preset, 2, "crop")
+        fine = settings.model_copy(update={"crf": 4})
         (tmp_path / "x.mp4").write_bytes(video.encode(blue_first, 30, fine))
         with av.open(str(tmp_path / "x.mp4")) as container:
             context = container.streams.video[0].codec_context

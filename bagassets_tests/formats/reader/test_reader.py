@@ -3,9 +3,11 @@
 import multiprocessing
 import os
 import pickle
+import shutil
 import subprocess
 import sys
 import threading
+import time
 from dataclasses import replace
 
 import cv2
@@ -14,9 +16,11 @@ import pytest
 from devkit import run_devkit
 
 import bagassets
+from bagassets.base.errors import DatasetError
 from bagassets.formats.assembly import assemble
 from bagassets.formats.format import Part
 from bagassets.formats.nuscenes.format import NUSCENES
+from bagassets.formats.reader.reading_files import read_image
 from bagassets.formats.reader.table_folder import TableFolder
 from bagassets.formats.vision.format import VISION
 from bagassets.recipe import load_recipe
@@ -378,6 +382,10 @@ def work(dataset, tasks, results):
         results.put(fetch(dataset, numbers))
 
 
+def reading(sample):
+    return sample.readings["CAM_FRONT"]
+
+
 class TestWorkers:
     """A PyTorch DataLoader gives the dataset to each of its processes once, then sends them numbers."""
 
@@ -426,6 +434,86 @@ class TestWorkers:
         for thread in threads:
             thread.join()
         assert found == [[facts_of(sample) for sample in dataset]] * 4
+
+
+def facts_in_order(samples):
+    return [facts_of(sample) for sample in samples]
+
+
+class TestAhead:
+    """Iterating decodes what comes next in threads: the same values, and nothing that the caller does not read."""
+
+    @pytest.fixture
+    def decoded(self, monkeypatch):
+        """(file, whether the caller's thread read it), of all images."""
+        found = []
+
+        def read(folder, reading):
+            found.append((reading.path, threading.current_thread() is threading.main_thread()))
+            return read_image(folder, reading)
+
+        monkeypatch.setattr("bagassets.formats.reader.dataset.read_image", read)
+        return found
+
+    def test_the_same_values_each_decoded_once(self, dataset, decoded):
+        for sample in dataset:
+            np.testing.assert_array_equal(
+                sample.image("CAM_FRONT"), read_image(sample._source.folder, reading(sample))
+            )
+        assert [path for path, _ in decoded] == [reading(sample).path for sample in dataset]
+        assert [by_caller for _, by_caller in decoded] == [True] + [False] * (len(dataset) - 1)
+
+    def test_only_what_was_read_of_the_one_before(self, dataset, decoded):
+        for number, sample in enumerate(dataset):
+            if number == 0:
+                sample.image("CAM_FRONT_LEFT")
+        assert [path for path, _ in decoded] == [
+            dataset[number].readings["CAM_FRONT_LEFT"].path for number in range(3)
+        ]
+
+    def test_what_is_handed_out_belongs_to_the_caller(self, dataset):
+        for sample in dataset:
+            first, points = sample.image("CAM_FRONT"), sample.points("LIDAR_TOP")
+            expected = first.copy(), points.copy()
+            first[:], points[:] = 0, 0
+            np.testing.assert_array_equal(sample.image("CAM_FRONT"), expected[0])
+            np.testing.assert_array_equal(sample.points("LIDAR_TOP"), expected[1])
+
+    def test_a_damaged_file_is_an_error_where_it_is_asked_for(self, project, tmp_path):
+        shutil.copytree(project[0].nuscenes.output, tmp_path / "dataset")
+        dataset = bagassets.open_dataset(tmp_path / "dataset")
+        broken = reading(dataset[2]).path
+        broken.unlink()
+        broken.write_bytes(b"no image")
+        found = []
+        for sample in dataset:
+            try:
+                sample.image("CAM_FRONT")
+            except DatasetError as err:
+                found.append((sample.index, str(err).partition(":")[0]))
+        assert found == [(2, str(broken))]
+        for sample in dataset:  # what was decoded ahead and is not asked for is no error
+            if sample.index < 2:
+                sample.image("CAM_FRONT")
+
+    def test_a_fork_in_the_loop_reads_on(self, dataset, monkeypatch):
+        def slowly(folder, one):
+            if one.path == reading(dataset[4]).path:
+                time.sleep(1)  # a thread is at work when the process is forked
+            return read_image(folder, one)
+
+        monkeypatch.setattr("bagassets.formats.reader.dataset.read_image", slowly)
+        samples = iter(dataset)
+        before = [facts_of(next(samples)) for _ in range(3)]
+        current = next(samples)
+        context = multiprocessing.get_context("fork")
+        results = context.Queue()
+        child = context.Process(target=lambda: results.put(facts_in_order([current, *samples])), daemon=True)
+        child.start()
+        assert before + results.get(timeout=20) == [facts_of(dataset[i]) for i in range(len(dataset))]
+        child.join(30)
+        assert child.exitcode == 0
+        assert before + facts_in_order([current, *samples]) == facts_in_order(dataset)
 
 
 IMPORTS = """

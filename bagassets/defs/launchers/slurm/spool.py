@@ -6,7 +6,6 @@ taken back from a job that is gone cannot be begun by it any more. No locks are 
 """
 
 import json
-import shutil
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
@@ -17,7 +16,7 @@ from shlex import quote
 from typing import Self
 from uuid import uuid4
 
-from bagassets.base.atomic import write_atomically
+from bagassets.base.files import make_folder, move, remove, remove_all, write, write_atomically
 from bagassets.base.json_types import JsonMapping, JsonObject
 
 _JOB, _SUBMITTED, _ENDED = "job.json", "submitted.json", "ended.json"
@@ -183,7 +182,7 @@ class JobFolder:
     def ask_to_cancel(self, run_id: str) -> None:
         """Have the job cancel a run that it has begun."""
         with suppress(FileNotFoundError):  # it has just ended
-            (self.path / "cancel" / run_id).touch()
+            write(self.path / "cancel" / run_id, b"")
 
     def to_cancel(self) -> list[str]:
         """Return the runs that somebody asked to cancel."""
@@ -244,7 +243,7 @@ class Spool:
     def make(self) -> None:
         """Make the folders."""
         for name in ("waiting", "tries", "jobs", "ended", "logs"):
-            (self.root / name).mkdir(parents=True, exist_ok=True)
+            make_folder(self.root / name)
 
     def put(self, run: SpooledRun) -> None:
         """Have a run wait for a job."""
@@ -257,7 +256,7 @@ class Spool:
 
     def withdraw(self, run_id: str) -> bool:
         """Take away a run that waits for a job; return False if none waits."""
-        return _removed(self.root / "waiting" / f"{run_id}.json")
+        return remove(self.root / "waiting" / f"{run_id}.json")
 
     def is_waiting(self, run_id: str) -> bool:
         """Return whether the run waits for a job."""
@@ -269,8 +268,8 @@ class Spool:
         stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S")
         folder = JobFolder(self.root / "jobs" / f"{stamp}-{uuid4().hex[:8]}")
         for name in ("runs", "begun", "cancel", "took"):
-            (folder.path / name).mkdir(parents=True)
-        (folder.path / "made").touch()
+            make_folder(folder.path / name)
+        write(folder.path / "made", b"")
         _write(folder.path / _JOB, runs[0].spec.as_json())
         _write(folder.path / "order.json", {"order": [run.run_id for run in runs]})
         got = []
@@ -293,7 +292,7 @@ class Spool:
 
     def drop(self, folder: JobFolder, run_id: str) -> bool:
         """Take away a run that its job has not begun; return False if it has."""
-        return _removed(folder.path / "runs" / f"{run_id}.json")
+        return remove(folder.path / "runs" / f"{run_id}.json")
 
     def jobs(self) -> list[JobFolder]:
         """Return the jobs that are not settled, the oldest first."""
@@ -306,7 +305,7 @@ class Spool:
     def settle(self, folder: JobFolder) -> None:
         """Put a job aside whose runs have all ended."""
         with suppress(OSError):  # somebody else did
-            folder.path.rename(self.root / "ended" / folder.name)
+            move(folder.path, self.root / "ended" / folder.name)
 
     def durations(self, most: int = 20) -> Iterator[tuple[float, float]]:
         """Yield how long runs of the last jobs should have taken, and took."""
@@ -323,7 +322,7 @@ class Spool:
         for path in [path for name, pattern in old for path in (self.root / name).glob(pattern)]:
             with suppress(OSError):
                 if path.stat().st_mtime < oldest:
-                    shutil.rmtree(path) if path.is_dir() else path.unlink()
+                    remove_all(path) if path.is_dir() else remove(path)
 
 
 def _names(folder: Path) -> list[str]:
@@ -333,19 +332,10 @@ def _names(folder: Path) -> list[str]:
         return []
 
 
-def _removed(path: Path) -> bool:
-    """Remove a run; False if it is not there (any more)."""
-    try:
-        path.unlink()
-    except FileNotFoundError:
-        return False
-    return True
-
-
 def _moved(source: Path, target: Path) -> SpooledRun | None:
     """Move a run; None if it is not there (any more)."""
     try:
-        source.rename(target)
+        move(source, target)
     except FileNotFoundError:
         return None
     found = _read(target)

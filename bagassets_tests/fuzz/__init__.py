@@ -1,0 +1,1 @@
+"""Bytes that nobody wrote, for whatever reads bytes: `make fuzz`."""

@@ -1,0 +1,205 @@
+"""Simulated crashes and failures of the disk: a sample of what `make crash` tries in full."""
+
+import errno
+import random
+from functools import partial
+from itertools import product
+
+import pytest
+
+from bagassets.base import files
+from bagassets.formats import after_crash
+from bagassets_tests import crash_project
+from bagassets_tests.crash_disk import Disk, Recording, crashed, lay_out, take
+from bagassets_tests.crash_project import (
+    SCENARIOS,
+    STEPS,
+    Crash,
+    Histories,
+    Project,
+    crashes,
+    fail,
+    failures,
+    recorded,
+    replay,
+)
+from bagassets_tests.in_process import build, make_project
+
+SEED = 3
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory):
+    return Project(tmp_path_factory.mktemp("crash"))
+
+
+@pytest.fixture(scope="module", params=SCENARIOS)
+def scenario(request, project):
+    found = recorded(project, request.param)
+    crash_project.import_what_was_needed()
+    return found
+
+
+@pytest.mark.long
+@pytest.mark.once
+def test_after_a_crash_the_next_build_gives_what_a_build_from_nothing_gives(project, scenario):
+    chosen = random.Random(SEED).sample(list(crashes(scenario, SEED)), 8)
+    found = {crash: replay(project, scenario, crash) for crash in chosen}
+    assert {crash: problem for crash, problem in found.items() if problem} == {}
+
+
+@pytest.mark.long
+@pytest.mark.once
+def test_a_change_that_fails_ends_in_a_sentence_and_the_next_build_is_right(project, scenario):
+    chosen = random.Random(SEED).sample(list(failures(scenario)), 4)
+    found = {failure: fail(project, scenario, *failure) for failure in chosen}
+    assert {failure: problem for failure, problem in found.items() if problem} == {}
+
+
+@pytest.mark.long
+@pytest.mark.once
+def test_a_build_that_does_not_look_for_torn_files_is_found_out(project, monkeypatch):
+    scenario = recorded(project, "change")
+    # Where the records of actions are torn as well, all is made again anyway.
+    lost = [Crash(len(scenario.recording.changes), power=True, how="any", seed=seed) for seed in range(3)]
+    assert [replay(project, scenario, crash) for crash in lost] == [""] * 3
+    monkeypatch.setattr(after_crash, "repair_last_writes", lambda *_: [])
+    assert any(replay(project, scenario, crash) for crash in lost)
+
+
+@pytest.mark.long
+@pytest.mark.once
+def test_whatever_happened_before_the_dataset_is_that_of_a_project_built_from_nothing(tmp_path):
+    histories = Histories(tmp_path)
+    chosen = random.Random(SEED).sample(list(product(STEPS, repeat=3)), 5)
+    found = {steps: histories.run(steps, SEED) for steps in chosen}
+    assert {steps: problem for steps, problem in found.items() if problem} == {}
+
+
+# --- the disk that forgets ------------------------------------------------------------------------
+
+
+@pytest.fixture
+def disk(tmp_path, monkeypatch):
+    """A disk that records, and what it recorded."""
+    for name in ("os", "shutil", "_rename"):
+        monkeypatch.setattr(files, name, getattr(files, name))
+    monkeypatch.setattr(files, "open", open, raising=False)
+    (tmp_path / "top").mkdir()
+    recording = Recording(take(tmp_path, ["top"]))
+    recording.rename = files._rename
+    Disk(tmp_path, recording=recording).install()
+    return recording
+
+
+def contents(node, path=""):
+    if node.data is not None:
+        return {path: node.data}
+    return {
+        name: data
+        for key, one in node.entries.items()
+        for name, data in contents(one, f"{path}/{key}").items()
+    }
+
+
+def change_much(top):
+    files.make_folder(top / "a" / "b")
+    files.write_atomically(top / "a" / "one", b"first")
+    files.write_atomically(top / "a" / "one", b"second")
+    files.create_atomically(top / "a" / "b" / "two", b"two")
+    files.link(top / "a" / "one", top / "three")
+    files.swap_in(top / "a" / "b", top / "c")
+    files.make_folder(top / "a" / "d")
+    with files.writer(top / "a" / "d" / "four") as stream:
+        stream.write(b"fo")
+        stream.write(b"ur")
+    files.swap_in(top / "a" / "d", top / "c")
+    files.copy(top / "three", top / "five")
+    files.remove_all(top / "a" / "d")
+    files.remove(top / "a" / "one")
+
+
+def test_all_changes_together_give_what_is_there(disk, tmp_path):
+    change_much(tmp_path / "top")
+    disk.databases.append({})
+    there = contents(take(tmp_path, ["top"]))
+    assert there == {"/top/three": b"second", "/top/c/four": b"four", "/top/five": b"second"}
+    assert contents(crashed(disk, len(disk.changes))) == there
+
+
+@pytest.mark.parametrize(("how", "left"), [("empty", b""), ("zeros", bytes(4)), ("half", b"fo")])
+def test_what_is_not_synced_may_be_lost(disk, tmp_path, how, left):
+    change_much(tmp_path / "top")
+    disk.databases.append({})
+    assert contents(crashed(disk, len(disk.changes), how=how))["/top/c/four"] == left
+
+
+@pytest.mark.parametrize("is_synced", [True, False])
+def test_a_lost_change_takes_along_what_rests_on_it_unless_its_folder_was_synced(disk, tmp_path, is_synced):
+    top = tmp_path / "top"
+    files.write(top / "one", b"1")
+    files.move(top / "one", top / "two")
+    if is_synced:
+        files.sync_folder(top)
+    disk.databases.append({})
+    left = contents(crashed(disk, len(disk.changes), lost=(0,)))
+    assert left == ({"/top/two": b"1"} if is_synced else {})
+
+
+def test_what_is_laid_out_has_its_links_and_seems_to_have_its_times(disk, tmp_path, monkeypatch):
+    from bagassets.base import fingerprints
+
+    monkeypatch.setattr(fingerprints, "signature_of", fingerprints.signature_of)
+    top = tmp_path / "top"
+    files.write_atomically(top / "one", b"1")
+    files.link(top / "one", top / "two")
+    before = fingerprints.signature(top / "one")
+    lay_out(take(tmp_path, ["top"]), tmp_path)
+    assert (top / "one").samefile(top / "two")
+    assert fingerprints.signature(top / "one") == before
+    (top / "one").write_bytes(b"1")
+    assert fingerprints.signature(top / "one") != before
+
+
+@pytest.mark.parametrize("error", [errno.EIO, errno.ENOSPC])
+def test_each_change_fails_once(disk, tmp_path, error):
+    rename, failed = Disk.exchange, []
+    for number in range(1, 100):
+        top = tmp_path / str(number)
+        top.mkdir()
+        failing = Disk(tmp_path, fails_at=number, error=error)
+        files.os = files.shutil = failing
+        files.open, files._rename = failing.open_writer, partial(rename, failing)
+        failing._rename = disk.rename
+        try:
+            change_much(top)
+        except OSError as err:
+            failed.append(err.errno)
+        if not failing.failed:
+            break
+    assert number > 20
+    assert set(failed) == {error}
+
+
+# --- the report -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("torn", [b"", bytes(100), b"<!doctype html><html><body>", None])
+def test_a_report_that_a_power_loss_tore_or_that_is_gone_is_written_anew(built, monkeypatch, torn):
+    report = built.parent / ".bagassets" / "report.html"
+    whole = report.read_bytes()
+    if torn is None:
+        report.unlink()
+    else:
+        report.write_bytes(torn)
+    monkeypatch.setattr(after_crash, "boot_id", lambda: "another one")
+    build(built, monkeypatch)
+    assert report.read_bytes() == whole
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    recipe_file = make_project(tmp_path_factory.mktemp("project"))
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        build(recipe_file, monkeypatch)
+    return recipe_file
