@@ -194,6 +194,10 @@ COUNTS = {"read": 100, "written": 99, "merged": 0, "lost": {"too short": 1}}
 STAMPS = {"CAM_FRONT": T0 + np.arange(100, dtype=np.int64) * S // 10}
 
 
+def _no_artifact(asset):
+    raise AssertionError(f"{asset} is read")
+
+
 class TestChannels:
     def find(self, **counts):
         return channels_complete(
@@ -256,11 +260,11 @@ class TestChannels:
     def test_the_clock_is_that_of_the_channel_and_by_default_that_of_the_recipe(self):
         rig = RIG.model_dump(exclude_none=True)
         recipe = {"name": "t", "bags": {"root": "bags"}, "clock": "log", "rigs": [rig]}
-        evidence = Evidence(Recipe.model_validate(recipe), RIG, None, None)
+        evidence = Evidence(Recipe.model_validate(recipe), RIG, None, _no_artifact)
         assert {name: evidence.clock_of(name) for name in RIG.channels} == dict.fromkeys(RIG.channels, "log")
         name, channel = next(iter(RIG.channels.items()))
         own = {**RIG.channels, name: channel.model_copy(update={"clock": "header"})}
-        evidence = Evidence(evidence.recipe, RIG.model_copy(update={"channels": own}), None, None)
+        evidence = Evidence(evidence.recipe, RIG.model_copy(update={"channels": own}), None, _no_artifact)
         assert evidence.clock_of(name) == "header"
         assert {evidence.clock_of(other) for other in {*own, "GONE"} - {name}} == {"log"}
 
@@ -268,11 +272,11 @@ class TestChannels:
         recipe = Recipe.model_validate(
             {"name": "t", "bags": {"root": "bags"}, "rigs": [RIG.model_dump(exclude_none=True)]}
         )
-        assert Evidence(recipe, RIG, None, None).max_lost == 0.05
+        assert Evidence(recipe, RIG, None, _no_artifact).max_lost == 0.05
         own = recipe.model_copy(update={"limits": Limits(reported_losses=0.2)})
-        assert Evidence(own, RIG, None, None).max_lost == 0.2
+        assert Evidence(own, RIG, None, _no_artifact).max_lost == 0.2
         check = Checks.model_validate({"channels_present": {"max_lost": 0.0}})
-        assert Evidence(own.model_copy(update={"checks": check}), RIG, None, None).max_lost == 0.0
+        assert Evidence(own.model_copy(update={"checks": check}), RIG, None, _no_artifact).max_lost == 0.0
 
 
 def drive_along(speed_mps=10.0, until_s=10.0, jump_at=None):
