@@ -54,7 +54,7 @@ def report_of(
         dataset = "not selected"
     elif dataset == "fresh" and lock is None:
         dataset = "not made"
-    elif dataset == "fresh" and interrupted:
+    elif dataset == "fresh" and (interrupted or _is_waiting(now)):
         dataset = "stopped"
     else:
         recipe_file = Path(workspace.recipe_file)
@@ -192,12 +192,15 @@ def _of_datasets(ended: EndedRun | None) -> tuple[str, str]:
     return ("updated", "") if ended.problem is None else ("failed", ended.problem)
 
 
+def _is_waiting(now: PendingWork) -> bool:
+    """Tell whether results are yet to come, so that nobody knows whether a dataset that is not behind is up to date."""
+    return any(one.state == "unknown" for one in now.dataset_states.values())
+
+
 def _each_dataset(recipe: Recipe, now: PendingWork, outcome: str) -> dict[str, JsonMapping]:
     """See `BuildReport.datasets`. If the run of all failed, some may be up to date."""
     left = {*now.asked.datasets}
-    # Where results are yet to come, nobody knows whether a dataset that is not behind is up to date.
-    is_waiting = any(one.state == "unknown" for one in now.states.values())
-    if outcome == "failed" or (outcome == "stopped" and not is_waiting):
+    if outcome == "failed" or (outcome == "stopped" and not _is_waiting(now)):
         left &= {asset for asset, one in now.states.items() if one.state in TO_MAKE}
 
     def state(asset: str) -> str:

@@ -389,3 +389,20 @@ def test_reports_events_and_options_survive_the_way():
     assert again.outcomes == report.outcomes
     assert again.moved == report.moved
     assert not again.succeeded
+
+
+def test_a_dataset_whose_recordings_could_not_be_stored_is_not_said_to_be_up_to_date(built):
+    scratch = load_recipe(built).store_path / "tmp"
+    text = re.sub(r"(topic: /cam/image_raw)(, quality: \d+)?", r"\1, quality: 33", built.read_text())
+    built.write_text(text)
+    scratch.rename(scratch.with_name("away"))
+    scratch.write_text("in the way")
+    try:
+        done = run(built)
+    finally:
+        scratch.unlink()
+        scratch.with_name("away").rename(scratch)
+    assert done.returncode == 1, done.stdout
+    assert "2 failed" in done.stdout
+    assert "(not updated)" in done.stdout
+    assert "(updated)" in run(built).stdout
