@@ -65,7 +65,7 @@ def _samples(tables: Artifact) -> Samples:
         found: list[JsonObject] = tables.read_json(f"{table}.json")
         return found
 
-    poses = {row["token"]: row for row in rows("ego_pose")}
+    poses = {row.pop("token"): row for row in rows("ego_pose")}  # what it is called changes nothing
     calibrations = {row["token"]: row for row in rows("calibrated_sensor")}
     parts: dict[str, dict[str, list[object]]] = defaultdict(lambda: defaultdict(list))
     for row in rows("sample_data"):
