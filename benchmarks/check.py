@@ -58,7 +58,7 @@ def main(arguments: Sequence[str] | None = None, root: Path = ROOT) -> int:
     old = [one["result"] for one in results if one["commits_since"] > most]
     if old:
         print(
-            f"error: more than {most} commits old: {', '.join(old)}; measure again: `make bench-all`.",
+            f"error: more than {most} commits old: {', '.join(old)}; measure again: `make bench-all`, or as docs say of each.",
             file=sys.stderr,
         )
     return 1 if old else 0

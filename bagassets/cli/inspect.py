@@ -9,6 +9,7 @@ from bagassets.base.escaping import visible
 from bagassets.cli.terminal import echo_lines
 
 if TYPE_CHECKING:
+    from bagassets.recordings.model import RecordingFiles
     from bagassets.recordings.recording import Recording
 
 
@@ -52,7 +53,7 @@ def inspect(
     from bagassets.assets.inventory import make_inventory
     from bagassets.propose.scan import point_time_notes, scan_recording
     from bagassets.recordings.describe import describe_inventory
-    from bagassets.recordings.discover import bags_of_parts, discover, find_one
+    from bagassets.recordings.discover import find_one
     from bagassets.recordings.salvage.open import read_as_far
     from bagassets.store.artifact import ArtifactWriter
 
@@ -64,10 +65,7 @@ def inspect(
         folders += loaded.bags.message_definitions
         limits = loaded.limits
     bags = tuple(dict.fromkeys(bags))
-    if len(bags) == 1:
-        found = find_one(bags[0])
-    else:
-        (found,) = discover(bags_of_parts([bag.resolve() for bag in bags])).recordings.values()
+    found = find_one(bags[0]) if len(bags) == 1 else _drive([bag.resolve() for bag in bags])
     with tempfile.TemporaryDirectory(prefix="bagassets-inspect-") as folder:
 
         def look(recording: "Recording") -> tuple[Path, list[str]]:
@@ -82,3 +80,23 @@ def inspect(
         echo_lines(json.dumps(inventory, sort_keys=True, indent=1, ensure_ascii=False))
         return
     echo_lines(f"{visible(', '.join(map(str, bags)))}\n\n{describe_inventory(inventory)}", nl=False)
+
+
+def _drive(parts: list[Path]) -> "RecordingFiles":
+    """Return the drive that several files are the parts of.
+
+    Raises:
+        RecordingError: they are not, or that is a question.
+    """
+    from bagassets.base.alike import names_text
+    from bagassets.base.errors import RecordingError
+    from bagassets.recordings.discover import bags_of_parts, discover
+
+    found = discover(bags_of_parts(parts).model_copy(update={"series": {}}))
+    drives = list(found.recordings.values())
+    if len(drives) != 1 or found.asked:
+        names = names_text([part.name for part in parts])
+        raise RecordingError(
+            f"{names}: by their names, topics or times these are not surely the parts of one drive; inspect them one by one."
+        )
+    return drives[0]

@@ -1,6 +1,7 @@
 """`open_dataset` of a LeRobot dataset, written here by its specification: v3.0 with two files of data and of each camera."""
 
 import json
+import multiprocessing
 import pickle
 import subprocess
 import sys
@@ -156,6 +157,17 @@ def test_samples_go_to_other_processes(root):
         [sys.executable, "-c", code], input=pickle.dumps(sample), capture_output=True, check=True
     )
     assert abs(int(run.stdout) - shade("observation.images.top", 20)) <= 3
+
+
+def test_a_process_that_was_forked_reads_on(root):
+    dataset = open_dataset(root)
+    check(dataset[0], 0)
+    child = multiprocessing.get_context("fork").Process(target=check, args=(dataset[20], 20))
+    child.start()
+    child.join(20)
+    hangs = child.is_alive()
+    child.kill()
+    assert (hangs, child.exitcode) == (False, 0)
 
 
 @pytest.mark.parametrize(

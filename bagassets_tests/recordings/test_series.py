@@ -480,6 +480,8 @@ def test_inspect_shows_a_drive_in_parts_as_the_drive_in_one_file(cut, tmp_path, 
         assert shown["parts"][key] == shown["whole"][key]
     counts = {name: {one["name"]: one["count"] for one in made["topics"]} for name, made in shown.items()}
     assert counts["parts"] == counts["whole"]
+    assert main(["inspect", "drive_0.bag", str(whole)]) == 1, "drive_0.bag is in it"
+    assert "inspect them one by one" in capsys.readouterr().err
 
 
 def test_a_rig_may_match_a_part():

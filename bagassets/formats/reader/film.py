@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 _BT601, _BT709 = 5, 1  # of FFmpeg's `AVColorSpace`: BT.470 BG, which has the matrix of BT.601, and BT.709
 _AHEAD = 16  # frames that are decoded and passed over rather than sought
+_HAS_THREADS = 17  # from this PyAV on, pictures are converted by threads, too
 _LOST = -1_000  # after a failure nothing is ahead
 
 
@@ -71,7 +72,9 @@ class Film:
             self._stream = self._container.streams.video[0]
         except (OSError, ValueError, IndexError) as err:
             raise DatasetError(f"{self._path}: this video cannot be opened ({err}).") from err
-        self._stream.codec_context.thread_count = 1  # those of many files would be many
+        # Those of many files would be many, and a decoder with threads cannot be given up after a fork, which has none of them.
+        self._stream.codec_context.thread_count = 1
+        self._one_thread = {"threads": 1} if int(av.__version__.partition(".")[0]) >= _HAS_THREADS else {}
         self._frames: Iterator[Any] = self._container.decode(self._stream)
         self._next = 0
         self._pid = os.getpid()
@@ -89,5 +92,6 @@ class Film:
     def _rgb(self, frame: Any) -> NDArray[np.uint8]:  # noqa: ANN401  (as above)
         # Some versions of PyAV go by the matrix that is tagged, others do not.
         matrix = _BT709 if int(frame.colorspace) == _BT709 else _BT601
-        rgb: NDArray[np.uint8] = frame.reformat(format="rgb24", src_colorspace=matrix).to_ndarray()
+        converted = frame.reformat(format="rgb24", src_colorspace=matrix, **self._one_thread)
+        rgb: NDArray[np.uint8] = converted.to_ndarray()
         return rgb
