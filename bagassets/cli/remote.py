@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 _END_GRACE_S = 5.0
 _END_S = 60.0
 _POLL_S = 0.02
-_CARRIED_ON = "its runs end within seconds, what is finished is kept, and the next build carries on."
+_CARRIED_ON = "what is finished is kept, and the next build carries on."
 _INTERRUPT_POLL_S = 0.2  # the longest time in which an interrupt goes unnoticed
 
 
@@ -171,10 +171,11 @@ def build_on_server(
                     is_cancelled = True
         except ServerRefusedError as err:
             raise BagAssetsError(
-                f"the server of this build was killed; {_CARRIED_ON} Its log is {client.files.log}."
+                "the server of this build was killed; workers that survived it go on, maybe to the end of the build, "
+                f"{_CARRIED_ON} Its log is {client.files.log}."
             ) from err
     if event["event"] == "killed":
-        raise BagAssetsError(*str(event["reason"]).split("\n"), _CARRIED_ON.capitalize())
+        raise BagAssetsError(*str(event["reason"]).split("\n"), f"Its runs end within seconds, {_CARRIED_ON}")
     if event["exit"] != 0:
         raise _raised(event["error"])
     report: JsonObject = event["result"]

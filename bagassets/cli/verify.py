@@ -119,6 +119,7 @@ def _check(
     """Verify what is asked for, for some minutes or as long as it takes, and remove what is damaged."""
     from bagassets.engine.recordings_check import CheckedRecording
     from bagassets.formats.dataset_integrity import find_damage, remove_damaged
+    from bagassets.store.integrity import take_out
 
     damages: list[Damage] = []
     checked: list[CheckedRecording] = []
@@ -140,8 +141,9 @@ def _check(
     spoiled = list(find_damage(recipe, store, artifacts, others=is_all)) if is_all or artifacts else []
     names = _names(recipe, store) if damages else {}
     if not report_only:
-        for damage in damages:
-            (store.remove if damage.kind == "artifact" else store.forget)(damage.digest)
+        take_out(store, damages)
+        for digest in artifacts:
+            del turns.artifacts[digest]
         remove_damaged(spoiled)
     wrong = sum(not recording.is_sound for recording in checked)
     status = ExitStatus.FOUND if damages or spoiled or wrong else 0

@@ -34,6 +34,7 @@ from bagassets.store.store import Outcome, Store
 
 BAG, SELECTION = "bag", "selection"
 _INDEX_VERSION = 1
+_NO_RECORD = "the record of the action that made it is gone"
 _UNCHANGED = AssetState("fresh", "size and time unchanged")
 
 
@@ -370,7 +371,7 @@ class Graph:
             return f"the recording was skipped before: {recorded.why_skipped}"
         before = None if recorded.action is None else self.store.action(recorded.action)
         if before is None:
-            return "the record of the action that made it is gone"
+            return _NO_RECORD
         if node.action is not None:
             return _difference(before, node.action)
         reasons = []
@@ -378,13 +379,11 @@ class Graph:
         for part in node.parts:
             if part.action is None or not part.is_open:
                 continue
-            old = self.store.action(actions[part.channel]) if part.channel in actions else None
-            told = (
-                f"{part.channel} is new"
-                if old is None
-                else f"{part.channel}: {_difference(old, part.action)}"
-            )
-            reasons.append(told)
+            if part.channel not in actions:
+                reasons.append(f"{part.channel} is new")
+                continue
+            old = self.store.action(actions[part.channel])
+            reasons.append(f"{part.channel}: {_NO_RECORD if old is None else _difference(old, part.action)}")
         return "; ".join(reasons)
 
 

@@ -53,16 +53,16 @@ class Verified:
         since_s = time.time() - RECENT_DAYS * 86_400
         return [name for name in names if self.times.get(name, 0) > since_s]
 
-    def note(self, name: str) -> None:
-        """Note that something was found whole just now."""
-        self.times[name] = self._new[name] = int(time.time())
+    def note(self, name: str, *, is_whole: bool) -> None:
+        """Note whether something was found whole just now; if not, it counts as never verified."""
+        self.times[name] = self._new[name] = int(time.time()) if is_whole else 0
 
     def save(self, names: Iterable[str], *, now: bool = True) -> None:
         """Write what was noted, and forget all but `names`; unless it must be `now`, every ten seconds only."""
         if not self._new or (not now and time.monotonic() < self._saved_s + _SAVE_S):
             return
         times = self._read() | self._new  # another process may have verified other things
-        kept = {name: times[name] for name in sorted(names) if name in times}
+        kept = {name: times[name] for name in sorted(names) if times.get(name)}
         try:
             write_atomically(self._path, json.dumps(kept, indent=0).encode())
         except OSError as err:
@@ -103,8 +103,7 @@ class Turns:
     def run(self, most_s: float = math.inf) -> Iterator[list[Damage] | CheckedRecording]:
         """Verify one after the other, the oldest first if there is little time, and yield what was found.
 
-        None is begun after `most_s`, but one at least is verified. Nothing is changed but what is noted of those that were
-        found whole.
+        None is begun after `most_s`, but one at least is verified. Nothing is changed but what is noted of them.
         """
         end_s = time.monotonic() + most_s
         names = dict.fromkeys(self._in_store, self._stored)
@@ -114,8 +113,8 @@ class Turns:
         order = sorted(names, key=ages.__getitem__) if most_s < math.inf else list(names)
         try:
             for name, found in self._results(order, end_s):
-                if not found if isinstance(found, list) else found.is_sound and not found.unrecorded:
-                    names[name].note(name)
+                is_whole = not found if isinstance(found, list) else found.is_sound and not found.unrecorded
+                names[name].note(name, is_whole=is_whole)
                 yield found
                 self._save(now=False)
         finally:

@@ -16,6 +16,7 @@ from uuid import uuid4
 
 from bagassets.base import files
 from bagassets.base.errors import StoreError
+from bagassets.store.lease import remove_dead_locks
 from bagassets.store.store import Store
 
 # An artifact without any record may be about to get one.
@@ -65,7 +66,7 @@ class Collected:
     Attributes:
         removed: the removed artifacts; datasets may still hold some of their files as hard links.
         spared: number of artifacts that a build began to use meanwhile.
-        leftovers: number of temporary folders and files of dead processes.
+        leftovers: number of temporary folders, files and locks of dead processes.
     """
 
     removed: list[Garbage] = field(default_factory=list)
@@ -89,7 +90,7 @@ def find_garbage(
         now_s: the time, in Unix seconds.
         derived: steps whose artifacts are needed as long as what they were made from is.
     """
-    records = list(_records(store))
+    records = list(records_in(store))
     by_artifact: dict[str, list[Record]] = {}
     for record in records:
         by_artifact.setdefault(record.artifact, []).append(record)
@@ -119,7 +120,7 @@ def collect(store: Store, garbage: Collection[Garbage], now_s: float) -> Collect
     for folder in {record.parent for entry in forgotten for record in entry.records}:
         files.sync_folder(folder)  # a crash must leave no record without its artifact
     removed = [entry for entry in forgotten if _remove(store, entry)]
-    collected = Collected(removed, spared=len(garbage) - len(removed))
+    collected = Collected(removed, len(garbage) - len(removed), leftovers=remove_dead_locks(store.root))
     for folder in _leftovers(store, now_s):
         files.remove_all(folder)
         collected.leftovers += 1
@@ -204,7 +205,8 @@ def _named_in(store: Store, digest: str) -> set[str]:
     return named
 
 
-def _records(store: Store) -> Iterator[Record]:
+def records_in(store: Store) -> Iterator[Record]:
+    """Yield the records of actions that made artifacts, whether these are there or not."""
     for path in (store.root / "actions").glob("*/*.json"):
         if path.name.startswith(".") or path.name.endswith(".failed.json"):
             continue
@@ -218,8 +220,7 @@ def _records(store: Store) -> Iterator[Record]:
 def _leftovers(store: Store, now_s: float) -> Iterator[Path]:
     """Yield temporary folders of dead processes, and those of other machines that are a day old."""
     host = socket.gethostname()
-    folder = store.root / "tmp"
-    for path in folder.iterdir() if folder.is_dir() else ():
+    for path in (store.root / "tmp").glob("*"):
         of_host, _, rest = path.name.rpartition("-")[0].rpartition("-")
         with suppress(FileNotFoundError):
             if of_host == host and rest.isdecimal():

@@ -1,13 +1,14 @@
 """Checking a store: every artifact byte for byte, and that every record leads to one."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 from bagassets.store.artifact import MANIFEST, Artifact
 from bagassets.store.canonical import digest_bytes, digest_file, digest_json
+from bagassets.store.collect import records_in
 from bagassets.store.store import Store
 
 # Files above this are hashed block by block, not read at once.
@@ -88,6 +89,18 @@ def check_artifact(artifact: Artifact, step: str | None = None) -> Iterator[Dama
     reasons = artifact_damage(artifact)
     if reasons and artifact.folder.is_dir():
         yield Damage("artifact", artifact.digest, tuple(reasons), step)
+
+
+def take_out(store: Store, damages: Sequence[Damage]) -> None:
+    """Remove what is damaged; artifacts with the records of the actions that made them, which would lead nowhere."""
+    artifacts = {damage.digest for damage in damages if damage.kind == "artifact"}
+    actions = {damage.digest for damage in damages if damage.kind == "action"}
+    if artifacts:
+        actions |= {record.path.stem for record in records_in(store) if record.artifact in artifacts}
+    for digest in actions:
+        store.forget(digest)
+    for digest in artifacts:
+        store.remove(digest)
 
 
 def artifact_damage(artifact: Artifact) -> list[str]:

@@ -154,3 +154,13 @@ def _linked(lease: Path, path: Path) -> bool:
                 if (holder := other.read()) and HOLDERS.has_ended(holder):
                     return False
         time.sleep(_POLL_S)
+
+
+def remove_dead_locks(root: Path) -> int:
+    """Remove the locks of actions in the store in `root` whose holders are dead, and return their number."""
+    number = 0
+    for path in (root / _ACTIONS).glob("*.lock"):
+        with suppress(OSError), LockFile.open(path, shared=True) as lock:
+            if lock.try_lock() and lock.is_in_place:
+                number += files.remove(path)
+    return number

@@ -14,6 +14,7 @@ from click.testing import CliRunner
 
 from bagassets.base import files
 from bagassets.base.errors import DatasetError, StoreError
+from bagassets.base.lock_files import LockFile
 from bagassets.cli.main import root as command_line
 from bagassets.defs.builds.garbage import locks_of
 from bagassets.defs.records.naming import Naming
@@ -28,7 +29,7 @@ from bagassets.store import collect as module
 from bagassets.store.action import Step
 from bagassets.store.collect import collect, find_garbage
 from bagassets.store.integrity import check_store
-from bagassets.store.lease import in_use, in_use_since_s
+from bagassets.store.lease import action_lock, in_use, in_use_since_s
 from bagassets.store.store import Store
 from bagassets.store.users import User, forget_user, note_user, users_of
 from bagassets_tests import in_process
@@ -247,6 +248,34 @@ class TestWhileBuildsRun:
 
 
 class TestLeftovers:
+    def test_the_lock_of_a_killed_process_goes_and_those_of_live_ones_stay(self, store):
+        script = (
+            "import os, sys; from pathlib import Path; from bagassets.store.lease import action_lock\n"
+            "with action_lock(Path(sys.argv[1]), 'dead'): os.kill(os.getpid(), 9)"
+        )
+        subprocess.run([sys.executable, "-c", script, str(store.root)], check=False)
+        dead = store.root / "underway" / "dead.lock"
+        assert dead.exists()
+        with action_lock(store.root, "live"):
+            assert collect(store, [], time.time()).leftovers == 1
+            assert [path.name for path in dead.parent.iterdir()] == ["live.lock"]
+
+    def test_a_lock_that_was_taken_over_meanwhile_stays(self, store, monkeypatch):
+        dead = store.root / "underway" / "a.lock"
+        dead.parent.mkdir(parents=True)
+        dead.touch()
+        try_lock = LockFile.try_lock
+
+        def faster(lock):
+            if lock.path == dead:  # another process removes it, and has the lock from here on
+                dead.unlink()
+                dead.touch()
+            return try_lock(lock)
+
+        monkeypatch.setattr(LockFile, "try_lock", faster)
+        assert collect(store, [], time.time()).leftovers == 0
+        assert dead.exists()
+
     def test_what_killed_processes_left_goes_and_what_live_ones_write_stays(self, store, monkeypatch):
         ours = store.make_temporary_folder()
         dead = ours.with_name(ours.name.replace(f"-{os.getpid()}-", "-999999999-"))

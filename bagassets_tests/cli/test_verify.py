@@ -224,6 +224,20 @@ class TestHealing:
         assert found["taken_out"] is True
         assert not artifact.folder.exists()
 
+    def test_what_was_taken_out_is_no_damage_the_next_time(self, project):
+        artifact = artifact_of(project, "inventory")
+        overwrite(artifact.path("inventory.json"), b"?")
+        others = sum(1 for _ in (project.store_path / "actions").glob("*/*.json"))
+        assert run(project, status=3).stdout.count("damaged") == 1
+        assert run(project).stdout == "Store and datasets are intact.\n"
+        records = [
+            json.loads(path.read_bytes()) for path in (project.store_path / "actions").glob("*/*.json")
+        ]
+        assert artifact.digest not in {record["artifact"] for record in records}
+        assert others > len(records) >= others - 2, "of each recording at most one made it"
+        make_dataset(project)
+        assert artifact_damage(artifact) == []
+
     def test_report_only_changes_nothing(self, project):
         artifact = artifact_of(project, "calibration")
         overwrite(artifact.path("calibration.json"), b"?")
@@ -418,6 +432,15 @@ class TestMinutes:
         run(project, "--report-only", status=3)
         share = self.verified(project, "--report-only", minutes=self.MOMENT, status=3)
         assert share["of_artifacts"] - share["artifacts"] == 1
+
+    @pytest.mark.parametrize("args", [(), ("--report-only",)])
+    def test_what_was_whole_before_and_is_damaged_now_does_not_count(self, project, args):
+        before = self.verified(project)
+        assert before["artifacts"] == before["of_artifacts"]
+        overwrite(artifact_of(project, "inventory").path("inventory.json"), b"?")
+        share = self.verified(project, *args, status=3)
+        assert share["artifacts"] == before["artifacts"] - 1
+        assert share["of_artifacts"] == before["artifacts"] - (not args), "what was removed is no more"
 
     def test_an_interrupt_keeps_what_was_verified(self, project, monkeypatch):
         looked_at = []
@@ -621,7 +644,8 @@ class TestRecordings:
         assert done.return_value == 0
         assert f"unknown  {path}: it has no digest on record" in done.stdout
 
-    def test_in_turn_a_changed_one_is_found_and_not_counted(self, kept):
+    @pytest.mark.parametrize("later_s", [0, 5])
+    def test_in_turn_a_changed_one_is_found_and_not_counted(self, kept, later_s):
         def verify(status):
             command = ["verify", "--minutes", "10", "--recordings", "--json", "--recipe", str(kept)]
             done = CliRunner().invoke(root, command, standalone_mode=False)
@@ -632,7 +656,7 @@ class TestRecordings:
         assert (share["recordings"], share["of_recordings"], share["of_artifacts"]) == (3, 3, 0)
         assert share["recording_bytes"] == share["of_recording_bytes"] > 0
         path = kept.parent.parent / "bags" / "a.bag"
-        write_over(path, flipped(path, path, "/odom"), path.stat().st_mtime_ns + 5_000_000_000)
+        write_over(path, flipped(path, path, "/odom"), path.stat().st_mtime_ns + later_s * 10**9)
         found = verify(3)
         assert [one["key"] for one in found["recordings"] if one["files"]] == ["a.bag"]
         share = found["verified"]

@@ -99,16 +99,21 @@ def test_a_result_that_is_gone_from_the_store(recipe):
     assert states["annotations"] == ("unknown", "waits for calibration — its artifact is gone from the store")
 
 
-def test_a_record_that_is_gone_from_the_store(recipe):
+@pytest.mark.parametrize(
+    ("asset", "step", "channel"), [("calibration", "calibration", ""), ("frames", "frames", "CAM_FRONT: ")]
+)
+def test_a_record_that_is_gone_from_the_store(recipe, asset, step, channel):
     store = Store(load_recipe(recipe).store_path)
-    (path,) = [
-        p for p in (store.root / "actions").glob("*/*.json") if '"step": "calibration"' in p.read_text()
-    ]
+    path = next(
+        p
+        for p in sorted((store.root / "actions").glob("*/*.json"))
+        if f'"step": "{step}"' in (text := p.read_text()) and channel.strip(": ") in text
+    )
     text = path.read_text()
     path.unlink()
     states = output(recipe)
     path.write_text(text)
-    assert states["calibration"] == ("stale", "the record of the action that made it is gone")
+    assert states[asset] == ("stale", f"{channel}the record of the action that made it is gone")
 
 
 def test_what_can_be_told_without_a_run_did_not_fail_before(recipe, monkeypatch):
