@@ -298,9 +298,9 @@ def _notes(recording: Recording, topics: list[JsonObject]) -> list[str]:
         name, offset = topic["name"], topic["header_offset_s"]
         if topic["problem"] is not None:
             notes.append(f"{name} cannot be decoded: {topic['problem']}.")
-        repeated = recording.repeated[name]
-        if repeated:
-            notes.append(f"{name}: {repeated} messages that the recorder repeated in later parts count once.")
+        if repeated := recording.repeated[name]:
+            them = f"{count_text(repeated, 'message')} that the recorder repeated in later parts"
+            notes.append(f"{name}: {them} count{'s' if repeated == 1 else ''} once.")
         announced = recording.topics[name].count - repeated
         if announced != topic["count"]:
             notes.append(f"{name}: the recording announces {announced} messages and holds {topic['count']}.")

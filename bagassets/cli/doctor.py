@@ -9,7 +9,7 @@ import click
 from bagassets.base.errors import RecordingError
 from bagassets.base.escaping import visible
 from bagassets.cli.exit_status import ExitStatus
-from bagassets.cli.terminal import echo, echo_json, echo_lines
+from bagassets.cli.terminal import echo_json, echo_lines
 
 if TYPE_CHECKING:
     from bagassets.recordings.salvage.examine import Examined
@@ -58,12 +58,13 @@ def doctor(recording: Path, copy: Path | None, as_json: bool) -> None:
 
 def _print(found: "Examined", copy: Path | None, written: int | None) -> None:
     """Print one page: what is wrong, where, what can be saved, what to do next."""
+    from bagassets.base.quantities import count_text
     from bagassets.recordings.damage import without_advice
 
     path = visible(str(found.path))
     if found.verdict == "sound":
         number = sum(count for _, count in found.topics.values())
-        echo_lines(f"{path}\n\nSound: all {number} messages can be read.", nl=written is None)
+        echo_lines(f"{path}\n\nSound: all {number} messages can be read.")
     else:
         problem = without_advice(found.problem).removeprefix(f"{found.path}: ")
         echo_lines(f"{path}\n\nWhat is wrong\n  {problem}")
@@ -86,10 +87,10 @@ def _print(found: "Examined", copy: Path | None, written: int | None) -> None:
             rows.append(f"  {'of unknown topics':{width}}  {'':>8}  {damage.lost['']:>6} lost")
         share = damage.share()
         echo_lines(f"\nWhat can be saved\n  {share[:1].upper()}{share[1:]}.\n" + "\n".join(rows))
-    if written is not None:
-        echo(f"\n{copy}: {written} messages written.".lstrip("\n"))
     if found.verdict != "sound":
         echo_lines("\nWhat to do next\n" + "\n".join(f"  {line}" for line in _advice(found, copy)))
+    if written is not None:
+        echo_lines(f"\n{visible(str(copy))}: {count_text(written, 'message')} written.")
 
 
 def _between(start_ns: int | None, end_ns: int | None) -> str:
@@ -102,11 +103,15 @@ def _between(start_ns: int | None, end_ns: int | None) -> str:
 
 
 def _advice(found: "Examined", copy: Path | None) -> list[str]:
+    from bagassets.recordings.salvage.examine import BEHIND
+
     if found.damage is None:
         return [
             "Copy it again from where it was recorded; nothing in this file is a recording that can be read."
         ]
-    if found.damage.is_complete:
+    if found.problem == BEHIND:
+        lines = ["Builds use it as it is, whatever `recover` in the recipe says."]
+    elif found.damage.is_complete:
         lines = ["Builds use it as it is, unless the recipe says `recover: refuse`."]
     else:
         lines = [

@@ -110,5 +110,5 @@ def refuse_pointer(path: Path) -> None:
     with path.open("rb") as file:
         if file.read(len(_POINTER)) == _POINTER:
             raise RecordingError(
-                f"{path}: this is a Git LFS pointer, the recording itself was not fetched; run `git lfs pull` there."
+                f"{path}: this is a Git LFS pointer: the recording itself was not fetched; run `git lfs pull` there."
             )

@@ -14,7 +14,7 @@ from typing import BinaryIO
 
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Channel, ChunkIndex, Footer, McapRecord, Schema, Statistics
+from mcap.records import Channel, ChunkIndex, McapRecord, Schema, Statistics
 from mcap.stream_reader import MAGIC_SIZE, StreamReader, read_magic
 
 from bagassets.recordings.damage import DamageError
@@ -23,6 +23,9 @@ from bagassets.recordings.sizes import Sizes
 
 # Start of the summary, start of its offsets, checksum.
 _FOOTER_BYTES = RECORD_HEADER.size + 8 + 8 + 4
+_FOOTER = RECORD_HEADER.pack(Opcode.FOOTER, 8 + 8 + 4)
+# What stands before the summary, and a checksum between them.
+_DATA_END = RECORD_HEADER.pack(Opcode.DATA_END, 4)
 
 # What messages and their indexes begin with. An index goes on with a length of 4 bytes, and has a time and an offset per message.
 CHANNEL = Struct("<H")
@@ -84,15 +87,11 @@ def read_index(
     if begins:
         file.seek(0)
         read_magic(ReadDataStream(file))
-    _require_footer(file, size)
-    file.seek(-(_FOOTER_BYTES + MAGIC_SIZE), os.SEEK_END)
-    footer = next(_parsed(file, size))
-    if not isinstance(footer, Footer):
-        raise DamageError("it does not end with a footer")
     statistics = None
-    if footer.summary_start:
-        file.seek(footer.summary_start)
-        statistics = _add_summary(index, _parsed(file, size), size, sizes)
+    if summary := _summary_start(file, size):
+        file.seek(summary)
+        records = StreamReader(file, skip_magic=True, emit_chunks=True, record_size_limit=size).records
+        statistics = _add_summary(index, records, size, sizes)
     if statistics is None or (
         len(index.channels) < max(1, statistics.channel_count)
         or len(index.chunks) < statistics.chunk_count
@@ -109,30 +108,56 @@ def read_index(
     return index
 
 
-def _require_footer(file: BinaryIO, size: int) -> None:
-    """Refuse a file without a footer: its recorder or a copy was interrupted.
+def _summary_start(file: BinaryIO, size: int) -> int:
+    """Return where the summary begins; 0 if there is none.
 
     Raises:
-        DamageError: it is cut short, or its end is missing.
+        DamageError: there is no footer, since the recorder or a copy was interrupted.
     """
-    file.seek(max(0, size - _FOOTER_BYTES - MAGIC_SIZE))
-    if file.read(RECORD_HEADER.size) == RECORD_HEADER.pack(Opcode.FOOTER, _FOOTER_BYTES - RECORD_HEADER.size):
-        return
-    whole, is_cut = MAGIC_SIZE, False
+    start = _start_in_footer(file, size)
+    if start is not None:
+        file.seek(max(0, start - len(_DATA_END) - 4))
+        if not start or file.read(len(_DATA_END)) == _DATA_END:
+            return start
+    # More bytes may follow its footer, such as a second recording, which ends in a footer of its own.
+    whole, what = MAGIC_SIZE, "its end is missing or damaged"
     try:
         for opcode, _, end in walk(file, size):
             if opcode == 0:  # no record: zeros that were never written over
-                is_cut = True
                 break
             whole = end
+        start = _start_in_footer(file, end_of(file, whole))
     except DamageError:
-        is_cut = True
-    what = "it is cut short" if is_cut else "its end is missing or damaged"
+        what = "it is cut short"
+    except Exception:  # noqa: BLE001, S110  (whatever damaged bytes lead to: `what` says it)
+        pass
+    if start is not None:
+        return start
     raise DamageError(f"{what}: of its {size} bytes, the records up to byte {whole} are whole")
 
 
-def _parsed(file: BinaryIO, size: int) -> Iterator[McapRecord]:
-    return iter(StreamReader(file, skip_magic=True, emit_chunks=True, record_size_limit=size).records)
+def _start_in_footer(file: BinaryIO, end: int) -> int | None:
+    """Return where the summary begins, as the footer before an end says; None if there is no footer."""
+    file.seek(max(0, end - _FOOTER_BYTES - MAGIC_SIZE))
+    head = file.read(len(_FOOTER) + 8)
+    return int.from_bytes(head[len(_FOOTER) :], "little") if head.startswith(_FOOTER) else None
+
+
+def end_of(file: BinaryIO, begin: int = MAGIC_SIZE) -> int:
+    """Return where an MCAP ends, whatever follows: behind the first footer after a record that begins at `begin`.
+
+    Raises:
+        DamageError: its records do not lead there. On damaged bytes anything else is raised.
+    """
+    file.seek(begin)
+    opcode = 0
+    while opcode != Opcode.FOOTER:
+        opcode, length = RECORD_HEADER.unpack(file.read(RECORD_HEADER.size))
+        if not opcode:  # zeros that were never written over
+            raise DamageError("it has no footer")
+        file.seek(length, os.SEEK_CUR)
+    read_magic(ReadDataStream(file))
+    return file.tell()
 
 
 def _add_summary(

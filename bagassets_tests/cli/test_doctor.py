@@ -1,6 +1,7 @@
 """`bagassets doctor`: its page, its exit status, and copies that other programs read without complaint."""
 
 import json
+import random
 import shutil
 from collections import Counter
 
@@ -88,7 +89,7 @@ def test_a_sound_recording_is_said_to_be_that(sound, kind):
     assert found["damage"] is None
 
 
-@pytest.mark.parametrize("behind", ["noise", "a second recording"])
+@pytest.mark.parametrize("behind", ["noise", "zeros", "the same recording", "another recording"])
 @pytest.mark.parametrize(
     "kind", ["ros1", "ros1 lz4", "mcap zstd", "mcap unchunked", "db3", "folder", "folder mcap"]
 )
@@ -97,15 +98,23 @@ def test_with_bytes_behind_its_end_a_recording_is_mendable_in_every_format(tmp_p
     (shutil.copytree if path.name == "a" else shutil.copy)(sound[kind], path)
     file = storage_of(path)
     data = file.read_bytes()
-    more = b"x" * 1000 if behind == "noise" else data
+    other = "mcap lz4" if file.suffix == ".mcap" else "ros1 bz2"
+    more = {
+        "noise": random.Random(kind).randbytes(1000),
+        "zeros": bytes(4096),
+        "the same recording": data,
+        "another recording": sound[other].read_bytes(),
+    }[behind]
     file.write_bytes(data + more)
+    assert messages_of(path) == truth(kind)  # as builds that refuse damaged ones read it
     status, output = doctor(path)
     said = f"{file.name}: behind the end of the recording are {len(more)} more bytes, which are not read"
-    assert said in output
-    assert "Builds use it as it is" in output
+    assert f"Where\n  {said}\n\n" in output
+    assert "All of it can be read, but more bytes follow" in output
+    assert "Builds use it as it is, whatever `recover` in the recipe says." in output
     found = json.loads(doctor(path, "--json")[1])
     assert (status, found["verdict"], found["damage"]["complete"]) == (3, "mendable", True)
-    assert said in found["damage"]["findings"]
+    assert found["damage"]["findings"] == [said]
     assert sum(one["messages"] for one in found["topics"].values()) == truth(kind).total()
     copy = tmp_path / f"copy{SUFFIX.get(kind.split()[0], '')}"
     assert doctor(path, "--write", copy)[0] == 3
@@ -129,12 +138,28 @@ def test_the_page_says_what_where_what_can_be_saved_and_what_to_do(tmp_path, sou
     assert digest_file(path) == before
 
 
+def test_what_was_written_stands_last(tmp_path, sound):
+    total = truth("ros1").total()
+    copy = tmp_path / "b.bag"
+    status, output = doctor(sound["ros1"], "--write", copy)
+    page = f"{sound['ros1']}\n\nSound: all {total} messages can be read.\n\n"
+    assert (status, output) == (0, page + f"{copy}: {total} messages written.\n")
+    path = damaged(tmp_path, "ros1", "cut at 90 %", sound["ros1"])
+    status, output = doctor(path, "--write", tmp_path / "c.bag")
+    *_, advice, _, written = output.splitlines()
+    assert (status, advice) == (
+        3,
+        "  Or have builds use what can be read: `recover: all` in bags of the recipe.",
+    )
+    assert written == f"{tmp_path / 'c.bag'}: {messages_of(tmp_path / 'c.bag').total()} messages written."
+
+
 def test_one_that_is_complete_needs_nothing(tmp_path, sound):
     path = damaged(tmp_path, "mcap zstd", "without its index", sound["mcap zstd"])
     status, output = doctor(path)
     assert status == 3
     assert f"{truth('mcap').total()} messages can be read" in output
-    assert "Builds use it as it is" in output
+    assert "Builds use it as it is, unless the recipe says `recover: refuse`." in output
 
 
 def test_what_is_no_recording_is_lost(tmp_path):

@@ -278,6 +278,19 @@ def test_latched_messages_that_recorders_repeat_at_splits_count_once(tmp_path, q
     ]
 
 
+def test_the_note_about_one_repeated_message_is_in_the_singular(tmp_path):
+    for number in range(2):
+        usual = [("/a", number * 10**9 + i * 10**8, "") for i in range(1, 10)]
+        messages = [("/latched", number * 10**9, "map"), *usual]
+        write_strings(tmp_path / f"drive_{number}.mcap", messages, qos=TRANSIENT_LOCAL[0])
+    (cut,) = discover(bags(tmp_path)).recordings.values()
+    with open_recording(cut) as opened:
+        made = Written(tmp_path / "out", lambda out: make_inventory(opened, out, size=1))
+    assert made.artifact.read_json("inventory.json")["notes"] == [
+        "/latched: 1 message that the recorder repeated in later parts counts once."
+    ]
+
+
 def test_the_same_text_at_the_beginning_of_a_part_counts_if_its_topic_is_not_latched(tmp_path):
     for number in range(2):
         messages = [

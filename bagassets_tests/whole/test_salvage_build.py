@@ -107,6 +107,19 @@ def test_recover_decides_what_becomes_of_a_cut_recording(tmp_path, drives, kind)
     assert path.read_bytes() == drives[kind].read_bytes()[: path.stat().st_size]
 
 
+def test_bytes_behind_its_end_are_no_damage_to_builds(tmp_path, drives):
+    recipe = project(tmp_path, "refuse")
+    whole = drives["mcap"].read_bytes()
+    (recipe.bags.root / "whole.mcap").write_bytes(whole)
+    (recipe.bags.root / "behind.mcap").write_bytes(whole + b"more" * 250)
+    (sound, behind) = (made(recipe, f"{name}.mcap") for name in ("whole", "behind"))
+    for asset in ("calibration", "ego_poses", "frames", "sweeps", "annotations"):
+        assert behind[asset].artifact.digest == sound[asset].artifact.digest
+    inventory = behind["inventory"].artifact.read_json("inventory.json")
+    assert "damage" not in inventory
+    assert not any("index" in note for note in inventory["notes"])
+
+
 def test_only_what_was_salvaged_has_its_version_in_the_key(tmp_path, drives):
     recipe = project(tmp_path)
     shutil.copy(drives["mcap"], recipe.bags.root / "whole.mcap")

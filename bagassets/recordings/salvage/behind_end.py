@@ -6,12 +6,10 @@ from pathlib import Path
 from struct import Struct
 from typing import BinaryIO
 
-from mcap.opcode import Opcode
-from mcap.stream_reader import MAGIC_SIZE
 from rosbags.rosbag1.reader import Header, RecordType
 
 from bagassets.recordings.journals import journals_of
-from bagassets.recordings.mcap_chunk import RECORD_HEADER
+from bagassets.recordings.mcap_index import end_of as end_of_mcap
 from bagassets.recordings.rosbag1 import SIZE
 
 
@@ -20,7 +18,7 @@ def bytes_behind_end(path: Path) -> Iterator[str]:
     for one in sorted(path.iterdir()) if path.is_dir() else [path]:
         with suppress(Exception), one.open("rb") as file:  # whatever damaged bytes lead to
             first = file.readline(100)
-            ends = {b"#ROSBAG": _end_of_bag, b"SQLite ": _end_of_database, b"\x89MCAP0\r": _end_of_mcap}
+            ends = {b"#ROSBAG": _end_of_bag, b"SQLite ": _end_of_database, b"\x89MCAP0\r": end_of_mcap}
             if (more := one.stat().st_size - ends[first[:7]](file)) > 0:
                 yield f"{one.name}: behind the end of the recording are {more} more bytes, which are not read"
 
@@ -45,12 +43,3 @@ def _end_of_bag(file: BinaryIO) -> int:
         (size,) = SIZE.unpack(file.read(SIZE.size))
         file.seek(size, 1)
     return file.tell()
-
-
-def _end_of_mcap(file: BinaryIO) -> int:
-    file.seek(MAGIC_SIZE)
-    opcode = 0
-    while opcode != Opcode.FOOTER:
-        opcode, length = RECORD_HEADER.unpack(file.read(RECORD_HEADER.size))
-        file.seek(length, 1)
-    return file.tell() + MAGIC_SIZE

@@ -22,7 +22,7 @@ Verdict = Literal["sound", "mendable", "lost"]
 
 # A copy takes every message, whatever builds would make of it.
 _ANY = Limits(chunk_bytes=4_000_000_000, message_bytes=4_000_000_000, connections=10**9, topics=10**9)
-_BEHIND = "All of it can be read, but more bytes follow; other programs may refuse it."
+BEHIND = "All of it can be read, but more bytes follow; other programs may refuse it."
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ def examine(path: Path) -> Examined:
             if not problem:
                 damage = DamageMap(tuple(behind), (), {}, counts.total()) if behind else None
                 verdict: Verdict = "mendable" if behind else "sound"
-                return Examined(path, verdict, _BEHIND if behind else "", _topics(recording, counts), damage)
+                return Examined(path, verdict, BEHIND if behind else "", _topics(recording, counts), damage)
             problem = f"{path}: messages that its index announces are missing: {problem}."
     except RecordingError as err:
         if err.transient:
