@@ -192,13 +192,13 @@ def datasets(instance: dg.DagsterInstance, workspace: Workspace) -> None:
         recipe,
         "nuscenes_dataset",
         f"{folder.name}/{LOCK}",
-        '{"format": 1, "nuscenes": {}, "bags": [], "duplicates": {}, "tables": {}, "shares": {}}',
+        '{"format": 2, "dataset": "nuscenes", "nuscenes": {}, "bags": [], "duplicates": {}, "files": {}, "shares": {}}',
     )
     publish(
         recipe,
         "vision_dataset",
         f"annotations/{LOCK}",
-        '{"format": 1, "vision": {}, "bags": [], "files": {}}',
+        '{"format": 2, "dataset": "vision", "vision": {}, "bags": [], "files": {}}',
     )
     for asset, version in dataset_code_versions(recipe).items():
         instance.report_runless_asset_event(

@@ -111,7 +111,11 @@ def test_reader(tmp_path):
     found = json.loads(json_file.read_text("utf-8"))
     assert reader_table(found) in printed
     assert found["read"]["images"] == 3 * found["read"]["samples"] > 0
-    assert all(found[name][0]["samples_per_s"] > 0 for name in ("bagassets", "devkit"))
+    assert all(
+        found[name][workers][0]["samples_per_s"] > 0
+        for name in ("bare", "bagassets", "devkit")
+        for workers in "12"
+    )
 
 
 def test_kernels(tmp_path):
