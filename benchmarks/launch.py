@@ -46,6 +46,10 @@ mutation Launch($params: ExecutionParams!) {
 FOLLOW = """
 query Follow($run: ID!) { runOrError(runId: $run) { ... on Run { status endTime stepStats { startTime } } } }
 """
+FAILURES = """
+query Failures($run: ID!) { runOrError(runId: $run) { ... on Run { eventConnection { events {
+  ... on RunFailureEvent { message } ... on ExecutionStepFailureEvent { error { message } } } } } } }
+"""
 
 
 def main() -> None:
@@ -139,7 +143,8 @@ def _click(url: str, assets: list[dict[str, Any]], keys: list[str]) -> tuple[flo
     for run in runs:
         found = wait_until(lambda run=run: _ended(url, run), f"run {run} ends")
         if found["status"] != "SUCCESS":
-            raise SystemExit(f"run {run}: {found['status']}")
+            said = _ask(url, FAILURES, {"run": run})["runOrError"]["eventConnection"]["events"]
+            raise SystemExit(f"run {run}: {found['status']}: {[event for event in said if event]}")
         first.append(min(step["startTime"] for step in found["stepStats"]))
         last.append(found["endTime"])
     return min(first) - start, max(last) - start
