@@ -20,19 +20,20 @@ def main(arguments):
     parser = argparse.ArgumentParser(prog="make fuzz", description=__doc__.partition("\n")[0])
     parser.add_argument("targets", nargs="*", help=f"of {', '.join(TARGETS)}; default: all")
     parser.add_argument("--minutes", type=float, default=1.0, help="for all of them together; default: 1")
+    parser.add_argument("--seed", type=int, default=0, help="of what is made up; default: another one each time")
     parser.add_argument("--folder", type=Path, default=ROOT / "build" / "fuzz")
     options = parser.parse_args(arguments)
     if unknown := set(options.targets) - set(TARGETS):
         parser.error(f"no target {unknown.pop()}; the targets are {', '.join(TARGETS)}")
     chosen = options.targets or list(TARGETS)
     seconds = max(1, round(60 * options.minutes / len(chosen)))
-    failed = [name for name in chosen if not _fuzzed(name, options.folder / name, seconds)]
+    failed = [name for name in chosen if not _fuzzed(name, options.folder / name, seconds, options.seed)]
     if failed:
         print(f"found: {', '.join(failed)}; the inputs are in {options.folder}/TARGET/found")
     return 1 if failed else 0
 
 
-def _fuzzed(name, folder, seconds):
+def _fuzzed(name, folder, seconds, seed):
     """Fuzz one target; return whether nothing was found."""
     corpus, seeds, found = (folder / one for one in ("corpus", "seeds", "found"))
     for one in (corpus, seeds, found):
@@ -43,7 +44,7 @@ def _fuzzed(name, folder, seconds):
             (seeds / f"{number:03}").write_bytes(data)
     command = [
         *(sys.executable, "-m", "bagassets_tests.fuzz.one", name, str(corpus), str(seeds)),
-        *(f"-max_total_time={seconds}", f"-timeout={_MOST_S}", f"-rss_limit_mb={_MOST_MB}"),
+        *(f"-seed={seed}", f"-max_total_time={seconds}", f"-timeout={_MOST_S}", f"-rss_limit_mb={_MOST_MB}"),
         *("-max_len=65536", f"-artifact_prefix={found}/", "-print_final_stats=1"),
     ]
     before = set(found.iterdir())
