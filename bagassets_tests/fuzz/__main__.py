@@ -20,7 +20,9 @@ def main(arguments):
     parser = argparse.ArgumentParser(prog="make fuzz", description=__doc__.partition("\n")[0])
     parser.add_argument("targets", nargs="*", help=f"of {', '.join(TARGETS)}; default: all")
     parser.add_argument("--minutes", type=float, default=1.0, help="for all of them together; default: 1")
-    parser.add_argument("--seed", type=int, default=0, help="of what is made up; default: another one each time")
+    parser.add_argument(
+        "--seed", type=int, default=0, help="of what is made up; default: another one each time"
+    )
     parser.add_argument("--folder", type=Path, default=ROOT / "build" / "fuzz")
     options = parser.parse_args(arguments)
     if unknown := set(options.targets) - set(TARGETS):
