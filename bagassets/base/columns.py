@@ -1,6 +1,7 @@
 """Columns of Arrow tables, from their buffers and back.
 
-`pa.array` and `to_numpy` import pandas where it is installed, which takes a fifth of a second and 30 MB.
+`pa.array` and `to_numpy` import pandas where it is installed, and so does `to_pandas_dtype` in pyarrow 17: it takes a
+fifth of a second and 30 MB.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,6 +14,12 @@ from numpy.typing import NDArray
 
 __all__ = ["column", "numbers", "table_of_rows"]
 
+_NAMES = {
+    "halffloat": "float16",
+    "float": "float32",
+    "double": "float64",
+}  # where numpy has another than Arrow
+
 
 def column(values: Sequence[Any] | NDArray[Any], kind: pa.DataType) -> pa.Array:
     """Return a column without nulls.
@@ -22,7 +29,7 @@ def column(values: Sequence[Any] | NDArray[Any], kind: pa.DataType) -> pa.Array:
         kind: type of the column.
     """
     if pa.types.is_primitive(kind):
-        numbers = np.ascontiguousarray(values, dtype=kind.to_pandas_dtype())
+        numbers = np.ascontiguousarray(values, dtype=_dtype(kind))
         return pa.Array.from_buffers(kind, len(numbers), [None, pa.py_buffer(numbers)])
     if pa.types.is_list(kind):
         inner = column([*chain.from_iterable(values)], kind.value_type)
@@ -39,7 +46,7 @@ def table_of_rows(rows: Sequence[Mapping[str, Any]], schema: pa.Schema) -> pa.Ta
 
 def numbers(values: pa.ChunkedArray) -> NDArray[Any]:
     """Return a column of numbers without nulls as (N,)."""
-    kind = np.dtype(values.type.to_pandas_dtype())
+    kind = _dtype(values.type)
     parts = [
         np.frombuffer(chunk.buffers()[1], kind, len(chunk), chunk.offset * kind.itemsize)
         for chunk in values.chunks
@@ -51,3 +58,7 @@ def numbers(values: pa.ChunkedArray) -> NDArray[Any]:
 def _ends(pieces: Sequence[Any] | NDArray[Any]) -> pa.Buffer:
     """Return where each piece ends, after a zero."""
     return pa.py_buffer(np.cumsum([0, *map(len, pieces)], dtype=np.int32))
+
+
+def _dtype(kind: pa.DataType) -> np.dtype[Any]:
+    return np.dtype(_NAMES.get(str(kind), str(kind)))
