@@ -14,11 +14,8 @@ from numpy.typing import NDArray
 
 __all__ = ["column", "numbers", "table_of_rows"]
 
-_NAMES = {
-    "halffloat": "float16",
-    "float": "float32",
-    "double": "float64",
-}  # where numpy has another than Arrow
+# Types that numpy calls otherwise than Arrow.
+_NAMES = {"halffloat": "float16", "float": "float32", "double": "float64"}
 
 
 def column(values: Sequence[Any] | NDArray[Any], kind: pa.DataType) -> pa.Array:

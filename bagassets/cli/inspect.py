@@ -44,8 +44,8 @@ def inspect(
     """Print what a recording holds.
 
     BAG is a .bag, .mcap or .db3 file, or a ROS 2 bag folder; several files are the parts of one drive. It is read
-    completely. The inventory shows topics, types, counts, rates, gaps, frames, the offset of header stamps from log time, place and daylight, and
-    what a build takes the times of lidar points for.
+    completely. The inventory shows topics, types, counts, rates, gaps, frames, the offset of header stamps from log time,
+    place and daylight, and what a build takes the times of lidar points for.
     """
     import json
     import tempfile

@@ -159,7 +159,7 @@ class Turns:
         }
 
     def share_text(self) -> str:
-        """Return that in words."""
+        """Return how much was verified as one sentence."""
         share = self.share()
         return (
             f"Verified within {RECENT_DAYS} days: {share['artifacts']} of {count_text(share['of_artifacts'], 'artifact')}, "

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -572,6 +573,15 @@ def test_locks_are_names_of_the_one_lease_of_a_process(store):
     assert not any([*(store.root / "leases").iterdir(), *(store.root / "underway").iterdir()])
 
 
+@contextmanager
+def holder_of_a_lock(store, script):
+    """Run a script in a process of its own, which says when it holds a lock; it gets the store, and goes on by lines."""
+    command = [sys.executable, "-c", script, str(store.root)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
+        assert other.stdout.readline() == "held\n"
+        yield other
+
+
 def test_nobody_waits_for_a_process_that_is_done_with_an_action_and_goes_on(store):
     script = (
         "import sys; from pathlib import Path\n"
@@ -581,9 +591,7 @@ def test_nobody_waits_for_a_process_that_is_done_with_an_action_and_goes_on(stor
         "        print('held', flush=True); sys.stdin.readline()\n"
         "    print('left', flush=True); sys.stdin.readline()\n"
     )
-    command = [sys.executable, "-c", script, str(store.root)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
-        assert other.stdout.readline() == "held\n"
+    with holder_of_a_lock(store, script) as other:
         got = []
 
         def wait():
@@ -610,9 +618,7 @@ def test_nobody_waits_for_a_process_whose_run_was_given_up(store, monkeypatch):
         "with action_lock(Path(sys.argv[1]), 'a'):\n"
         "    print('held', flush=True); sys.stdin.readline()\n"
     )
-    command = [sys.executable, "-c", script, str(store.root)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
-        assert other.stdout.readline() == "held\n"
+    with holder_of_a_lock(store, script) as other:
         asked = []
         monkeypatch.setattr("bagassets.store.lease._LOOK_S", 0.0)
         monkeypatch.setattr(HOLDERS, "has_ended", lambda name: asked.append(name) or len(asked) > 1)

@@ -122,7 +122,7 @@ class DamageMap:
         return cls(findings, holes, lost, value["read"], is_total_known=value["is_total_known"])
 
     def share(self) -> str:
-        """Return in words how many messages were read of how many."""
+        """Return a clause that says how many messages were read, and of how many."""
         lost = sum(self.lost.values())
         if self.is_total_known:
             return f"{self.read} of {count_text(self.read + lost, 'message')} can be read"
