@@ -7,7 +7,7 @@ from bagassets.base.alike import names_text
 from bagassets.base.json_types import JsonMapping
 
 _MOST_CHARACTERS = 24
-_NOTHING = (None, {}, [])
+_NOTHING: tuple[object, ...] = (None, {}, [])
 _KINDS = ("topic", "channel", "msg", "labels", "calibration")  # of inputs
 
 
