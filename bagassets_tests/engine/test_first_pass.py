@@ -214,6 +214,23 @@ def test_made_ahead_they_take_one_pass_too(tmp_path, monkeypatch):
     assert 0.9 < disk.times <= 1.05
 
 
+@pytest.mark.parametrize("ahead", [True, False])
+def test_a_damaged_recording_is_refused_while_it_is_hashed_and_then_salvaged(tmp_path, monkeypatch, ahead):
+    recipe, file = project_of(tmp_path, "drive.mcap", "zstd")
+    recipe.write_text(recipe.read_text().replace("bags:\n", "bags:\n  recover: all\n"))
+    content = bytearray(file.read_bytes())
+    content[len(content) * 9 // 10] ^= 16
+    file.write_bytes(content)
+    disk = Disk(monkeypatch, file)
+    if ahead:
+        state = load_recipe(recipe).state
+        make_inventories({"recipe": str(recipe), "bags": [], "state": str(state), "stamp": "0" * 64})
+        assert 0.9 < disk.times <= 1.05
+    report, _ = build(recipe, monkeypatch, select=("inventory",))
+    assert report.counts()["built"] == 1
+    assert 1.9 < disk.times <= 2.1
+
+
 @pytest.fixture
 def project(tmp_path):
     return make_project(tmp_path / "project")
@@ -256,7 +273,7 @@ def test_a_damaged_recording_has_a_digest_and_its_inventory_fails_where_it_is_as
     made, graph = passed(project)
     assert made.inventory is None
     assert made.digest.digest == recording_digest(one_of(project), rehash=True).digest
-    assert left_in(project) == ([], [])
+    assert left_in(project) == (["inventory"], []), "that it is refused is on record"
     with pytest.raises(BagAssetsError, match=r"a\.bag"):
         list(execute(graph))
 
