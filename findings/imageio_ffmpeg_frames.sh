@@ -2,8 +2,9 @@
 # A recorded camera becomes an MP4 whose frames keep the times of their messages, as far apart as they came. How many does
 # imageio-ffmpeg read? Guess: those that are in the file, one after the other.
 # Seen with imageio-ffmpeg 0.8.1 (FFmpeg 9.0.2) on 2026-11-28: 31 for a file of 10 frames in a second. FFmpeg repeats the frame before
-# wherever the next is late, on a grid of the highest rate it found, here 30 a second, without a word. Frame i is not that of message i. `count_frames_and_secs` of the same library counts 10, and the `fps` of the metadata is 9.68, so neither
-# number times the other, nor one divided by the other, belongs to what is read. `output_params=["-fps_mode", "passthrough"]` gives the 10.
+# wherever the next is late, on a grid of the highest rate it found, here 30 a second, without a word: frame i is not that of message i.
+# `count_frames_and_secs` of the same library counts 10, and the `fps` of the metadata is 9.68, so neither says which time a frame has.
+# `output_params=["-fps_mode", "passthrough"]` gives the 10.
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
