@@ -39,8 +39,6 @@ from bagassets.recipe.model_base import Clock
 from bagassets.recordings.recording import Recording
 from bagassets.store.artifact import ArtifactWriter
 
-__all__ = ["ANNOTATIONS", "AnnotationParams", "AnnotationUse", "make_annotations", "use"]
-
 TABLE = "annotations.parquet"
 COUNTS = "annotations.json"
 # Packages of messages with cylinders, footprints, …

@@ -42,8 +42,6 @@ from bagassets.recordings.model import Message, RawMessage
 from bagassets.recordings.recording import Recording
 from bagassets.store.artifact import ArtifactWriter, FileEntry
 
-__all__ = ["FRAMES", "INDEX_SCHEMA", "FrameExtractor"]
-
 INDEX_SCHEMA = pa.schema(
     {
         "stamp_ns": pa.int64(),

@@ -29,8 +29,6 @@ from bagassets.recordings.model import RawMessage
 from bagassets.recordings.recording import Recording
 from bagassets.store.artifact import Artifact, ArtifactWriter
 
-__all__ = ["FACTS", "SIGNALS", "TABLE", "SignalExtractor"]
-
 TABLE, FACTS = "signal.parquet", "signal.json"
 REPEATED, OTHER_NUMBER = "repeated stamp", "it has another number of elements than before"
 
