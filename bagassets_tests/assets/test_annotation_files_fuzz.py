@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from label_files import WRITERS, box_json
 
-from bagassets.assets.boxes.collect import BoxCollector, SourceRules
+from bagassets.assets.boxes.collect import BoxCollector
 from bagassets.assets.boxes.files.box_files import read_json_boxes, read_parquet_boxes
 from bagassets.assets.boxes.files.json_text import entries, parse
 from bagassets.assets.boxes.files.kitti import read_kitti_labels, read_kitti_tracklets
@@ -22,6 +22,7 @@ from bagassets.assets.boxes.files.sustechpoints import read_sustechpoints
 from bagassets.assets.boxes.files.times import named_frames, numbered_frames, read_times
 from bagassets.assets.boxes.frames import BoxFrames
 from bagassets.geometry.trajectory import Trajectory
+from bagassets.recipe.model_annotations import AnnotationTopic
 
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
@@ -79,7 +80,9 @@ def read_all(name, data):
 def collect(boxes):
     """What readers give can be collected and written, every box accounted for."""
     nowhere = Trajectory(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 4)), 0, 0)
-    collector = BoxCollector(BoxFrames("map", "base", {}, nowhere), {"": SourceRules(frame="map")})
+    collector = BoxCollector(
+        BoxFrames("map", "base", {}, nowhere), {"": AnnotationTopic(topic="/boxes", frame="map")}
+    )
     for box in boxes:
         collector.add(box)
     table = collector.finish().to_arrow()
