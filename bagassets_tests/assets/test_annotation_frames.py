@@ -136,7 +136,7 @@ def test_no_box_is_no_trouble():
 def test_frames_of_another_tree_and_without_tf_are_not_known():
     assert frames().knows("tool")
     assert not frames().knows("beach")
-    assert not frames(tree=None).knows("tool")
+    assert not frames(tree=TfTree()).knows("tool")
     assert frames().describe().endswith("by TF extra, map, mast, tool")
 
 

@@ -1,5 +1,6 @@
 """The settings of the LeRobot format: the section `lerobot` of a recipe."""
 
+import re
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
@@ -8,14 +9,7 @@ from pydantic import AfterValidator, Field, PlainSerializer, model_validator
 
 from bagassets.base.json_types import Json
 from bagassets.formats.lerobot.ranges import unknown_rows
-from bagassets.recipe.model_base import (
-    ChannelName,
-    DatasetSettings,
-    FieldValueError,
-    Model,
-    TopicName,
-    matching,
-)
+from bagassets.recipe.model_base import ChannelName, DatasetSettings, FieldValueError, Model, TopicName
 from bagassets.recipe.schema import suggestion
 
 if TYPE_CHECKING:
@@ -30,13 +24,14 @@ OWN_COLUMNS = ("timestamp", "frame_index", "episode_index", "index", "task_index
 
 
 def _feature_name(name: str) -> str:
+    if not re.fullmatch(r"[A-Za-z_][\w.]*", name):
+        raise ValueError("must consist of letters, digits, '_' and '.', as in observation.state")
     if name in OWN_COLUMNS:
         raise ValueError("every LeRobot dataset has a column of that name; choose another")
     return name
 
 
-_NAME = "must consist of letters, digits, '_' and '.', as in observation.state"
-FeatureName = Annotated[str, matching(r"[A-Za-z_][\w.]*", _NAME), AfterValidator(_feature_name)]
+FeatureName = Annotated[str, AfterValidator(_feature_name)]
 FieldPaths = str | Annotated[tuple[str, ...], Field(min_length=1)]
 # Where the file is does not matter, only what it says of a recording.
 LooseFile = Annotated[Path, PlainSerializer(lambda path: path.name, str, when_used="json")]
