@@ -13,8 +13,8 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from bagassets.assets.asset import Asset, Facts, Use, inlined, omitted, uses_of
-from bagassets.assets.channel import Counts, written
-from bagassets.assets.face import Face, Loss, Table, losses_of
+from bagassets.assets.channel import Counts, losses, written
+from bagassets.assets.face import Face, Table
 from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.quality.channel_rules import channels_complete
 from bagassets.assets.quality.check import RecordingCheck
@@ -341,10 +341,6 @@ def _shown(artifact: Artifact) -> Mapping[str, Json | Table]:
     }
 
 
-def _losses(summary: JsonMapping) -> list[Loss]:
-    return [loss for name, counts in summary.get("channels", {}).items() for loss in losses_of(name, counts)]
-
-
 SIGNALS = Asset(
     name="signals",
     version=1,
@@ -357,7 +353,7 @@ message lacks, is null.""",
         columns=pa.schema({STAMP: pa.int64(), "<element>": pa.float64()}),
         shown=_shown,
         counts={"values": written},
-        losses=_losses,
+        losses=losses,
     ),
     reads=(INVENTORY,),
     enabled=lambda recipe: any(rig.signals for rig in recipe.rigs),
