@@ -79,8 +79,11 @@ def convert(bags_: tuple[Path, ...], out: Path, recipe_file: Path | None, format
         except RecipeError as err:
             problems = str(err).splitlines()
     if proposal.questions or problems:
+        from bagassets.cli.init_report import print_questions
+
         _write_beside(beside, text)
-        _ask(proposal, problems, beside, f"bagassets convert {' '.join(map(quoted, (*bags_, out)))}")
+        command = f"bagassets convert {' '.join(map(quoted, (*bags_, out)))} --recipe {quoted(beside)}"
+        print_questions(f"{beside}, the guessed recipe", proposal, problems, command)
         return ExitStatus.UNDECIDED
     status = _build(recipe, bags, kind, out, text)
     if status == ExitStatus.FAILED:
@@ -185,19 +188,6 @@ def _matched(recipe: "Recipe", bags: "Bags") -> "Recipe":
     if rig.questions:
         raise RecipeError(*rig.questions)
     return recipe.model_copy(update={"rigs": (rig.model_copy(update={"match": ("**",)}),)})
-
-
-def _ask(proposal: "Proposal", problems: list[str], beside: Path, command: str) -> None:
-    """Print what is to be decided, and how to go on."""
-    from bagassets.cli.init_report import print_questions
-
-    echo(f"To be decided in {beside}, the guessed recipe:")
-    print_questions(proposal)
-    for problem in problems:
-        echo(f"  {problem}")
-    if proposal.rigs:
-        echo("When that is done:")
-        echo(f"  {command} --recipe {quoted(beside)}")
 
 
 def _write_beside(path: Path, text: str) -> None:
