@@ -251,9 +251,7 @@ class SignalExtractor:
         absent = np.frombuffer(self._absent, dtype=np.bool_).reshape(-1, len(names))[kept]
         never = [name for name, missing in zip(names, absent.T, strict=True) if missing.all()]
         if never:
-            raise LossLimitError(
-                f"{self._use}: no message has {', '.join(never)}; they have {self._known()}. Correct `names` of the signal."
-            )
+            raise LossLimitError(self._lacking(never))
         null = ~np.isfinite(values)
         columns = [
             pa.array(column, mask=gap) for column, gap in zip(values.T.copy(), null.T.copy(), strict=True)
@@ -301,14 +299,12 @@ class SignalExtractor:
                 f"{self._use}: none of its {self._counts.read} messages gives values, most often because "
                 f"{self._counts.main_reason}. Correct the signal in the recipe, or remove it."
             )
-        return (
-            f"{self._use}: no message has {', '.join(self._use.settings.names) or 'any number'}; they have {self._known()}. "
-            "Correct `names` of the signal."
-        )
+        return self._lacking(self._use.settings.names)
 
-    def _known(self) -> str:
-        known = sorted({*self._others, *self._labels})
-        return ", ".join(known) or "none"
+    def _lacking(self, names: Sequence[str]) -> str:
+        known = ", ".join(sorted({*self._others, *self._labels})) or "none"
+        wanted = ", ".join(names) or "any number"
+        return f"{self._use}: no message has {wanted}; they have {known}. Correct `names` of the signal."
 
 
 def _span_of(values: NDArray[np.float64]) -> JsonObject:

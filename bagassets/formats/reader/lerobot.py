@@ -42,9 +42,7 @@ class LeRobotSource(ImagesOnly):
             version, self._fps = str(self._info["codebase_version"]), int(self._info["fps"])
             self._features: JsonObject = self._info["features"]
         except (OSError, ValueError, KeyError, TypeError) as err:
-            raise DatasetError(
-                f"{path}: this file of the dataset cannot be read ({err}); {folder.remedy()}"
-            ) from err
+            raise folder.unreadable(path, err) from err
         if not version.startswith("v3."):
             raise DatasetError(
                 f"{path}: this is version {version} of the format, and 3 can be read; lerobot converts older ones."
@@ -174,9 +172,7 @@ class LeRobotSource(ImagesOnly):
         try:
             return pq.read_table(path)
         except (OSError, pa.ArrowException) as err:
-            raise DatasetError(
-                f"{path}: this file of the dataset cannot be read ({err}); {self.folder.remedy()}"
-            ) from err
+            raise self.folder.unreadable(path, err) from err
 
     def _read_data(self, path: Path) -> Mapping[str, NDArray[Any]]:
         import pyarrow as pa
