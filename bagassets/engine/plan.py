@@ -8,6 +8,7 @@ from hashlib import sha256
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from bagassets.base.json_types import JsonObject
+from bagassets.engine.freshness.artifacts import digests_in
 from bagassets.engine.splits import Ties
 from bagassets.recordings.digest import RecordingStat
 from bagassets.recordings.discover import Discovery
@@ -226,7 +227,7 @@ class KeptPlan(BagPlan):
     Args:
         key: partition key.
         row: see `BagPlan.as_row`.
-        made: digests of its artifacts, 32 bytes each.
+        made: what is noted of its artifacts; see `CachedPlan`.
         mark: changes with whatever the plan rests on; see `CachedPlan`.
     """
 
@@ -259,8 +260,7 @@ class KeptPlan(BagPlan):
     @property
     def artifacts(self) -> tuple[str, ...]:
         """See `BagPlan`."""
-        text = self.made.hex()
-        return tuple(text[start : start + 64] for start in range(0, len(text), 64))
+        return tuple(digests_in(self.made))
 
 
 @dataclass(frozen=True)
