@@ -1,6 +1,6 @@
 """Fixed joints of a URDF robot description, as edges of a tree of frames.
 
-Only joints are read: http://wiki.ros.org/urdf/XML/joint. The XML parser is used directly because only
+Only joints are read: http://wiki.ros.org/urdf/XML/joint; from version 1.1 on, urdfdom 6 takes `quat_xyzw` for `rpy`. The XML parser is used directly because only
 it reports the line of each element.
 """
 
@@ -39,6 +39,7 @@ def urdf_edges(data: bytes, name: str = "URDF") -> list[Edge]:
             frame or a number; the message names the line.
     """
     joints: list[_Joint] = []
+    robot: dict[str, str] = {}
     path: list[str] = []
     parser = expat.ParserCreate()
 
@@ -49,7 +50,9 @@ def urdf_edges(data: bytes, name: str = "URDF") -> list[Edge]:
                 f"{name}, line {line}: a URDF starts with <robot>, this file with <{tag}>."
             )
         path.append(tag)
-        if path == ["robot", "joint"]:
+        if path == ["robot"]:
+            robot.update(attributes)
+        elif path == ["robot", "joint"]:
             joints.append(_Joint(attributes.get("name", "?"), attributes.get("type", ""), line))
         elif path[:2] == ["robot", "joint"] and len(path) == 3:
             joints[-1].elements[tag] = (line, attributes)
@@ -72,10 +75,11 @@ def urdf_edges(data: bytes, name: str = "URDF") -> list[Edge]:
         raise CalibrationError(
             f"{name}, line {err.lineno}: not XML ({expat.ErrorString(err.code)}); give an expanded URDF."
         ) from err
-    return [_edge(joint, name) for joint in joints if joint.kind == "fixed"]
+    is_old = robot.get("version", "1.0") == "1.0"
+    return [_edge(joint, name, is_old) for joint in joints if joint.kind == "fixed"]
 
 
-def _edge(joint: _Joint, name: str) -> Edge:
+def _edge(joint: _Joint, name: str, is_old: bool) -> Edge:
     place = f"{name}, line {joint.line}: joint {joint.name}"
     frames = {
         tag: normalise_frame(joint.elements.get(tag, (0, {}))[1].get("link", ""))
@@ -85,21 +89,28 @@ def _edge(joint: _Joint, name: str) -> Edge:
         if not frame:
             raise CalibrationError(f'{place} has no <{tag} link="…"/>; correct the URDF.')
     line, origin = joint.elements.get("origin", (joint.line, {}))
-    xyz, rpy = (
-        _triple(origin.get(key, "0 0 0"), key, f"{name}, line {line}: joint {joint.name}")
-        for key in ("xyz", "rpy")
-    )
-    parent_SE3_child = SE3.create(quaternions_from_rpy(np.array(rpy)), xyz)
-    return Edge.fixed(frames["parent"], frames["child"], "urdf", parent_SE3_child)
+    place = f"{name}, line {line}: joint {joint.name}"
+    xyz = _numbers(origin.get("xyz", "0 0 0"), 3, "xyz", place)
+    rotation = quaternions_from_rpy(np.array(_numbers(origin.get("rpy", "0 0 0"), 3, "rpy", place)))
+    if "quat_xyzw" in origin:
+        if is_old or "rpy" in origin:
+            raise CalibrationError(
+                f'{place}: quat_xyzw needs <robot version="1.1"> or newer, and no rpy beside it; correct the URDF.'
+            )
+        rotation = np.roll(_numbers(origin["quat_xyzw"], 4, "quat_xyzw", place), 1)
+        if not 0.9 < float((rotation * rotation).sum()) < 1.1:
+            raise CalibrationError(f"{place}: quat_xyzw must be of unit length; correct the URDF.")
+    return Edge.fixed(frames["parent"], frames["child"], "urdf", SE3.create(rotation, xyz))
 
 
-def _triple(text: str, attribute: str, place: str) -> tuple[float, float, float]:
+def _numbers(text: str, count: int, attribute: str, place: str) -> list[float]:
     try:
-        x, y, z = (float(part) for part in text.split())
+        numbers = [float(part) for part in text.split()]
     except ValueError:
-        x = y = z = float("nan")
-    if not (isfinite(x) and isfinite(y) and isfinite(z)):
+        numbers = []
+    if len(numbers) != count or not all(map(isfinite, numbers)):
+        words = {3: "three", 4: "four"}
         raise CalibrationError(
-            f"{place}: {attribute} must be three numbers, it is '{text}'; correct the URDF, or expand it with xacro."
+            f"{place}: {attribute} must be {words[count]} numbers, it is '{text}'; correct the URDF, or expand it with xacro."
         )
-    return x, y, z
+    return numbers

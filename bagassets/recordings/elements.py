@@ -4,6 +4,7 @@ A message of a few megabytes may announce millions of objects, a hundred times i
 fields announces billions in four bytes.
 """
 
+import sys
 from collections.abc import Iterator
 from struct import Struct, error
 
@@ -67,6 +68,20 @@ def check_elements(
         _Walk(types, serialization, data, most_elements).message(msgtype)
     except (error, IndexError) as err:
         raise DecodeError(f"its bytes do not fit {msgtype}") from err
+
+
+def padded_end(types: Types, msgtype: str, data: bytes | memoryview) -> int | None:
+    """Return where a message in CDR ends whose bytes are as many as Fast DDS estimates for it; None if they are not.
+
+    `serialize_message` of rclpy and rclcpp (`rmw_serialize` of rmw_fastrtps) takes the estimate for the length. It has gaps for
+    the items of empty lists, too, so behind the message is whatever was in memory.
+    """
+    try:
+        walk = _Walk(types, "cdr", data, sys.maxsize)
+        walk.message(msgtype)
+    except (error, IndexError):
+        return None
+    return walk.end + 4 if 0 <= len(data) - 4 - walk.estimate < 4 else None
 
 
 class _Elements:
@@ -139,7 +154,12 @@ class _Elements:
 
 
 class _Walk:
-    """Walks the bytes of one message and counts its elements."""
+    """Walks the bytes of one message and counts its elements.
+
+    Attributes:
+        end: where it is, behind the encapsulation of CDR.
+        estimate: where it would be if the items of empty lists were aligned, too.
+    """
 
     def __init__(
         self, types: Types, serialization: Serialization, data: bytes | memoryview, most_elements: int
@@ -148,7 +168,7 @@ class _Walk:
         self._data = data if self._ros1 else data[4:]
         self._count = _COUNT["<" if self._ros1 or data[1] & 1 else ">"]
         self._left = most_elements
-        self._at = 0
+        self.end = self.estimate = 0
         self._fewest = _Elements(types, serialization)
 
     def message(self, msgtype: str) -> None:
@@ -169,8 +189,7 @@ class _Walk:
             item, length = inner
             number = length if kind == Nodetype.ARRAY else self._number()
             if item[0] == Nodetype.BASE and item[1][0] != "string":
-                if number:
-                    self._skip(number, SIZES.get(item[1][0], 1))
+                self._skip(number, SIZES.get(item[1][0], 1))
                 return
             self._require(number * self._fewest.of_item(item)[0])
             for _ in range(number):
@@ -186,16 +205,23 @@ class _Walk:
 
     def _number(self) -> int:
         self._align(4)
-        (number,) = self._count.unpack_from(self._data, self._at)
-        self._at += 4
+        (number,) = self._count.unpack_from(self._data, self.end)
+        self._advance(4)
         return int(number)
 
     def _skip(self, number: int, size: int) -> None:
-        self._align(min(size, 8))
-        self._at += number * size
-        if self._at > len(self._data):
+        self._align(min(size, 8), empty=not number)
+        self._advance(number * size)
+        if self.end > len(self._data):
             raise IndexError
 
-    def _align(self, size: int) -> None:
-        if not self._ros1:
-            self._at = (self._at + size - 1) & -size
+    def _advance(self, size: int) -> None:
+        self.end += size
+        self.estimate += size
+
+    def _align(self, size: int, *, empty: bool = False) -> None:
+        if self._ros1:
+            return
+        self.estimate = (self.estimate + size - 1) & -size
+        if not empty:
+            self.end = (self.end + size - 1) & -size

@@ -23,7 +23,7 @@ from rosbags.typesys.store import Typestore
 
 from bagassets.base.errors import BagAssetsError, DecodeError, RecordingError
 from bagassets.recipe.model import Limits
-from bagassets.recordings.elements import announced_elements
+from bagassets.recordings.elements import announced_elements, padded_end
 from bagassets.recordings.known_types import FieldType, Types, known_versions
 from bagassets.recordings.model import Definition, Message, Serialization
 from bagassets.store.canonical import digest_json
@@ -109,7 +109,10 @@ class Layout:
         except MemoryError:
             raise
         except Exception as err:  # rosbags' generated code raises anything on bytes that do not fit
-            raise DecodeError(f"its bytes do not fit {self.msgtype}") from err
+            end = None if self.serialization == "ros1" else padded_end(self.types, self.msgtype, data)
+            if end is None or end >= len(data):
+                raise DecodeError(f"its bytes do not fit {self.msgtype}") from err
+        return self.decode(data[:end])
 
 
 class _Codec:

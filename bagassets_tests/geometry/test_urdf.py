@@ -24,8 +24,11 @@ def about(axis, angle):
     return matrix
 
 
-def robot(*joints, name="car"):
-    return (f'<?xml version="1.0"?>\n<robot name="{name}">\n' + "\n".join(joints) + "\n</robot>\n").encode()
+def robot(*joints, name="car", version=""):
+    version = version and f' version="{version}"'
+    return (
+        f'<?xml version="1.0"?>\n<robot name="{name}"{version}>\n' + "\n".join(joints) + "\n</robot>\n"
+    ).encode()
 
 
 def joint(parent, child, origin='<origin xyz="1 2 3" rpy="0 0 0"/>', kind="fixed", name="j"):
@@ -60,6 +63,19 @@ def test_a_chain_of_joints():
     assert tree.fixed("mast", "lidar")[0] == SE3()
 
 
+QUATERNION = '<origin xyz="1 2 3" quat_xyzw="0.5 -0.5 0.5 -0.5"/>'
+
+
+@pytest.mark.parametrize("version", ["1.1", "1.2"])
+def test_a_quaternion_turns_as_urdfdom_says(version):
+    base_SE3_cam, _ = TfTree(urdf_edges(robot(joint("base", "cam", QUATERNION), version=version))).fixed(
+        "base", "cam"
+    )
+    assert base_SE3_cam.translation == (1, 2, 3)
+    # What Pinocchio 4.1.0 with urdfdom 6.0.0 makes of it (findings/urdf_quaternions.sh).
+    np.testing.assert_allclose(base_SE3_cam.rotation_matrix, [[0, 0, 1], [-1, 0, 0], [0, -1, 0]], atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("data", "problem"),
     [
@@ -74,6 +90,17 @@ def test_a_chain_of_joints():
         ),
         (robot(joint("a", "b", '<origin rpy="0 0 nan"/>')), "joint j: rpy must be three numbers"),
         (robot(joint("a", "b", '<origin xyz="${x} 0 0"/>')), "expand it with xacro"),
+        (robot(joint("a", "b", QUATERNION)), r'quat_xyzw needs <robot version="1.1"> or newer'),
+        (robot(joint("a", "b", QUATERNION), version="1.0"), "quat_xyzw needs"),
+        (
+            robot(joint("a", "b", QUATERNION.replace("/>", ' rpy="0 0 0"/>')), version="1.2"),
+            "and no rpy beside it",
+        ),
+        (
+            robot(joint("a", "b", '<origin quat_xyzw="0 0 1"/>'), version="1.2"),
+            "quat_xyzw must be four numbers",
+        ),
+        (robot(joint("a", "b", '<origin quat_xyzw="0 0 0 0"/>'), version="1.2"), "must be of unit length"),
     ],
 )
 def test_what_is_wrong_is_named_with_its_line(data, problem):

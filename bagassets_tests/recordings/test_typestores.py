@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
 from bagassets.assets.inventory import INVENTORY
+from bagassets.base.errors import DecodeError
 from bagassets.decode.box_messages import AUTOWARE_OBJECTS, DETECTIONS
 from bagassets.decode.loading import keyed_decoder
 from bagassets.decode.packets import packets_in
@@ -259,3 +260,37 @@ def test_steps_decode_a_topic_as_the_inventory_found_it(tmp_path):
         assert recording.topics["/boxes"].definition == inventory.topic("/boxes").definition
         first = next(recording.restrict(["/boxes"]).messages(["/boxes"]))
         assert recording.decode(first).detections == []
+
+
+# --- messages that are shorter than their bytes ------------------------------------------
+
+# What `rclpy.serialization.serialize_message` of Jazzy (7.1.6, rmw_fastrtps) makes of three points of two joints; only the second
+# has velocities. The bytes at the end are no part of the message.
+TRAJECTORY = bytes.fromhex(
+    "0001000000000000000000000100000000000000020000000200000061000000030000006263000003000000020000000000"
+    "0000000000000000f03f00000000000000400000000000000000000000000000000000000000020000000000000000000840"
+    "00000000000010400200000000000000000000000000f03f000000000000f03f000000000000000000000000000000000200"
+    "0000000000000000000000001440000000000000104000000000000000000000000000000000000000000000000000000000"
+    "00000000000000000000000000000000000000000000000000000000"
+)
+
+
+def test_bytes_behind_a_message_are_no_part_of_it_if_there_are_as_many_as_ros_2_leaves():
+    layout = layout_of("trajectory_msgs/msg/JointTrajectory")
+    message = layout.decode(TRAJECTORY)
+    assert message.joint_names == ["a", "bc"]
+    assert [point.positions.tolist() for point in message.points] == [[1, 2], [3, 4], [5, 4]]
+    assert [point.velocities.tolist() for point in message.points] == [[], [1, 1], []]
+    assert not any(len(point.effort) or point.time_from_start.sec for point in message.points)
+    own = serialized(layout, message)
+    assert len(own) == len(TRAJECTORY) - 36
+    for wrong in (
+        TRAJECTORY[:-1],
+        TRAJECTORY + bytes(4),
+        TRAJECTORY[: len(own) + 8],
+        own[:-4],
+        own + bytes(8),
+    ):
+        with pytest.raises(DecodeError, match="do not fit"):
+            layout.decode(wrong)
+    assert serialized(layout, layout.decode(own)) == own

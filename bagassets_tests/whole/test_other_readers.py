@@ -38,6 +38,15 @@ PROTOBUF = (
     "/own", "google.protobuf.StringValue", "protobuf", _FILES.SerializeToString(), "protobuf",
     StringValue(value="hello").SerializeToString(),
 )  # fmt: skip
+# What `rclpy.serialization.serialize_message` of Jazzy (7.1.6) makes of JointState(name=["elbow"], position=[1.5]).
+JOINTS = (
+    "/joint_states", "sensor_msgs/msg/JointState", "ros2msg",
+    get_typestore(Stores.ROS2_JAZZY).generate_msgdef("sensor_msgs/msg/JointState", ros_version=2)[0], "cdr",
+    bytes.fromhex(
+        "0001000000000000000000000100000000047c1f0100000006000000656c626f77000000"
+        "0100000000000000000000000000f83f000000000000000000007c0474190000"
+    ),
+)  # fmt: skip
 
 
 def write_mcap(path, *topics, profile="ros2"):
@@ -146,6 +155,11 @@ ODD = [
         "a definition with `wstring`",
         lambda path: write_mcap(path, PLAIN, other("wstring data\n")),
         "KeyError: 'acme_msgs/msg/wstring'", 6, "/own: the definition of acme_msgs/msg/Own cannot be used",
+    ),
+    Odd(
+        "a message of `serialize_message` (ROS 2) with an empty `float64[]`, such as joint states without velocities",
+        lambda path: write_mcap(path, PLAIN, JOINTS),
+        "CDR message size mismatch", 6, 6,
     ),
     Odd("a flipped bit in an MCAP", with_a_flipped_bit, "Chunk checksum mismatch", 3, "checksum"),
     Odd("a SQLite bag with `#`, `%` or `?` in its path", write_folder, "Cannot open database", None, 3, "a#%41?"),
