@@ -174,8 +174,8 @@ class Client:
     def status(self) -> Message:
         """Return the state of the server.
 
-        It is an object with `stamp`, `process`, `draining`, `clients` (the number of connections, this
-        one counted) and `jobs` (job, label, function, process, seconds, notes, cancelled).
+        It is an object with `process`, `draining`, `clients` (the number of connections, this one counted) and `jobs`
+        (job, label, function, process).
         """
         return self._ask({"op": "status"})
 
