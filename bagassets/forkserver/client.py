@@ -153,7 +153,7 @@ class Client:
         """Return the next event of a job submitted here, or None after `timeout_s` seconds.
 
         Events are objects with `event` and `job`: `note` (`note`: what the worker noted), `finished`
-        (`exit`: 0 with `result`, else `error`: type, message and traceback) and `killed` (`signal`, `reason`).
+        (`exit`: 0 with `result`, else `error`: type and message) and `killed` (`signal`, `reason`).
 
         Raises:
             ServerRefusedError: the server is gone.

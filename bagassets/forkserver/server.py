@@ -283,7 +283,7 @@ class Server:
         job = self._start(request)
         if not job.request["detached"]:
             self._owners[job.id] = connection
-        return {"reply": "submitted", "job": job.id, "process": job.process.as_json()}
+        return {"reply": "submitted", "job": job.id}
 
     def _status(self) -> Message:
         jobs = [
