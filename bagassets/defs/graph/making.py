@@ -113,4 +113,5 @@ def make_recording(recorder: Recorder, recording: RecordingFiles, assets: Collec
             if content:
                 metadata[CONTENT] = content
             inputs = dict.fromkeys(dependencies(project, result.asset))
-            yield Made(result.asset, version, project.versions[result.asset], metadata, inputs)
+            parts = () if isinstance(result, Skipped) else result.channels.values()
+            yield Made(result.asset, version, project.versions[result.asset], metadata, inputs, parts=parts)

@@ -68,6 +68,12 @@ def marks_of(root: str, digests: bytes) -> bytes:
     )
 
 
+def marked(digests: bytes, marks: bytes) -> bytes:
+    """Return artifacts with the marks that they have, each once and in order."""
+    starts = range(0, len(digests), SIZE)
+    return b"".join(sorted({digests[at : at + SIZE] + marks[at // 4 : at // 4 + 8] for at in starts}))
+
+
 def folders_of(root: str) -> dict[str, Signature]:
     """Return the signatures of the 256 folders in which artifacts are, by the first byte of their digests."""
     return {name: signature(f"{root}/{name}") for name in (f"{number:02x}" for number in range(256))}

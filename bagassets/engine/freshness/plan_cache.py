@@ -8,7 +8,6 @@ import json
 import os
 import random
 from collections.abc import Iterable, Mapping
-from hashlib import blake2b
 from typing import NamedTuple
 
 from bagassets.base.cache import Cache, Changes
@@ -46,11 +45,6 @@ class CachedPlan(NamedTuple):
     made: bytes
     marks: bytes
     row: bytes
-
-    @property
-    def mark(self) -> bytes:
-        """What changes with the recording, its artifacts, the code and the recipe."""
-        return blake2b(repr(self[:3]).encode(), digest_size=16).digest()
 
 
 def recording_fingerprint(
