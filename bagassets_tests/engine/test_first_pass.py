@@ -10,11 +10,11 @@ from threading import Lock
 
 import pytest
 import zstandard
-from dagster import AssetRecordsFilter
 
 from bagassets.base.errors import BagAssetsError, ChangedWhileReadError
 from bagassets.defs.builds.made_ahead import make_inventories
 from bagassets.defs.builds.pending_work import open_project
+from bagassets.defs.records.events import recorded_partition
 from bagassets.defs.records.naming import Naming
 from bagassets.engine.execute import execute
 from bagassets.engine.first_pass import first_pass
@@ -147,9 +147,7 @@ def test_a_cold_build_reads_a_recording_twice(tmp_path, monkeypatch, name, diges
     assert report.counts()["built"] == 1
     assert 1.6 < disk.times <= 2.05
     with open_project(recipe) as (instance, _):
-        about = AssetRecordsFilter(Naming("test").key("inventory"), asset_partitions=[name])
-        (found,) = instance.fetch_materializations(about, limit=1).records
-        assert found.asset_materialization.metadata["cached"].value is False
+        assert recorded_partition(instance, Naming("test"), "inventory", name).cached is False
 
 
 @pytest.mark.parametrize(

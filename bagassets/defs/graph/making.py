@@ -113,4 +113,6 @@ def make_recording(recorder: Recorder, recording: RecordingFiles, assets: Collec
             if content:
                 metadata[CONTENT] = content
             inputs = dict.fromkeys(dependencies(project, result.asset))
-            yield Made(result.asset, version, project.versions[result.asset], metadata, inputs)
+            outcomes = [part.outcome for part in graph.node(result.asset).parts]
+            parts = [one.artifact.digest for one in outcomes if one is not None]
+            yield Made(result.asset, version, project.versions[result.asset], metadata, inputs, parts=parts)

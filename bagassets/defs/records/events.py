@@ -27,7 +27,7 @@ CONTENT, SEVERAL = "content_digest", "several"
 REASON = "reason"
 NOT_MADE = "not_made"
 CACHED, _ACTION = "cached", "action_digest"
-_OF_RECORDED = {STAT, _ACTION, MADE_ALONG, CONTENT, REASON}
+_OF_RECORDED = {STAT, CACHED, _ACTION, MADE_ALONG, CONTENT, REASON}
 
 # Records are fetched by storage id; more ids at a time would exceed SQLite's limit of variables.
 _BATCH = 500
@@ -97,13 +97,10 @@ def recorded_wholes(instance: dg.DagsterInstance, names: Naming, assets: Iterabl
 
 def recordings_made(instance: dg.DagsterInstance, run_id: str) -> frozenset[str]:
     """Return the partition keys of which a run has made something, rather than recorded what was known."""
-    made = set()
-    for entry in instance.all_logs(run_id, of_type=dg.DagsterEventType.ASSET_MATERIALIZATION):
-        materialization = entry.asset_materialization
-        cached = None if materialization is None else materialization.metadata.get(CACHED)
-        if materialization is not None and cached is not None and not cached.value:
-            made.add(materialization.partition or "")
-    return frozenset(made)
+    entries = instance.all_logs(run_id, of_type=dg.DagsterEventType.ASSET_MATERIALIZATION)
+    logged = (entry.asset_materialization for entry in entries)
+    found = [one for one in logged if one is not None and CACHED in one.metadata]
+    return frozenset(one.partition or "" for one in found if not one.metadata[CACHED].value)
 
 
 def event_database(instance: dg.DagsterInstance) -> Path | None:
@@ -186,6 +183,7 @@ def _recorded(names: Naming, materialization: dg.AssetMaterialization, run_id: s
         code_version=tags.get(CODE_VERSION),
         inputs=inputs,
         stat=RecordingStat.from_json(json.loads(str(said[STAT]))) if STAT in said else None,
+        cached=bool(said[CACHED]) if CACHED in said else None,
         action=str(said[_ACTION]) if _ACTION in said else None,
         run_id=run_id,
         made_along=str(said.get(MADE_ALONG, "")),
