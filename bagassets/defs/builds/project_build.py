@@ -43,7 +43,7 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
     """
     started = time.monotonic()
     with (
-        making_ahead(recipe_file, options) as made_ahead,
+        making_ahead(recipe_file, options),
         open_project(recipe_file) as (instance, known_as),
         ExitStack() as stack,
     ):
@@ -74,7 +74,7 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
         before, now = build.before, build.now
         if options.is_whole and now.plan.bags and not report_path(recipe).exists():
             write_report(instance, workspace, now.plan)  # a crash tore it, or it could not be written
-        outcomes = outcomes_of(instance, build, made_ahead(), is_whole=options.is_whole)
+        outcomes = outcomes_of(instance, build, is_whole=options.is_whole)
         interrupted = build.interrupted or own_build.interrupted
         report = report_of(instance, workspace, build, outcomes, split_before, interrupted=interrupted)
         report.own_problem, report.own_left_out = own.problem, own.left_out

@@ -119,15 +119,12 @@ def checked_remarks(workspace: Workspace, before: PendingWork, now: PendingWork)
 # --- recordings --------------------------------------------------------------------------
 
 
-def outcomes_of(
-    instance: dg.DagsterInstance, build: BuildLoop, made_ahead: Mapping[str, str], *, is_whole: bool
-) -> dict[str, BagOutcome]:
+def outcomes_of(instance: dg.DagsterInstance, build: BuildLoop, *, is_whole: bool) -> dict[str, BagOutcome]:
     """Return recording -> its outcome, sorted, for those that the build was asked for, and others whose runs it followed.
 
     Args:
         instance: where the runs recorded what they made.
         build: what was found and done.
-        made_ahead: recordings whose inventories were made ahead of their runs -> digest of their content.
         is_whole: the build was asked for everything.
     """
     bags = build.now.plan.bags
@@ -137,9 +134,8 @@ def outcomes_of(
     made_by_run = {run_id: recordings_made(instance, run_id) for run_id in unknown}
     found = {key: BagOutcome("hit", seconds=seconds) for key, seconds in build.unchanged.items()}
     for key, one in ended.items():
-        was_made_ahead = key in bags and made_ahead.get(key) == bags[key].recorded.get("bag", "")
         has_made = one.has_made or key in made_by_run.get(one.run_id, ())
-        found[key] = _of_run(one, has_made=was_made_ahead or has_made)
+        found[key] = _of_run(one, has_made=has_made)
     for key in build.before.asked.chosen & bags.keys():
         found[key] = _of_recording(bags[key], found.get(key), is_whole=is_whole)
     return dict(sorted(found.items()))
