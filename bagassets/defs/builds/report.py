@@ -5,6 +5,7 @@ from pathlib import Path
 
 import dagster as dg
 
+from bagassets.base.fingerprints import recipe_fingerprint
 from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.defs.builds.loop import BuildLoop
 from bagassets.defs.builds.pending_work import PendingWork
@@ -110,6 +111,21 @@ def standing_remarks(recipe: Recipe, before: PendingWork) -> tuple[Remark, ...]:
     return (*packages, *left, *warnings("series", before.plan.asked.values()))
 
 
+def left_over(
+    workspace: Workspace, build: BuildLoop, outcomes: Mapping[str, BagOutcome]
+) -> tuple[Remark, ...]:
+    """Return what is left to the next build although this one was asked for everything, and nothing else says so."""
+    told = {key for key, one in outcomes.items() if one.result in {"failed", "stopped"}}
+    why = "it came, changed or went while this was built; build again"
+    left = sorted({*build.now.todo, *build.now.leaving} - told)
+    remarks = tuple(Remark(key, "warn", "left_over", why) for key in left)
+    if recipe_fingerprint(workspace.recipe_file) == workspace.recipe_fingerprint:
+        return remarks
+    name = Path(workspace.recipe_file).name
+    why = f"{name} was edited while this was built, by what it said before; build again"
+    return (*remarks, *warnings("left_over", [why]))
+
+
 def checked_remarks(workspace: Workspace, before: PendingWork, now: PendingWork) -> list[Remark]:
     """Return what quick checks find in the recordings that the build was asked for."""
     bags = [bag for key, bag in sorted(now.plan.bags.items()) if key in before.asked.chosen]
@@ -132,8 +148,16 @@ def outcomes_of(
     """
     now, bags = build.now, build.now.plan.bags
     ended = {key: one for key, one in build.ended.items() if key != DATASET}
-    # A run that made the datasets, too, has planned its recordings since they were recorded.
-    unknown = {ended[key].run_id for key in ended.keys() - now.plan.recorded.keys()} - {""}
+    # A run that made the datasets, too, has planned its recordings since they were recorded; and other builds record.
+    latest = {key: {one.run_id for one in records.values()} for key, records in now.plan.recorded.items()}
+    earlier = {
+        key: {one.run_id for one in records.values()} for key, records in build.before.plan.recorded.items()
+    }
+    unknown = {
+        one.run_id
+        for key, one in ended.items()
+        if key not in latest or not latest[key] <= {one.run_id, *earlier.get(key, ())}
+    } - {""}
     made_by_run = {run_id: recordings_made(instance, run_id) for run_id in unknown}
     found = {key: BagOutcome("hit", seconds=seconds) for key, seconds in build.unchanged.items()}
     for key, one in ended.items():
