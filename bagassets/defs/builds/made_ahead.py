@@ -170,10 +170,9 @@ def _make_inventory(recipe: Recipe, recording: RecordingFiles) -> str | None:
     """Make the inventory of a recording; return the digest of its content, or None if the store had it, or it is damaged."""
     stat, store = recording_stat(recording), Store(recipe.store_path)
     first = first_pass(recipe, store, recording, stat, DigestIndex.of(recipe))
-    if first.is_refused:
-        return None  # its run salvages it, and reports that
-    if first.inventory is not None:
-        return None if first.inventory.cached else first.digest.digest
+    made = first.inventory
+    if made is not None or first.digest.hashed_bytes:  # what is damaged is left to its run, which salvages and reports it
+        return None if made is None or made.cached else first.digest.digest
     # A first pass must begin at once, and hardly ever ends here.
     from bagassets.engine.execute import Skipped, execute  # noqa: PLC0415
     from bagassets.engine.graph import Graph  # noqa: PLC0415

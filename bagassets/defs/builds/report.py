@@ -1,6 +1,7 @@
 """What a build reports: functions of the state before, the state now and the runs that ended in between."""
 
 from collections.abc import Iterable, Mapping
+from functools import cache, partial
 from pathlib import Path
 
 import dagster as dg
@@ -148,29 +149,20 @@ def outcomes_of(
     """
     now, bags = build.now, build.now.plan.bags
     ended = {key: one for key, one in build.ended.items() if key != DATASET}
-    # A run that made the datasets, too, has planned its recordings since they were recorded; and other builds record.
-    latest = {key: {one.run_id for one in records.values()} for key, records in now.plan.recorded.items()}
-    earlier = {
-        key: {one.run_id for one in records.values()} for key, records in build.before.plan.recorded.items()
-    }
-    unknown = {
-        one.run_id
-        for key, one in ended.items()
-        if key not in latest or not latest[key] <= {one.run_id, *earlier.get(key, ())}
-    } - {""}
-    made_by_run = {run_id: recordings_made(instance, run_id) for run_id in unknown}
+    # The latest record need not be of the run: one that made the datasets, too, has planned since, and other builds record.
+    made_by = cache(partial(recordings_made, instance))
     found = {key: BagOutcome("hit", seconds=seconds) for key, seconds in build.unchanged.items()}
     for key, one in ended.items():
         was_made_ahead = key in bags and made_ahead.get(key) == bags[key].recorded.get("bag", "")
         has_made = (
             was_made_ahead
-            or key in made_by_run.get(one.run_id, ())
             or any(
                 record.run_id == one.run_id and record.cached is False
                 for record in now.plan.recorded.get(key, {}).values()
             )
+            or (one.run_id and key in made_by(one.run_id))
         )
-        found[key] = _of_run(one, has_made=has_made)
+        found[key] = _of_run(one, has_made=bool(has_made))
     for key in build.before.asked.chosen & bags.keys():
         found[key] = _of_recording(bags[key], found.get(key), is_whole=is_whole)
     return dict(sorted(found.items()))
