@@ -171,7 +171,9 @@ def _make_inventory(recipe: Recipe, recording: RecordingFiles) -> str | None:
     stat, store = recording_stat(recording), Store(recipe.store_path)
     first = first_pass(recipe, store, recording, stat, DigestIndex.of(recipe))
     made = first.inventory
-    if made is not None or first.digest.hashed_bytes:  # what is damaged is left to its run, which salvages and reports it
+    if (
+        made is not None or first.digest.hashed_bytes
+    ):  # what is damaged is left to its run, which salvages and reports it
         return None if made is None or made.cached else first.digest.digest
     # A first pass must begin at once, and hardly ever ends here.
     from bagassets.engine.execute import Skipped, execute  # noqa: PLC0415
