@@ -41,12 +41,10 @@ class FirstPass:
     Attributes:
         digest: of the recording.
         inventory: the outcome of its inventory, if that was made.
-        is_refused: the recording is damaged.
     """
 
     digest: RecordingDigest
     inventory: Outcome | None = None
-    is_refused: bool = False
 
 
 def first_pass(
@@ -118,7 +116,7 @@ def _with_inventory(
                     made = store.use(pending.action) or pending.commit(summary)
                 elif refused:
                     store.record_failure(pending.action, refused, recording.path)
-        return FirstPass(digest, made, refused is not None)
+        return FirstPass(digest, made)
     finally:
         if pending is not None:
             pending.discard()

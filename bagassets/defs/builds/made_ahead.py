@@ -177,8 +177,8 @@ def _make(recipe: Recipe, recording: RecordingFiles, whole_bytes: int) -> None:
         stat = recording_stat(recording)
         with only_reader(store, recording, stat):
             first = read_first(recipe, store, recording, stat, index)
-            if first.is_refused:
-                return  # its run salvages it, and reports that
+            if first.inventory is None and first.digest.hashed_bytes:
+                return  # it is damaged: its run salvages it, and reports that
             is_new = first.inventory is not None and not first.inventory.cached
             if first.inventory is not None and is_new:
                 note_made(recipe.state, first.inventory.action_digest)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import dagster as dg
 
+from bagassets.base.fingerprints import recipe_fingerprint
 from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.defs.builds.loop import BuildLoop
 from bagassets.defs.builds.pending_work import PendingWork
@@ -108,6 +109,21 @@ def standing_remarks(recipe: Recipe, before: PendingWork) -> tuple[Remark, ...]:
     doubts = (one for settings in recipe.dataset_settings.values() for one in settings.doubts(keys))
     left = (*left, *warnings("unknown_recordings", doubts))
     return (*packages, *left, *warnings("series", before.plan.asked.values()))
+
+
+def left_over(
+    workspace: Workspace, build: BuildLoop, outcomes: Mapping[str, BagOutcome]
+) -> tuple[Remark, ...]:
+    """Return what is left to the next build although this one was asked for everything, and nothing else says so."""
+    told = {key for key, one in outcomes.items() if one.result in {"failed", "stopped"}}
+    why = "it came, changed or went while this was built; build again"
+    left = sorted({*build.now.todo, *build.now.leaving} - told)
+    remarks = tuple(Remark(key, "warn", "left_over", why) for key in left)
+    if recipe_fingerprint(workspace.recipe_file) == workspace.recipe_fingerprint:
+        return remarks
+    name = Path(workspace.recipe_file).name
+    why = f"{name} was edited while this was built, by what it said before; build again"
+    return (*remarks, *warnings("left_over", [why]))
 
 
 def checked_remarks(workspace: Workspace, before: PendingWork, now: PendingWork) -> list[Remark]:
