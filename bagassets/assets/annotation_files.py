@@ -11,7 +11,7 @@ from bagassets.assets.boxes.files.box_files import read_json_boxes, read_parquet
 from bagassets.assets.boxes.files.find import LabelSet
 from bagassets.assets.boxes.files.kitti import read_kitti_labels, read_kitti_tracklets
 from bagassets.assets.boxes.files.label import Label, LabelFile, UnreadableLabelsError
-from bagassets.assets.boxes.files.nuscenes_tables import TableSet, read_tables
+from bagassets.assets.boxes.files.nuscenes_tables import TableSet, read_table
 from bagassets.assets.boxes.files.sustechpoints import read_sustechpoints
 from bagassets.assets.boxes.files.times import FrameClock, named_frames, numbered_frames, read_times
 from bagassets.assets.boxes.frames import DATASET_FRAME, BoxFrames
@@ -328,11 +328,7 @@ def _readers(labels: Labels, frames: BoxFrames) -> Iterator[tuple[LabelFile, Rea
             tables = TableSet(labels.logfile, labels.logfiles_of_parts, place_log)
             # The tables that others refer to come first.
             for file in sorted(files, key=lambda file: (file.name == "sample_annotation.json", file.name)):
-                is_boxes = file.name == "sample_annotation.json"
-                yield (
-                    file,
-                    partial(read_tables, tables) if is_boxes else partial(_take_table, tables, file.name),
-                )
+                yield file, partial(read_table, tables, file.name)
         case BoxFiles():
             for file in files:
                 is_parquet = file.path.suffix.lower() == ".parquet"
@@ -344,11 +340,6 @@ def _readers(labels: Labels, frames: BoxFrames) -> Iterator[tuple[LabelFile, Rea
         case KittiLabels():
             reader = partial(read_kitti_labels, tracking=not labels.folder)
             yield from ((file, reader) for file in files)
-
-
-def _take_table(tables: TableSet, name: str, data: bytes) -> Iterator[Label]:
-    tables.add(name, data)
-    return iter(())
 
 
 def _frame_clock(labels: Labels, stamps_ns: Sequence[int]) -> FrameClock | None:

@@ -100,12 +100,10 @@ def frames_of_topic(topic: str, frame: str | None, inventory: Inventory) -> tupl
 def box_frames(places: BoxPlaces, clock: Clock, recording: Recording, trajectory: Trajectory) -> BoxFrames:
     """Return the frames of boxes, with the transforms read."""
     extrinsics = {frame: ego_SE3_frame.normalised() for frame, ego_SE3_frame in places.ego_SE3_frame.items()}
-    tree = None
-    if places.tf_static or places.tf:
-        tree = TfTree(
-            read_transforms(recording, places.tf_static, "tf_static", clock=clock),
-            read_transforms(recording, places.tf, "tf", clock=clock),
-        )
+    tree = TfTree(
+        read_transforms(recording, places.tf_static, "tf_static", clock=clock),
+        read_transforms(recording, places.tf, "tf", clock=clock),
+    )
     return BoxFrames(places.global_frame, places.ego_frame, extrinsics, trajectory, places.origin_m, tree)
 
 

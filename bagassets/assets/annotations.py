@@ -15,11 +15,11 @@ from bagassets.assets.annotation_frames import (
     frames_of_topic,
 )
 from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use, inlined, omitted
-from bagassets.assets.boxes.collect import UNKNOWN_FRAME, BoxCollector, Place, SourceRules
+from bagassets.assets.boxes.collect import UNKNOWN_FRAME, BoxCollector, Place, Source
 from bagassets.assets.boxes.frames import BoxFrames
 from bagassets.assets.boxes.table import SCHEMA, BoxTable
 from bagassets.assets.calibration import CALIBRATION
-from bagassets.assets.channel import Counts, settings_of
+from bagassets.assets.channel import Counts
 from bagassets.assets.ego_poses import EGO_POSES
 from bagassets.assets.face import Face, Loss, losses_of
 from bagassets.assets.inventory import INVENTORY
@@ -38,8 +38,6 @@ from bagassets.recipe.model_annotations import AnnotationFiles, AnnotationTopic
 from bagassets.recipe.model_base import Clock
 from bagassets.recordings.recording import Recording
 from bagassets.store.artifact import ArtifactWriter
-
-__all__ = ["ANNOTATIONS", "AnnotationParams", "AnnotationUse", "make_annotations", "use"]
 
 TABLE = "annotations.parquet"
 COUNTS = "annotations.json"
@@ -197,9 +195,9 @@ def make_annotations(
         return _write(nothing.finish(), {}, use.absent, out)
     sources, files, clock = boxes.sources, boxes.files, boxes.clock
     decoders = {topic: _decoder(topic, source, recording) for topic, source in sources.items()}
-    rules = {topic: _rules(source.rules, outside="keep", span_ns=None) for topic, source in sources.items()}
-    rules |= {path: _rules(labels.entry, span_ns=labels.span_ns) for path, labels in files.items()}
-    collector = BoxCollector(box_frames(boxes.places, clock, recording, trajectory), rules)
+    entries: dict[str, Source] = {topic: source.rules for topic, source in sources.items()}
+    entries |= {path: labels.entry for path, labels in files.items()}
+    collector = BoxCollector(box_frames(boxes.places, clock, recording, trajectory), entries)
     messages = {topic: Counts() for topic in sources}
     ignored = dict.fromkeys(sources, 0)
     for message in recording.messages(sorted(sources)) if sources else ():
@@ -274,11 +272,6 @@ def _decoder(topic: str, source: BoxTopic, recording: Recording) -> BoxDecoder:
             f"expected one of {', '.join(sorted(own_types('boxes')))}; {advice('boxes', msgtype)}"
         )
     return decoder
-
-
-def _rules(source: AnnotationTopic | AnnotationFiles, **more: object) -> SourceRules:
-    given = dict(source) | {"refuse": source.bad_boxes == "refuse"}
-    return settings_of(SourceRules, given | more)
 
 
 def _check_frames(source: str, collector: BoxCollector, limit: float) -> None:

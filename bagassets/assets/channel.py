@@ -110,7 +110,7 @@ def channel_face(files: str, columns: "pa.Schema") -> Face:
         files: what the files of its channels are called, in the plural.
         columns: of the index of a channel.
     """
-    return Face(columns=columns, shown=_shown, counts={files: written}, losses=_losses)
+    return Face(columns=columns, shown=_shown, counts={files: written}, losses=losses)
 
 
 def _shown(artifact: Artifact) -> Mapping[str, Json | Table]:
@@ -129,6 +129,7 @@ def written(summary: JsonMapping) -> int | None:
     return None if channels is None else sum(counts["written"] for counts in channels.values())
 
 
-def _losses(summary: JsonMapping) -> Iterator[Loss]:
+def losses(summary: JsonMapping) -> Iterator[Loss]:
+    """Yield the losses of channels or signals."""
     for channel, counts in summary.get("channels", {}).items():
         yield from losses_of(channel, counts, counted_in_channel(counts))

@@ -39,8 +39,6 @@ from bagassets.recordings.inventory import Inventory
 from bagassets.recordings.recording import Recording
 from bagassets.store.artifact import Artifact, ArtifactWriter
 
-__all__ = ["EGO_POSES", "POSE_SCHEMA", "load_trajectory", "make_ego_poses", "params", "use"]
-
 # Coordinates beyond this lose centimetres in the float32 arithmetic of training code.
 FAR_M = 100_000.0
 

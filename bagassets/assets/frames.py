@@ -16,6 +16,7 @@ import pyarrow as pa
 from bagassets.assets.asset import Asset, Facts, Use, uses_of
 from bagassets.assets.calibration import CALIBRATION
 from bagassets.assets.channel import Counts, channel_face, require_decoder, settings_of
+from bagassets.assets.channel_index import FILE_COLUMNS, file_row
 from bagassets.assets.grey_survey import GreySurvey
 from bagassets.assets.image_output import (
     CameraSettings,
@@ -42,19 +43,7 @@ from bagassets.recordings.model import Message, RawMessage
 from bagassets.recordings.recording import Recording
 from bagassets.store.artifact import ArtifactWriter, FileEntry
 
-__all__ = ["FRAMES", "INDEX_SCHEMA", "FrameExtractor"]
-
-INDEX_SCHEMA = pa.schema(
-    {
-        "stamp_ns": pa.int64(),
-        "log_time_ns": pa.int64(),
-        "file": pa.string(),
-        "size": pa.int64(),
-        "digest": pa.string(),
-        "width": pa.int32(),
-        "height": pa.int32(),
-    }
-)
+INDEX_SCHEMA = pa.schema(FILE_COLUMNS | {"width": pa.int32(), "height": pa.int32()})
 """Columns of `index.parquet` of a camera."""
 
 
@@ -311,17 +300,8 @@ class FrameExtractor:
         self._extension = image.extension
         if image.depth is not None:
             self._depth = (self._depth or DepthLosses()) + image.depth
-        self._rows.append(
-            {
-                "stamp_ns": stamp_ns,
-                "log_time_ns": log_time_ns,
-                "file": entry.path,
-                "size": entry.size,
-                "digest": entry.digest,
-                "width": image.width,
-                "height": image.height,
-            }
-        )
+        row = file_row(entry, stamp_ns, log_time_ns)
+        self._rows.append(row | {"width": image.width, "height": image.height})
         self._counts.written += 1
 
     def _fail(self, err: DecodeError, reason: str | None = None) -> None:

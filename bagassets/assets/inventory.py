@@ -43,8 +43,6 @@ from bagassets.recordings.salvage.damage_map import Damage, DamageMap, losses_te
 from bagassets.recordings.topic import ForeignBytes, RefusedBytes, Topic
 from bagassets.store.artifact import Artifact, ArtifactWriter
 
-__all__ = ["INVENTORY", "make_inventory"]
-
 # Header stamps farther than this from the log time are noted.
 MOST_OFFSET_S = 1.0
 _DAY_NS = 86_400_000_000_000

@@ -39,8 +39,6 @@ from bagassets.geometry.trajectory import Trajectory
 from bagassets.recipe.model import PointTimes
 from bagassets.recordings.model import Message, RawMessage
 
-__all__ = ["NO_STAMP", "CloudSweeps", "CloudUse", "LidarSettings", "LidarUse", "LidarWriter", "deskew"]
-
 Span = tuple[int, int]
 
 _UNTIMED = "no usable time"

@@ -30,8 +30,6 @@ from bagassets.recipe.model import CameraChannel, LidarChannel, Recipe, Rig
 from bagassets.store.artifact import Artifact, ArtifactWriter
 from bagassets.store.canonical import digest_json
 
-__all__ = ["INLINE_BYTES", "PREVIEW"]
-
 FACTS = "facts.json"
 THUMBNAIL = "thumbnail.jpg"
 # What thumbnails for the web UI are made from, and what small reports show.

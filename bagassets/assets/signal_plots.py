@@ -18,8 +18,6 @@ from bagassets.recipe.model import Recipe, Rig
 from bagassets.recipe.model_signals import STAMP
 from bagassets.store.artifact import Artifact, ArtifactWriter
 
-__all__ = ["SIGNAL_PLOTS"]
-
 
 @dataclass(frozen=True)
 class PlotParams:

@@ -13,8 +13,8 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from bagassets.assets.asset import Asset, Facts, Use, inlined, omitted, uses_of
-from bagassets.assets.channel import Counts, written
-from bagassets.assets.face import Face, Loss, Table, losses_of
+from bagassets.assets.channel import Counts, losses, written
+from bagassets.assets.face import Face, Table
 from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.quality.channel_rules import channels_complete
 from bagassets.assets.quality.check import RecordingCheck
@@ -28,8 +28,6 @@ from bagassets.recipe.model_signals import STAMP
 from bagassets.recordings.model import RawMessage
 from bagassets.recordings.recording import Recording
 from bagassets.store.artifact import Artifact, ArtifactWriter
-
-__all__ = ["FACTS", "SIGNALS", "TABLE", "SignalExtractor"]
 
 TABLE, FACTS = "signal.parquet", "signal.json"
 REPEATED, OTHER_NUMBER = "repeated stamp", "it has another number of elements than before"
@@ -253,9 +251,7 @@ class SignalExtractor:
         absent = np.frombuffer(self._absent, dtype=np.bool_).reshape(-1, len(names))[kept]
         never = [name for name, missing in zip(names, absent.T, strict=True) if missing.all()]
         if never:
-            raise LossLimitError(
-                f"{self._use}: no message has {', '.join(never)}; they have {self._known()}. Correct `names` of the signal."
-            )
+            raise LossLimitError(self._lacking(never))
         null = ~np.isfinite(values)
         columns = [
             pa.array(column, mask=gap) for column, gap in zip(values.T.copy(), null.T.copy(), strict=True)
@@ -303,14 +299,12 @@ class SignalExtractor:
                 f"{self._use}: none of its {self._counts.read} messages gives values, most often because "
                 f"{self._counts.main_reason}. Correct the signal in the recipe, or remove it."
             )
-        return (
-            f"{self._use}: no message has {', '.join(self._use.settings.names) or 'any number'}; they have {self._known()}. "
-            "Correct `names` of the signal."
-        )
+        return self._lacking(self._use.settings.names)
 
-    def _known(self) -> str:
-        known = sorted({*self._others, *self._labels})
-        return ", ".join(known) or "none"
+    def _lacking(self, names: Sequence[str]) -> str:
+        known = ", ".join(sorted({*self._others, *self._labels})) or "none"
+        wanted = ", ".join(names) or "any number"
+        return f"{self._use}: no message has {wanted}; they have {known}. Correct `names` of the signal."
 
 
 def _span_of(values: NDArray[np.float64]) -> JsonObject:
@@ -343,10 +337,6 @@ def _shown(artifact: Artifact) -> Mapping[str, Json | Table]:
     }
 
 
-def _losses(summary: JsonMapping) -> list[Loss]:
-    return [loss for name, counts in summary.get("channels", {}).items() for loss in losses_of(name, counts)]
-
-
 SIGNALS = Asset(
     name="signals",
     version=1,
@@ -359,7 +349,7 @@ message lacks, is null.""",
         columns=pa.schema({STAMP: pa.int64(), "<element>": pa.float64()}),
         shown=_shown,
         counts={"values": written},
-        losses=_losses,
+        losses=losses,
     ),
     reads=(INVENTORY,),
     enabled=lambda recipe: any(rig.signals for rig in recipe.rigs),

@@ -8,6 +8,7 @@ import pyarrow as pa
 
 from bagassets.assets.asset import omitted
 from bagassets.assets.channel import Counts
+from bagassets.assets.channel_index import FILE_COLUMNS, file_row
 from bagassets.base.columns import table_of_rows
 from bagassets.base.json_types import JsonObject
 from bagassets.geometry.se3 import SE3
@@ -19,14 +20,7 @@ from bagassets.store.artifact import ArtifactWriter
 Motion = tuple[Trajectory, SE3]
 """The ego poses, and the pose of a sensor."""
 
-_COLUMNS = {
-    "stamp_ns": pa.int64(),
-    "log_time_ns": pa.int64(),
-    "file": pa.string(),
-    "size": pa.int64(),
-    "digest": pa.string(),
-    "points": pa.int32(),
-}
+_COLUMNS = FILE_COLUMNS | {"points": pa.int32()}
 _RADAR_SCHEMA = pa.schema(_COLUMNS)
 LIDAR_SCHEMA = pa.schema(_COLUMNS | {"start_ns": pa.int64(), "end_ns": pa.int64()})
 """Columns of `index.parquet` of a lidar; that of a radar is without the last two."""
@@ -125,14 +119,7 @@ class SweepFiles:
             return
         self._stamps_us.add(stamp_ns // 1000)
         entry = self._out.write(f"{stamp_ns}{self._extension}", data)
-        row = {
-            "stamp_ns": stamp_ns,
-            "log_time_ns": log_time_ns,
-            "file": entry.path,
-            "size": entry.size,
-            "digest": entry.digest,
-            "points": points,
-        }
+        row = file_row(entry, stamp_ns, log_time_ns) | {"points": points}
         if span_ns is not None:
             row |= {"start_ns": span_ns[0], "end_ns": span_ns[1]}
         self._rows.append(row)

@@ -38,8 +38,6 @@ from bagassets.recordings.model import Message, RawMessage
 from bagassets.recordings.recording import Recording
 from bagassets.store.artifact import ArtifactWriter
 
-__all__ = ["SWEEPS", "SweepExtractor"]
-
 SweepUse = CloudUse | PacketUse | RadarUse
 
 

@@ -23,8 +23,6 @@ from bagassets.recipe.model_base import Clock
 from bagassets.recordings.recording import Recording
 from bagassets.store.artifact import ArtifactWriter
 
-__all__ = ["FILE", "TRACK", "TrackParams", "make", "use"]
-
 FILE = "track.json"
 PERIOD_NS = 1_000_000_000
 

@@ -79,8 +79,11 @@ def convert(bags_: tuple[Path, ...], out: Path, recipe_file: Path | None, format
         except RecipeError as err:
             problems = str(err).splitlines()
     if proposal.questions or problems:
+        from bagassets.cli.init_report import print_questions
+
         _write_beside(beside, text)
-        _ask(proposal, problems, beside, f"bagassets convert {' '.join(map(quoted, (*bags_, out)))}")
+        command = f"bagassets convert {' '.join(map(quoted, (*bags_, out)))} --recipe {quoted(beside)}"
+        print_questions(f"{beside}, the guessed recipe", proposal, problems, command)
         return ExitStatus.UNDECIDED
     status = _build(recipe, bags, kind, out, text)
     if status == ExitStatus.FAILED:
@@ -169,37 +172,22 @@ def _matched(recipe: "Recipe", bags: "Bags") -> "Recipe":
     Raises:
         RecipeError: several rigs, of which none matches, or one for which something is to be decided.
     """
+    from bagassets.assets.selection import choose_rig
     from bagassets.recordings.discover import discover
-    from bagassets.recordings.globs import matches
 
-    if len(recipe.rigs) == 1:
-        return recipe.model_copy(update={"rigs": (recipe.rigs[0].model_copy(update={"match": ("**",)}),)})
     (recording,) = discover(bags).recordings.values()
     paths = [recording.path, *(part.path for part in recording.parts)]
     inside = [path for path in paths if path.is_relative_to(recipe.bags.root)]
     names = [*recording.names, *(path.relative_to(recipe.bags.root).as_posix() for path in inside)]
-    for rig in recipe.rigs:
-        if any(matches(glob, name) for glob in rig.match for name in names):
-            if rig.questions:
-                raise RecipeError(*rig.questions)
-            return recipe.model_copy(update={"rigs": (rig.model_copy(update={"match": ("**",)}),)})
-    rigs = ", ".join(rig.name for rig in recipe.rigs)
-    raise RecipeError(
-        f"{recording.path}: none of the rigs {rigs} matches this recording; leave only its rig in the recipe."
-    )
-
-
-def _ask(proposal: "Proposal", problems: list[str], beside: Path, command: str) -> None:
-    """Print what is to be decided, and how to go on."""
-    from bagassets.cli.init_report import print_questions
-
-    echo(f"To be decided in {beside}, the guessed recipe:")
-    print_questions(proposal)
-    for problem in problems:
-        echo(f"  {problem}")
-    if proposal.rigs:
-        echo("When that is done:")
-        echo(f"  {command} --recipe {quoted(beside)}")
+    rig = recipe.rigs[0] if len(recipe.rigs) == 1 else choose_rig(recipe, *names)
+    if rig is None:
+        rigs = ", ".join(rig.name for rig in recipe.rigs)
+        raise RecipeError(
+            f"{recording.path}: none of the rigs {rigs} matches this recording; leave only its rig in the recipe."
+        )
+    if rig.questions:
+        raise RecipeError(*rig.questions)
+    return recipe.model_copy(update={"rigs": (rig.model_copy(update={"match": ("**",)}),)})
 
 
 def _write_beside(path: Path, text: str) -> None:

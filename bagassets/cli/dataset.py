@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from bagassets.formats.dataset_diff import BagDiff, DatasetDiff, SceneDiff
     from bagassets.formats.dataset_lock import DatasetLock, LockedBag
 
-__all__ = ["dataset"]
-
 _MOST_SHOWN = 5
 _SIGNS = {"added": "+", "removed": "-", "changed": "~", "renamed": ">"}
 

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from bagassets.cli.options import Number
+
 if TYPE_CHECKING:
     from bagassets.recipe.model import Recipe
     from bagassets.sample.demo import Robot
@@ -27,7 +29,7 @@ Exit status: that of `bagassets build`."""
 @click.argument("folder", type=click.Path(file_okay=False, path_type=Path), default=Path("build/demo"))
 @click.option(
     "--seconds",
-    type=click.FloatRange(1.5, 600),  # of less there is no scene
+    type=Number(1.5, 600),  # of less there is no scene
     default=5.0,
     show_default=True,
     help="Duration of each drive.",

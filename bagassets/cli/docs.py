@@ -1,6 +1,7 @@
 """`bagassets docs`: references generated from the model of the recipe, the assets and the help of commands; pages of `docs/`."""
 
 from collections.abc import Iterator
+from functools import partial
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, files
 from pathlib import Path
@@ -50,42 +51,29 @@ def docs() -> None:
     """Print documentation as Markdown: references, and pages about one subject each."""
 
 
-def _add_reference(name: str, about: str, source: str, *, is_page: bool = True) -> None:
-    """Add a command that prints a reference.
-
-    Args:
-        name: of the command.
-        about: its help.
-        source: what returns the text, `module:function`.
-        is_page: there is a page with the text.
-    """
-
-    def print_reference() -> None:
-        module, _, function = source.partition(":")
-        echo_lines(getattr(import_module(module), function)(), nl=False)
-
-    kept = f"\n  bagassets docs {name} > docs/{name}.md" if is_page else ""
-    epilog = f"\b\nExamples:\n  bagassets docs {name}{kept}"
-    docs.add_command(click.Command(name, callback=print_reference, help=about, epilog=epilog))
+def _print_reference(module: str, function: str) -> None:
+    echo_lines(getattr(import_module(module), function)(), nl=False)
 
 
-_add_reference(
-    "recipe",
-    "Print all fields of the recipe with type, default and meaning.",
-    "bagassets.recipe.reference:render_reference",
-)
-_add_reference(
-    "assets",
-    "Print the assets that recordings have: what each holds and reads.",
-    "bagassets.cli.docs:asset_reference",
-)
-_add_reference("cli", "Print the help of all commands.", "bagassets.cli.docs:command_reference")
-_add_reference(
-    "checks",
-    "Print the checks of recordings as a table.",
-    "bagassets.formats.checking:render_checks",
-    is_page=False,
-)
+# Name -> help of the command that prints a reference, and what returns the text; only of the checks there is no page.
+for _name, (_about, *_source) in {
+    "recipe": (
+        "Print all fields of the recipe with type, default and meaning.",
+        "bagassets.recipe.reference",
+        "render_reference",
+    ),
+    "assets": (
+        "Print the assets that recordings have: what each holds and reads.",
+        "bagassets.cli.docs",
+        "asset_reference",
+    ),
+    "cli": ("Print the help of all commands.", "bagassets.cli.docs", "command_reference"),
+    "checks": ("Print the checks of recordings as a table.", "bagassets.formats.checking", "render_checks"),
+}.items():
+    _kept = "" if _name == "checks" else f"\n  bagassets docs {_name} > docs/{_name}.md"
+    _epilog = f"\b\nExamples:\n  bagassets docs {_name}{_kept}"
+    _print = partial(_print_reference, *_source)
+    docs.add_command(click.Command(_name, callback=_print, help=_about, epilog=_epilog))
 
 
 @docs.command(

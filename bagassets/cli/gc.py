@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from bagassets.base.quantities import count_text, readable_bytes
-from bagassets.cli.options import recipe_option
+from bagassets.cli.options import Number, recipe_option
 from bagassets.cli.terminal import echo, echo_json
 
 _DAY_S = 86400.0
@@ -29,7 +29,7 @@ Exit status:
 @click.option("--dry-run", "-n", is_flag=True, help="List what would be removed, with sizes; remove nothing.")
 @click.option(
     "--keep-days",
-    type=click.FloatRange(min=0),
+    type=Number(min=0),
     default=7.0,
     show_default=True,
     metavar="DAYS",
@@ -37,7 +37,7 @@ Exit status:
 )
 @click.option(
     "--keep-runs-days",
-    type=click.FloatRange(min=0),
+    type=Number(min=0),
     metavar="DAYS",
     help="Also delete runs of this project from Dagster's database that ended more than DAYS days ago and that no current "
     "record is from. Default: none.",

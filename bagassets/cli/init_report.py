@@ -60,19 +60,15 @@ def print_next_steps(
     if proposal.guesses:
         are, them = ("guess is", "it") if proposal.guesses == 1 else ("guesses are", "them")
         echo(f"{proposal.guesses} {are} marked in recipe.yaml; look at {them} first.")
-    if proposal.questions or problems:
-        echo("To be decided in recipe.yaml before the first build:")
-        print_questions(proposal)
-        for problem in problems:
-            echo(f"  {problem}")
-    if proposal.rigs:
-        echo("When that is done:" if proposal.questions or problems else "Then:")
-        echo(f"  cd {project}")
-        echo("  bagassets build")
+    where = "recipe.yaml before the first build"
+    print_questions(where, proposal, problems, f"cd {project}", "bagassets build")
 
 
-def print_questions(proposal: Proposal) -> None:
-    """Print the questions, those of one text together."""
+def print_questions(where: str, proposal: Proposal, problems: Sequence[str], *steps: str) -> None:
+    """Print what is to be decided, questions of one text together, and the steps that follow, if there is a rig."""
+    is_open = proposal.questions or problems
+    if is_open:
+        echo(f"To be decided in {where}:")
     together: dict[tuple[str, str], list[Question]] = {}
     for question in proposal.questions:
         together.setdefault((question.rig, question.text), []).append(question)
@@ -90,6 +86,12 @@ def print_questions(proposal: Proposal) -> None:
             break_on_hyphens=False,
         ):
             echo(line)
+    for problem in problems:
+        echo(f"  {problem}")
+    if proposal.rigs:
+        echo("When that is done:" if is_open else "Then:")
+        for step in steps:
+            echo(f"  {step}")
 
 
 def _print_topics(uses: Sequence[TopicUse]) -> None:

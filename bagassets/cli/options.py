@@ -1,5 +1,6 @@
 """Options that several commands share."""
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,15 @@ recipe_option = click.option(
     metavar="FILE",
     help="Recipe of the project.",
 )
+
+
+class Number(click.FloatRange):
+    """A number in a range, which `inf` and `nan` never are."""
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> float:  # noqa: ANN401  (as click has it)
+        """Return the number, or fail."""
+        number: float = super().convert(value, param, ctx)
+        return number if math.isfinite(number) else self.fail(f"{value!r} is not a number.", param, ctx)
 
 
 def index_option(what: str) -> Callable[[Any], Any]:

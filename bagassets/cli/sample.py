@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from bagassets.cli.options import Number
 from bagassets.cli.terminal import echo
 
 _FORMATS = {".bag": "ros1", ".mcap": "mcap", "": "ros2", ".db3": "ros2"}
@@ -55,7 +56,7 @@ Examples:
 )
 @click.option(
     "--duration",
-    type=click.FloatRange(0.1, 36_000),
+    type=Number(0.1, 36_000),
     metavar="S",
     help="Duration in seconds; default: that of the profile.",
 )

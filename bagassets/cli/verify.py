@@ -15,7 +15,7 @@ from bagassets.base.errors import BagAssetsError
 from bagassets.base.json_types import JsonObject
 from bagassets.base.quantities import count_text, readable_bytes
 from bagassets.cli.exit_status import ExitStatus
-from bagassets.cli.options import recipe_option
+from bagassets.cli.options import Number, recipe_option
 from bagassets.cli.terminal import echo, echo_json, echo_lines
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ Exit status:
 )
 @click.option(
     "--minutes",
-    type=click.FloatRange(min=0, min_open=True),
+    type=Number(min=0, min_open=True),
     metavar="M",
     help="Read store and recordings (with --recordings, these alone) for M minutes, what was verified longest ago first, and "
     "go on from there next time. Says how much was verified within 30 days.",

@@ -9,7 +9,7 @@ import click
 
 from bagassets.base.quantities import readable_bytes
 from bagassets.cli.exit_status import ExitStatus
-from bagassets.cli.options import index_option
+from bagassets.cli.options import Number, index_option
 from bagassets.cli.terminal import echo_lines
 
 if TYPE_CHECKING:
@@ -30,14 +30,14 @@ Exit status: 0 when stopped by SIGTERM or Ctrl-C; 1 there is no such folder; 3 -
 @click.option(
     "--settle",
     "settle_s",
-    type=click.FloatRange(min=0),
+    type=Number(min=0),
     metavar="SECONDS",
     help="A recording is finished once it has not changed for this long; default: bags.settle_s of the recipe, or 5.",
 )
 @click.option(
     "--rescan",
     "rescan_s",
-    type=click.FloatRange(min=0.1),
+    type=Number(min=0.1),
     default=300.0,
     show_default=True,
     metavar="SECONDS",

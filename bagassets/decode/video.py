@@ -192,8 +192,8 @@ class VideoStream:
         if self._context is None or self._codec != codec:
             self._context = av.CodecContext.create(codec, "r")
             self._context.thread_count = 1  # others hold pictures back
-            # Pictures that the decoder would make up are errors.
-            self._context.options = {"max_pixels": str(self._most_pixels), "err_detect": "explode"}
+            # Pictures that the decoder would make up are errors, and those of which an encoder sent another digest.
+            self._context.options = {"max_pixels": str(self._most_pixels), "err_detect": "explode+crccheck"}
         else:
             self._context.flush_buffers()
         self._codec, self._broken = codec, ""

@@ -10,6 +10,8 @@ Codec = Literal["h264", "hevc"]
 SLICES = {"h264": frozenset(range(1, 6)), "hevc": frozenset(range(32))}
 KEY = {"h264": frozenset({5}), "hevc": frozenset(range(16, 22))}  # IDR; IRAP
 _START_CODE = re.compile(rb"\x00\x00\x01", re.DOTALL)
+# Encoders break up three zeros inside a unit (H.264, 7.4.1); behind one may be any number.
+_ZEROS = re.compile(rb"\0\0\0+[\2-\xff]", re.DOTALL)
 _B_SLICES = {"h264": frozenset({1, 6}), "hevc": frozenset({0})}
 _SPS = 7  # of H.264
 _MOST_LOG2 = 16  # of the frame numbers of H.264 (7.4.2.1.1)
@@ -48,17 +50,19 @@ class UnitReader:
         """Return what is said of a picture.
 
         Raises:
-            DecodeError: the data are not in the byte stream format.
+            DecodeError: the data are not in the byte stream format, or have a hole of zeros.
         """
         starts = [found.end() for found in _START_CODE.finditer(data) if found.end() < len(data)]
         if not starts or data[: starts[0] - 3].strip(b"\0"):
             raise DecodeError("its video is not in the byte stream format (Annex B)")
         types = tuple(data[at] & 31 if codec == "h264" else data[at] >> 1 & 63 for at in starts)
         has_b_slices, number, is_reference = False, None, False
-        for at, unit in zip(starts, types, strict=True):
+        for at, end, unit in zip(starts, [*starts[1:], len(data)], types, strict=True):
             if codec == "h264" and unit == _SPS:
                 self.frame_numbers = _frame_numbers(data[at + 1 : at + 1 + 4 * _HEAD_BYTES])
             if unit in SLICES[codec]:
+                if _ZEROS.search(data, at, end):
+                    raise DecodeError("zeros are in the middle of its data, which no encoder writes")
                 slice_type, number_now = self._slice(codec, unit, data[at : at + _HEAD_BYTES])
                 has_b_slices |= slice_type in _B_SLICES[codec]
                 number = number_now if number is None else number

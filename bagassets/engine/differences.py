@@ -7,6 +7,7 @@ from bagassets.base.alike import names_text
 from bagassets.base.json_types import JsonMapping
 
 _MOST_CHARACTERS = 24
+_NOTHING: tuple[object, ...] = (None, {}, [])
 _KINDS = ("topic", "channel", "msg", "labels", "calibration")  # of inputs
 
 
@@ -16,9 +17,9 @@ class Change:
 
     Attributes:
         group: `step`, `version`, `libraries`, `params` or `inputs`.
-        name: its name within the group, with dots between nested names.
-        before: the old value; None if there was none.
-        now: the new value; None if there is none any more.
+        name: its name within the group, with dots between nested names; nested values that are all new, or all gone, are one.
+        before: the old value; None, an empty object or an empty list if there was none.
+        now: the new value; the same if there is none any more.
     """
 
     group: str
@@ -26,8 +27,13 @@ class Change:
     before: object
     now: object
 
+    @property
+    def verb(self) -> str:
+        """What has become of it."""
+        return "is new" if self.before in _NOTHING else "is gone" if self.now in _NOTHING else "changed"
+
     def __str__(self) -> str:
-        verb = "is new" if self.before is None else "is gone" if self.now is None else "changed"
+        verb = self.verb
         if self.group == "inputs":
             return f"{_input_name(self.name)} {verb}"
         whats = {"step": "step", "version": "step version", "libraries": f"library {self.name}"}
@@ -43,17 +49,27 @@ def compare_actions(before: JsonMapping, now: JsonMapping) -> list[Change]:
         Change(name, "", before[name], now[name]) for name in ("step", "version") if before[name] != now[name]
     ]
     for group in ("libraries", "params", "inputs"):
-        old, new = dict(flatten(before[group])), dict(flatten(now[group]))
-        changes += [
-            Change(group, name, old.get(name), new.get(name))
-            for name in sorted(old.keys() | new.keys())
-            if old.get(name) != new.get(name)
-        ]
+        changes += _compare(group, "", before[group], now[group])
     return changes
 
 
+def _compare(group: str, prefix: str, old: JsonMapping, new: JsonMapping) -> Iterator[Change]:
+    for name in sorted(old.keys() | new.keys()):
+        before, now = old.get(name), new.get(name)
+        if isinstance(before, Mapping) and isinstance(now, Mapping) and before and now:
+            yield from _compare(group, f"{prefix}{name}.", before, now)
+        elif before != now:
+            yield Change(group, f"{prefix}{name}", before, now)
+
+
 def describe_changes(changes: Sequence[Change]) -> str:
-    """Return a short text that names the first few changes."""
+    """Return a short text that names the first few changes.
+
+    Where topics or files are new or gone, parameters and artifacts that come and go with them are left out.
+    """
+    from_outside = [one for one in changes if one.name.partition(":")[0] in _KINDS]
+    if any(one.verb != "changed" for one in from_outside):
+        changes = [one for one in changes if one in from_outside or one.verb == "changed"]
     return names_text(list(dict.fromkeys(map(str, changes))))
 
 

@@ -7,7 +7,7 @@ others, and a recording that changes meanwhile fails them all.
 
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from bagassets.assets.asset import AnyAsset, Inputs, Summary
@@ -35,7 +35,6 @@ class AssetResult:
         action_digest: the action that made it.
         cached: True if nothing had to run.
         seconds: time that it took when it ran.
-        channels: channel -> digest of its artifact, for assets that consist of channels.
     """
 
     asset: str
@@ -43,7 +42,6 @@ class AssetResult:
     action_digest: str
     cached: bool
     seconds: float
-    channels: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -161,16 +159,11 @@ def run_again(
 
 
 def _result(node: Node, outcome: Outcome) -> AssetResult:
-    seconds = sum(part.outcome.seconds for part in node.parts if part.outcome is not None)
-    channels = {part.channel: part.outcome.artifact.digest for part in node.parts if part.outcome is not None}
-    return AssetResult(
-        node.name,
-        outcome.artifact,
-        outcome.action_digest,
-        node.is_cached,
-        seconds if node.parts else outcome.seconds,
-        channels,
+    outcomes = (
+        [outcome] if not node.parts else [part.outcome for part in node.parts if part.outcome is not None]
     )
+    seconds = sum(one.seconds for one in outcomes)
+    return AssetResult(node.name, outcome.artifact, outcome.action_digest, node.is_cached, seconds)
 
 
 # --- one action ------------------------------------------------------------------------------

@@ -9,6 +9,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 
 from bagassets.assets import inventory
+from bagassets.base.errors import RecordingError
 from bagassets.base.trace import span
 from bagassets.engine.inputs import RecordingInputs
 from bagassets.engine.process import keep_freed_memory
@@ -36,10 +37,12 @@ class FirstPass:
     Attributes:
         digest: of the recording.
         inventory: the outcome of its inventory, if that was made.
+        is_refused: the recording is damaged.
     """
 
     digest: RecordingDigest
     inventory: Outcome | None = None
+    is_refused: bool = False
 
 
 def first_pass(
@@ -48,8 +51,8 @@ def first_pass(
     """Return the digest of a recording; if it has to be hashed, make its inventory in the same pass.
 
     A recording of which content of the same size is on record was most likely touched only, and is just hashed. If another
-    process is at the same recording, wait for it. An inventory that fails is no error here: it fails again, and is reported,
-    where it is asked for.
+    process is at the same recording, wait for it. An inventory that fails is no error here: what is damaged is on record then,
+    and read as such where it is asked for; anything else fails again there, and is reported.
 
     Args:
         recipe: the recipe.
@@ -86,19 +89,25 @@ def _with_inventory(
     definitions, what = recipe.bags.message_definitions, "hash and inventory"
     source = MessageSource(recording, stat, definitions, recipe.limits, along.follow, what)
     inputs = RecordingInputs(store, recording, "", source)
-    pending = summary = made = None
+    pending = summary = made = refused = None
     try:
         with suppress(Exception), span(what):
             use = inventory.use(inventory.InventoryParams.of(recipe, recipe.rigs[0]), inputs)[""]
             pending = store.begin(inventory.INVENTORY.action(use, None))
-            summary = inventory.INVENTORY.run(use, inputs, pending.out)
+            try:
+                summary = inventory.INVENTORY.run(use, inputs, pending.out)
+            except RecordingError as err:
+                refused = None if err.transient else str(err)
         digest = along.finish()
-        if pending is not None and summary is not None:
+        if pending is not None and (summary is not None or refused):
             with suppress(Exception):
                 inputs_now = {**pending.action.inputs, "bag": digest.digest}
                 pending.action = replace(pending.action, inputs=inputs_now)
-                made = store.use(pending.action) or pending.commit(summary)
-        return FirstPass(digest, made)
+                if summary is not None:
+                    made = store.use(pending.action) or pending.commit(summary)
+                elif refused:
+                    store.record_failure(pending.action, refused, recording.path)
+        return FirstPass(digest, made, refused is not None)
     finally:
         if pending is not None:
             pending.discard()

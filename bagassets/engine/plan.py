@@ -8,6 +8,7 @@ from hashlib import sha256
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from bagassets.base.json_types import JsonObject
+from bagassets.engine.freshness.artifacts import digests_in
 from bagassets.engine.splits import Ties
 from bagassets.recordings.digest import RecordingStat
 from bagassets.recordings.discover import Discovery
@@ -30,7 +31,6 @@ class Recorded:
         code_version: Dagster's code version, from step version and recipe fields.
         inputs: upstream asset -> data version that it was made from.
         stat: for `bag`, sizes and times of the files when the digest was taken.
-        cached: True if nothing had to run; None if that is not recorded.
         action: digest of the action that made it.
         run_id: the run that recorded it.
         made_along: for `bag`, the action of the inventory if the same pass has run it.
@@ -43,7 +43,6 @@ class Recorded:
     code_version: str | None
     inputs: Mapping[str, str] = field(default_factory=dict)
     stat: RecordingStat | None = None
-    cached: bool | None = None
     action: str | None = None
     run_id: str = ""
     made_along: str = ""
@@ -226,7 +225,7 @@ class KeptPlan(BagPlan):
     Args:
         key: partition key.
         row: see `BagPlan.as_row`.
-        made: digests of its artifacts, 32 bytes each.
+        made: what is noted of its artifacts; see `CachedPlan`.
         mark: changes with whatever the plan rests on; see `CachedPlan`.
     """
 
@@ -259,8 +258,7 @@ class KeptPlan(BagPlan):
     @property
     def artifacts(self) -> tuple[str, ...]:
         """See `BagPlan`."""
-        text = self.made.hex()
-        return tuple(text[start : start + 64] for start in range(0, len(text), 64))
+        return tuple(digests_in(self.made))
 
 
 @dataclass(frozen=True)
@@ -273,7 +271,7 @@ class Plan:
         removed: registered partition keys whose recordings are gone, except those in folders that cannot be read.
         ties: which recordings lie in one split, and what the parts of series were called.
         asked: path of a whole drive -> what the user is to say about its parts.
-        recorded: partition key -> asset -> latest record in Dagster, for the recordings that had to be planned in full.
+        recorded: partition key -> asset -> latest record in Dagster, for the recordings that are not settled.
         discovery: the recordings on disk.
         live: the registered partition keys.
         storage_ids: asset -> partition key -> storage id of the latest record.

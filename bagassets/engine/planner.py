@@ -200,13 +200,14 @@ class Planner:
         recorded: dict[str, Mapping[str, Recorded]] = {}
         examined = 0
         for some in _batches(changed):
-            recorded |= self.fetch(self.storage_ids, [key for key in some if key in self.registered])
+            records = self.fetch(self.storage_ids, [key for key in some if key in self.registered])
             for key in some:
                 graph = recorded_graph(
-                    self.assets, self.store, recordings[key], recorded.get(key, {}), self.index
+                    self.assets, self.store, recordings[key], records.get(key, {}), self.index
                 )
                 bag = plan_recording(graph)
                 bags[key] = _once_more(bag) if key in self._unsettled else bag
+            recorded |= {key: of for key, of in records.items() if not bags[key].settled}
             examined += len(some)
             if on_planned is not None and len(changed) > AT_A_TIME:
                 on_planned(examined, len(changed))

@@ -141,29 +141,24 @@ def followed(recording: RecordingFiles, what: str, on_read: OnRead | None) -> On
         on_read: called in any case.
     """
     tell = _TELL.get()
-    return on_read if tell is None else _Pass(recording, what, tell, on_read)
+    if tell is None:
+        return on_read
+    positions: dict[Path, int] = {}
+    began = time.monotonic()
+    due = began + EVERY_S
 
-
-class _Pass:
-    """One pass over a recording."""
-
-    def __init__(self, recording: RecordingFiles, what: str, tell: Tell, on_read: OnRead | None) -> None:
-        self._size, self._what, self._tell, self._on_read = recording.size, what, tell, on_read
-        self._positions: dict[Path, int] = {}
-        self._began = time.monotonic()
-        self._due = self._began + EVERY_S
-
-    def __call__(self, path: Path, position: int, data: bytes) -> None:
-        if self._on_read is not None:
-            self._on_read(path, position, data)
-        self._positions[path] = position
+    def read(path: Path, position: int, data: bytes) -> None:
+        nonlocal due
+        if on_read is not None:
+            on_read(path, position, data)
+        positions[path] = position
         now = time.monotonic()
-        if now < self._due:
+        if now < due:
             return
-        self._due = now + EVERY_S
+        due = now + EVERY_S
         # A position is rough, and may be beyond the end.
-        done = min(sum(self._positions.values()), self._size)
+        done = min(sum(positions.values()), recording.size)
         with suppress(Exception):
-            self._tell(
-                Progress(self._what, done / max(self._size, 1), self._size, done / (now - self._began))
-            )
+            tell(Progress(what, done / max(recording.size, 1), recording.size, done / (now - began)))
+
+    return read

@@ -161,8 +161,8 @@ class Turns:
     def share_text(self) -> str:
         """Return how much was verified as one sentence."""
         share = self.share()
+        stored = f"{share['artifacts']} of {count_text(share['of_artifacts'], 'artifact')}, "
         return (
-            f"Verified within {RECENT_DAYS} days: {share['artifacts']} of {count_text(share['of_artifacts'], 'artifact')}, "
-            f"{share['recordings']} of {count_text(share['of_recordings'], 'recording')} "
+            f"Verified within {RECENT_DAYS} days: {stored if self._in_store else ''}{share['recordings']} of {count_text(share['of_recordings'], 'recording')} "
             f"({readable_bytes(share['recording_bytes'])} of {readable_bytes(share['of_recording_bytes'])})."
         )

@@ -153,7 +153,7 @@ def join_into(new: Path, joint: Joint[S], on_disk: Path, record: GroupsRecord | 
         joined = how(again, joint.settings, shares, new)
     needs = _needs(kind, again, before)
     row = partial(_lock_row, kind, needs)
-    files.write(LOCK, framed(_lock(joint, shares, joined), "bags"), row)
+    files.write(LOCK, framed(_lock(joint, shares, joined)), row)
     found = {
         digest: GroupRecord(files.rows[digest], its, durations_s[digest]) for digest, its in facts.items()
     }

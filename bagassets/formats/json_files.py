@@ -45,15 +45,10 @@ def json_bytes(value: object) -> bytes:
     return (json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
 
 
-def framed(value: JsonObject, name: str) -> Frame:
-    """Return the frame of rows that are a list in a JSON file for people to read.
-
-    Args:
-        value: the file.
-        name: the field with the list; its rows are made by `framed_row`.
-    """
-    head, tail = json_bytes({**value, name: [_ROWS]}).split(b"  " + json.dumps(_ROWS).encode())
-    return Frame(head, tail, json_bytes({**value, name: []}))
+def framed(value: JsonObject) -> Frame:
+    """Return the frame of rows that are the list `bags` in a JSON file for people to read; they are made by `framed_row`."""
+    head, tail = json_bytes({**value, "bags": [_ROWS]}).split(b"  " + json.dumps(_ROWS).encode())
+    return Frame(head, tail, json_bytes({**value, "bags": []}))
 
 
 def framed_row(value: JsonMapping) -> bytes:

@@ -18,13 +18,7 @@ from bagassets.engine.track import track_on_record
 from bagassets.formats import trajectory_map
 from bagassets.formats.catalogue import formats, recording_assets
 from bagassets.formats.checking import Verdict, check_bags, check_datasets
-from bagassets.formats.dataset_build import (
-    DatasetInputs,
-    dataset_contents,
-    datasets_of,
-    deal_contents,
-    recordings_without_scenes,
-)
+from bagassets.formats.dataset_build import DatasetInputs, dataset_contents, datasets_of, select_inputs
 from bagassets.formats.format import FACTS as PART_FACTS
 from bagassets.formats.format import AnyFormat
 from bagassets.recipe.model import Recipe
@@ -121,13 +115,7 @@ def build_map(recipe: Recipe, store: Store, plan: Plan, inputs: DatasetInputs) -
 
 def _dealt(recipe: Recipe, plan: Plan) -> dict[str, str]:
     """Return recording -> split, for all that take part."""
-    parts = {
-        kind.name: {
-            key: bag.recorded[kind.part] for key, bag in plan.bags.items() if kind.part in bag.recorded
-        }
-        for kind in formats()
-    }
-    return deal_contents(_contents(plan), recipe.splits, recordings_without_scenes(recipe, parts), plan.ties)
+    return select_inputs(plan).dealt(recipe, _contents(plan))
 
 
 def _contents(plan: Plan) -> dict[str, str]:

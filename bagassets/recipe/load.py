@@ -6,8 +6,9 @@ The result depends only on the text and the recipe's folder, not on environment 
 import json
 from collections.abc import Iterable
 from pathlib import Path
+from typing import cast
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from bagassets.base.errors import PluginError, RecipeError
@@ -15,7 +16,8 @@ from bagassets.base.json_types import Json, JsonMapping, JsonObject
 from bagassets.base.plugins import FORMATS, installed_extensions
 from bagassets.recipe.consistency import paths_in, problems_in
 from bagassets.recipe.format_settings import OUR_FORMATS, asked_formats, section_model
-from bagassets.recipe.model import Recipe, Rig
+from bagassets.recipe.model import Recipe
+from bagassets.recipe.model_base import DatasetSettings
 from bagassets.recipe.model_datasets import NamedDataset
 from bagassets.recipe.problems import Problem, explain, open_questions, undecided, with_stand_ins
 from bagassets.recipe.schema import closest
@@ -170,42 +172,29 @@ def _output_of(dataset: NamedDataset) -> Path:
     return dataset.output or Path("dataset") / dataset.name
 
 
-def _absolute_rig(rig: Rig, folder: Path) -> Rig:
-    update: dict[str, object] = {} if rig.urdf is None else {"urdf": (folder / rig.urdf).resolve()}
-    channels = {name: channel for name, channel in rig.channels.items() if channel.calibration_files}
-    for name, channel in channels.items():
-        files = {
-            field: one.model_copy(update={"file": (folder / one.file).resolve()})
-            for field, one in channel.calibration_files.items()
-        }
-        channels[name] = channel.model_copy(update=files)
-    if channels:
-        update["channels"] = rig.channels | channels
-    return rig.model_copy(update=update) if update else rig
-
-
 def _absolute(recipe: Recipe, folder: Path) -> Recipe:
-    def absolute(path: Path) -> Path:
-        return (folder / path).resolve()
+    """Return a recipe whose paths are absolute."""
+    datasets = tuple(one.model_copy(update={"output": _output_of(one)}) for one in recipe.datasets)
+    found = cast("Recipe", _resolved(recipe.model_copy(update={"datasets": datasets}), folder))
+    return found.model_copy(update={"bags": found.bags.with_state(found.state)})
 
-    state, definitions = absolute(recipe.state), tuple(map(absolute, recipe.bags.message_definitions))
-    bags = recipe.bags.model_copy(
-        update={"root": absolute(recipe.bags.root), "message_definitions": definitions}
-    )
-    sections = {name: one.with_absolute_paths(folder) for name, one in recipe.dataset_settings.items()}
-    ours = {name: sections.pop(name) for name in OUR_FORMATS if name in sections}
-    update = {
-        "bags": bags.with_state(state),
-        "rigs": tuple(_absolute_rig(rig, folder) for rig in recipe.rigs),
-        **ours,
-        "formats": recipe.formats | sections,
-        "datasets": tuple(
-            one.model_copy(update={"output": absolute(_output_of(one))}) for one in recipe.datasets
-        ),
-        "state": state,
-        "store": None if recipe.store is None else absolute(recipe.store),
-    }
-    return recipe.model_copy(update=update)
+
+def _resolved(value: object, folder: Path) -> object:
+    """Return a recipe, or a part of it, with the paths in it resolved."""
+    match value:
+        case Path():
+            return (folder / value).resolve()
+        case DatasetSettings():  # only the format knows which of its paths are relative
+            return value.with_absolute_paths(folder)
+        case BaseModel():
+            # What stays as it is must not count as given.
+            update = {name: new for name, old in value if (new := _resolved(old, folder)) != old}
+            return value.model_copy(update=update)
+        case dict():
+            return {name: _resolved(inner, folder) for name, inner in value.items()}
+        case tuple():
+            return tuple(_resolved(inner, folder) for inner in value)
+    return value
 
 
 def _read_sections(data: JsonMapping) -> tuple[JsonObject, list[Problem]]:

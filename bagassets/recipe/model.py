@@ -462,17 +462,9 @@ class Limits(Model):
         return cls(**{name: params[name] for name in cls.model_fields if name in params})
 
 
+_OF_CHANNELS = {"lost_messages", "reported_losses", "image_pixels", "cloud_points"}
 # The limits that apply to every reader of a recording.
-READING_LIMITS = (
-    "chunk_bytes",
-    "message_bytes",
-    "message_elements",
-    "array_length",
-    "definition_bytes",
-    "compression_ratio",
-    "topics",
-    "connections",
-)
+READING_LIMITS = tuple(name for name in Limits.model_fields if name not in _OF_CHANNELS)
 
 
 @with_our_sections

@@ -24,7 +24,9 @@ class FieldValueError(ValueError):
         self.at = at
 
 
-def _matching(pattern: str, problem: str) -> AfterValidator:
+def matching(pattern: str, problem: str) -> AfterValidator:
+    """Return what refuses a text that does not match a pattern as a whole."""
+
     def check(name: str) -> str:
         if not re.fullmatch(pattern, name):
             raise ValueError(problem)
@@ -46,9 +48,9 @@ def not_empty(text: str) -> str:
 
 
 _SLUG = "must consist of letters, digits, '-', '_' and '.', and not start with '-' or '.'"
-Slug = Annotated[str, _matching(r"[A-Za-z0-9_][A-Za-z0-9_.-]*", _SLUG)]
+Slug = Annotated[str, matching(r"[A-Za-z0-9_][A-Za-z0-9_.-]*", _SLUG)]
 _CHANNEL = "a channel's name has capitals, digits and '_' only, as in CAM_FRONT"
-ChannelName = Annotated[str, _matching(r"[A-Z][A-Z0-9_]*", _CHANNEL)]
+ChannelName = Annotated[str, matching(r"[A-Z][A-Z0-9_]*", _CHANNEL)]
 CameraName = Annotated[str, AfterValidator(not_empty)]
 FrameName = Annotated[str, AfterValidator(_frame_name)]
 TopicName = Annotated[str, AfterValidator(not_empty)]

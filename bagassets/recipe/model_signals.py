@@ -1,11 +1,10 @@
 """Recipe section `signals` of a rig: series of numbers from the fields of messages."""
 
-import re
 from typing import Annotated, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from bagassets.recipe.model_base import Clock, FieldValueError, Model, TopicName, not_empty
+from bagassets.recipe.model_base import Clock, FieldValueError, Model, TopicName, matching, not_empty
 
 STAMP = "stamp_ns"
 """The column of a signal's table that is no element."""
@@ -18,25 +17,11 @@ FACTORS = {
 }
 """Recorded unit, unit of the signal -> what recorded values are multiplied by."""
 
+_NAME = "must consist of letters, digits and '_', and not start with a digit, as in arm_state"
+SignalName = Annotated[str, matching(r"[A-Za-z_][A-Za-z0-9_]*", _NAME)]
 _PART = r"[A-Za-z_]\w*(\[\d{1,6}\])*"
-
-
-def _name(name: str) -> str:
-    if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name):
-        raise ValueError(
-            "must consist of letters, digits and '_', and not start with a digit, as in arm_state"
-        )
-    return name
-
-
-def _path(path: str) -> str:
-    if not re.fullmatch(rf"{_PART}(\.{_PART})*", path):
-        raise ValueError("must be the path of a field, as in `position`, `pose.position` or `axes[2]`")
-    return path
-
-
-SignalName = Annotated[str, AfterValidator(_name)]
-_FieldPath = Annotated[str, AfterValidator(_path)]
+_PATH = "must be the path of a field, as in `position`, `pose.position` or `axes[2]`"
+_FieldPath = Annotated[str, matching(rf"{_PART}(\.{_PART})*", _PATH)]
 _ElementName = Annotated[str, AfterValidator(not_empty)]
 
 

@@ -12,16 +12,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from label_files import WRITERS, box_json
 
-from bagassets.assets.boxes.collect import BoxCollector, SourceRules
+from bagassets.assets.boxes.collect import BoxCollector
 from bagassets.assets.boxes.files.box_files import read_json_boxes, read_parquet_boxes
 from bagassets.assets.boxes.files.json_text import entries, parse
 from bagassets.assets.boxes.files.kitti import read_kitti_labels, read_kitti_tracklets
 from bagassets.assets.boxes.files.label import UnreadableLabelsError
-from bagassets.assets.boxes.files.nuscenes_tables import TableSet, read_tables
+from bagassets.assets.boxes.files.nuscenes_tables import TableSet, read_table
 from bagassets.assets.boxes.files.sustechpoints import read_sustechpoints
 from bagassets.assets.boxes.files.times import named_frames, numbered_frames, read_times
 from bagassets.assets.boxes.frames import BoxFrames
 from bagassets.geometry.trajectory import Trajectory
+from bagassets.recipe.model_annotations import AnnotationTopic
 
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
@@ -35,7 +36,7 @@ READERS = {
     "tracking": lambda data: read_kitti_labels(data, tracking=True),
     "objects": lambda data: read_kitti_labels(data, tracking=False),
     "tracklets": read_kitti_tracklets,
-    "nuscenes": lambda data: read_tables(TableSet(None), data),
+    "nuscenes": lambda data: read_table(TableSet(None), "sample_annotation.json", data),
     "times": lambda data: iter(read_times(data)[:0]),
 }
 
@@ -79,7 +80,9 @@ def read_all(name, data):
 def collect(boxes):
     """What readers give can be collected and written, every box accounted for."""
     nowhere = Trajectory(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 4)), 0, 0)
-    collector = BoxCollector(BoxFrames("map", "base", {}, nowhere), {"": SourceRules(frame="map")})
+    collector = BoxCollector(
+        BoxFrames("map", "base", {}, nowhere), {"": AnnotationTopic(topic="/boxes", frame="map")}
+    )
     for box in boxes:
         collector.add(box)
     table = collector.finish().to_arrow()
@@ -141,7 +144,7 @@ def test_any_values_in_a_row_of_nuscenes(row, stamp):
         "sample_token": "t", "instance_token": "t", "attribute_tokens": [], "translation": [1, 2, 3], "size": [1, 1, 1],
         "rotation": [1, 0, 0, 0],
     }  # fmt: skip
-    labels = list(read_tables(tables, json.dumps([{**sound, **row}]).encode()))
+    labels = list(read_table(tables, "sample_annotation.json", json.dumps([{**sound, **row}]).encode()))
     assert len(labels) == 1
     collect([label.box for label in labels if label.box is not None])
 

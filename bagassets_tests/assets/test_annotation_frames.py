@@ -7,7 +7,7 @@ import pytest
 from pose_data import T0, TFMESSAGE, Recorded, S, about_z, header, pose, tf, transform, vector
 
 from bagassets.assets.annotations import ANNOTATIONS, make_annotations
-from bagassets.assets.boxes.collect import BoxCollector, SourceRules
+from bagassets.assets.boxes.collect import BoxCollector
 from bagassets.assets.boxes.frames import BoxFrames
 from bagassets.assets.ego_poses import EGO_POSES
 from bagassets.base.errors import LossLimitError
@@ -17,6 +17,7 @@ from bagassets.geometry.se3 import SE3
 from bagassets.geometry.tf_tree import Edge, TfTree
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.recipe.model import Rig
+from bagassets.recipe.model_annotations import AnnotationTopic
 from bagassets.store.store import Store
 from bagassets_tests.facts import MadeUpFacts, calibrated, use_of
 
@@ -135,13 +136,13 @@ def test_no_box_is_no_trouble():
 def test_frames_of_another_tree_and_without_tf_are_not_known():
     assert frames().knows("tool")
     assert not frames().knows("beach")
-    assert not frames(tree=None).knows("tool")
+    assert not frames(tree=TfTree()).knows("tool")
     assert frames().describe().endswith("by TF extra, map, mast, tool")
 
 
 def test_where_a_transform_pauses_the_box_is_lost_with_a_reason():
     pausing = np.concatenate([STAMPS[:5], STAMPS[12:]])
-    collector = BoxCollector(frames(tree=tree(mast=pausing)), {"/boxes": SourceRules()})
+    collector = BoxCollector(frames(tree=tree(mast=pausing)), {"/boxes": AnnotationTopic(topic="/boxes")})
     collector.add(box("mast", T0 + 8 * S // 10, "a"))
     collector.add(box("mast", T0 + 2 * S // 10, "b"))
     assert collector.finish().tracks == ["b"]

@@ -9,7 +9,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from bagassets.assets.annotations import ANNOTATIONS, make_annotations
 from bagassets.assets.asset import as_json
-from bagassets.assets.boxes.collect import BoxCollector, SourceRules
+from bagassets.assets.boxes.collect import BoxCollector
 from bagassets.assets.boxes.frames import BoxFrames
 from bagassets.assets.boxes.table import BoxTable
 from bagassets.assets.ego_poses import EGO_POSES
@@ -20,6 +20,7 @@ from bagassets.engine.run_action import run_action
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.recipe.model import Limits, Rig
+from bagassets.recipe.model_annotations import AnnotationTopic
 from bagassets.recordings.model import RawMessage
 from bagassets.store.store import Store
 from bagassets_tests.facts import MadeUpFacts, calibrated, use_of
@@ -297,7 +298,7 @@ def box(frame="map", stamp_ns=T0, **fields):
 
 
 def collect(*boxes, **rules):
-    collector = BoxCollector(FRAMES, {"/boxes": SourceRules(**rules)})
+    collector = BoxCollector(FRAMES, {"/boxes": AnnotationTopic(topic="/boxes", **rules)})
     for item in boxes:
         collector.add(item)
     table = collector.finish()
@@ -363,7 +364,7 @@ class TestAccount:
         assert (list(table.tracks), table.without_track, table.track_count) == (["", "", "1"], 2, 1)
 
     def test_the_message_that_a_box_came_with_survives_parquet_form(self):
-        collector = BoxCollector(FRAMES, {"/boxes": SourceRules()})
+        collector = BoxCollector(FRAMES, {"/boxes": AnnotationTopic(topic="/boxes")})
         for message, stamps in enumerate(((T0 + 4, T0 + 9, T0 + 30), (T0 + 40, T0 + 10))):
             for stamp_ns in stamps:
                 collector.add(box(stamp_ns=stamp_ns, track_id=""), message=message)
@@ -374,7 +375,7 @@ class TestAccount:
 
     def test_a_source_may_refuse_bad_boxes(self):
         with pytest.raises(DecodeError, match=r"/boxes: a box cannot be used \(its size is not positive\)"):
-            collect(box(size_m=(0.0, 1.0, 1.0)), refuse=True)
+            collect(box(size_m=(0.0, 1.0, 1.0)), bad_boxes="refuse")
 
     def test_categories_and_attributes_are_mapped(self):
         table, _ = collect(

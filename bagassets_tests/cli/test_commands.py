@@ -48,6 +48,17 @@ def test_every_option_is_explained(name):
             assert parameter.help.rstrip().endswith("."), parameter.name
 
 
+@pytest.mark.parametrize("name", LEAVES)
+def test_no_number_may_be_infinite_or_none_at_all(name):
+    for parameter in LEAVES[name].params:
+        if isinstance(parameter.type, click.FloatRange):
+            for text in ("nan", "inf", "-inf"):
+                with pytest.raises(click.BadParameter):
+                    parameter.type.convert(text, parameter, None)
+            assert parameter.type.convert("2", parameter, None) == 2
+        assert parameter.type is not click.FLOAT
+
+
 def test_a_mistyped_command_is_answered_with_the_one_that_was_meant(capsys):
     assert main(["biuld"]) == 2
     assert "Did you mean build?" in capsys.readouterr().err

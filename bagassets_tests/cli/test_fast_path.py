@@ -16,7 +16,7 @@ from bagassets.base.fingerprints import PlanNeeded
 from bagassets.defs.records.events import event_database
 from bagassets.defs.records.instances import open_instance
 from bagassets.engine.freshness import artifacts, decide
-from bagassets.engine.freshness.artifacts import check_groups, groups_of
+from bagassets.engine.freshness.artifacts import are_unchanged, folders_of, groups_to_check, note_of
 from bagassets.engine.freshness.decide import nothing_to_do
 from bagassets.recipe import load_recipe
 from bagassets_tests.in_process import build, make_project, states, survey
@@ -393,23 +393,26 @@ def artifact(root, digest):
     return folder
 
 
+def noted(root, names):
+    """Note artifacts, and return a function that tells whether they are unchanged."""
+    folders, note = folders_of(str(root)), note_of(str(root), names)
+    return lambda: are_unchanged(str(root), note, groups_to_check(folders, folders_of(str(root)), len(names)))
+
+
 def test_of_a_large_store_only_changed_groups_and_some_others_are_looked_at(tmp_path, monkeypatch):
     names = sorted(f"{group:02x}{number:062x}" for group in range(8) for number in range(4))
     folders = {name: artifact(tmp_path, name) for name in names}
-    digests = b"".join(bytes.fromhex(name) for name in names)
-    groups = groups_of(str(tmp_path), digests)
-    check_groups(str(tmp_path), digests, groups)
+    is_unchanged = noted(tmp_path, names)
+    assert is_unchanged()
     monkeypatch.setattr(artifacts, "MOST_CHECKED", 4)
     monkeypatch.setattr(artifacts.random, "random", lambda: 1.0)
     (folders[names[0]] / "files" / "x").unlink()
-    check_groups(str(tmp_path), digests, groups)  # inside an artifact: not seen at once
+    assert is_unchanged(), "inside an artifact: not seen at once"
     monkeypatch.setattr(artifacts.random, "random", lambda: 0.0)
-    with pytest.raises(PlanNeeded):
-        check_groups(str(tmp_path), digests, groups)
+    assert not is_unchanged()
     monkeypatch.setattr(artifacts.random, "random", lambda: 1.0)
     shutil.rmtree(folders[names[9]])
-    with pytest.raises(PlanNeeded):  # an artifact that went is seen at once
-        check_groups(str(tmp_path), digests, groups)
+    assert not is_unchanged(), "an artifact that went is seen at once"
     artifact(tmp_path, "07" + "f" * 62)
     artifact(tmp_path, names[9])
 
@@ -418,8 +421,7 @@ def test_a_stranger_in_a_shared_store_needs_no_plan(tmp_path, monkeypatch):
     names = ["aa" + "0" * 62, "bb" + "0" * 62]
     for name in names:
         artifact(tmp_path, name)
-    digests = b"".join(bytes.fromhex(name) for name in names)
-    groups = groups_of(str(tmp_path), digests)
+    is_unchanged = noted(tmp_path, names)
     monkeypatch.setattr(artifacts, "MOST_CHECKED", 0)
     artifact(tmp_path, "aa" + "1" * 62)
-    check_groups(str(tmp_path), digests, groups)
+    assert is_unchanged()

@@ -386,6 +386,11 @@ class TestMinutes:
         assert text.startswith("Verified within 30 days: ")
         assert f" of {share['of_artifacts']} artifacts, " in text
 
+    def test_of_recordings_alone_it_says_nothing_of_artifacts(self, project):
+        done = run(project, "--minutes", 10, "--recordings")
+        share, _, _ = done.stdout.partition(" recordings (")
+        assert share == "Verified within 30 days: 2 of 2"
+
     def test_what_is_gone_is_forgotten_and_what_is_new_comes_first(self, project):
         self.verified(project)
         gone = artifact_of(project, "calibration")

@@ -163,6 +163,52 @@ def test_a_damaged_packet_costs_itself_and_what_follows(codec):
     assert all(found[n] == n for n in range(40) if not 12 <= n < 20)
 
 
+@pytest.mark.parametrize(
+    ("codec", "options"),
+    [("libx264", X264), ("libx264", {**X264, "x264-params": "cabac=1"}), ("libx265", X265)],
+)
+def test_zeros_in_the_middle_of_a_packet_are_seen_where_decoders_make_something_up(codec, options):
+    """A picture of noise, so that the hole never begins in padding; the decoders alone show most of these wrong."""
+    stream = encode(codec, 20, noise=True, options=options)
+    for hole in (4, 16, 300):
+        damaged = list(stream)
+        data = bytearray(stream[13][1])
+        middle = len(data) // 2
+        data[middle : middle + hole] = bytes(hole)
+        damaged[13] = (13, bytes(data))
+        after = reasons(damaged, codec)
+        assert after[13].startswith("zeros are in the middle of its data"), (codec, hole)
+        assert set(map(after.get, range(14, 20))) == {AFTER_GAP}
+        assert not any(map(after.get, range(13)))
+
+
+def test_zeros_that_end_a_unit_are_none_of_its_data():
+    stream = [(number, data.replace(b"\0\0\0\1", b"\0\0\0\0\0\1") + bytes(40)) for number, data in encode()]
+    assert shown(packets(stream)) == {number: number for number in range(40)}
+
+
+def test_a_picture_that_its_encoder_digested_is_compared():
+    """Nothing else tells of a flipped bit in H.265."""
+    codec = "libx265"
+    stream = encode(codec, options={**X265, "x265-params": X265["x265-params"] + ":hash=1"})
+    assert shown(packets(stream, codec)) == {number: number for number in range(40)}
+    data = bytearray(stream[13][1])
+    data[-4] ^= 16
+    stream[13] = (13, bytes(data))
+    after = reasons(stream, codec)
+    assert after[13] == REFUSED
+    assert set(map(after.get, range(14, 20))) == {AFTER_ERROR}
+    assert not any(after[number] for number in (*range(13), *range(20, 40)))
+
+
+def reasons(stream, codec):
+    """Return number in time -> why it is lost, "" if it is not."""
+    decoder = VideoStream("CAM (/cam)", 10**6, PERIOD_NS)
+    found = [one for at, packet in enumerate(packets(stream, codec)) for one in decoder.add(packet, at)]
+    found += decoder.finish()
+    return {(one.packet.stamp_ns - START_NS) // PERIOD_NS: one.reason for one in found}
+
+
 def test_parameters_that_were_sent_once_or_by_themselves_hold_on():
     key, *_ = stream = encode(gop=10)
     parameters = b"".join(unit for unit in split(key[1]) if unit[3] & 31 in {7, 8})

@@ -10,11 +10,11 @@ from threading import Lock
 
 import pytest
 import zstandard
+from dagster import AssetRecordsFilter
 
 from bagassets.base.errors import BagAssetsError, ChangedWhileReadError
 from bagassets.defs.builds.made_ahead import make_inventories
 from bagassets.defs.builds.pending_work import open_project
-from bagassets.defs.records.events import recorded_partition
 from bagassets.defs.records.naming import Naming
 from bagassets.engine.execute import execute
 from bagassets.engine.first_pass import first_pass
@@ -147,7 +147,9 @@ def test_a_cold_build_reads_a_recording_twice(tmp_path, monkeypatch, name, diges
     assert report.counts()["built"] == 1
     assert 1.6 < disk.times <= 2.05
     with open_project(recipe) as (instance, _):
-        assert recorded_partition(instance, Naming("test"), "inventory", name).cached is False
+        about = AssetRecordsFilter(Naming("test").key("inventory"), asset_partitions=[name])
+        (found,) = instance.fetch_materializations(about, limit=1).records
+        assert found.asset_materialization.metadata["cached"].value is False
 
 
 @pytest.mark.parametrize(
@@ -214,6 +216,23 @@ def test_made_ahead_they_take_one_pass_too(tmp_path, monkeypatch):
     assert 0.9 < disk.times <= 1.05
 
 
+@pytest.mark.parametrize("ahead", [True, False])
+def test_a_damaged_recording_is_refused_while_it_is_hashed_and_then_salvaged(tmp_path, monkeypatch, ahead):
+    recipe, file = project_of(tmp_path, "drive.mcap", "zstd")
+    recipe.write_text(recipe.read_text().replace("bags:\n", "bags:\n  recover: all\n"))
+    content = bytearray(file.read_bytes())
+    content[len(content) * 9 // 10] ^= 16
+    file.write_bytes(content)
+    disk = Disk(monkeypatch, file)
+    if ahead:
+        state = load_recipe(recipe).state
+        make_inventories({"recipe": str(recipe), "bags": [], "state": str(state), "stamp": "0" * 64})
+        assert 0.9 < disk.times <= 1.05
+    report, _ = build(recipe, monkeypatch, select=("inventory",))
+    assert report.counts()["built"] == 1
+    assert 1.9 < disk.times <= 2.1
+
+
 @pytest.fixture
 def project(tmp_path):
     return make_project(tmp_path / "project")
@@ -256,7 +275,7 @@ def test_a_damaged_recording_has_a_digest_and_its_inventory_fails_where_it_is_as
     made, graph = passed(project)
     assert made.inventory is None
     assert made.digest.digest == recording_digest(one_of(project), rehash=True).digest
-    assert left_in(project) == ([], [])
+    assert left_in(project) == (["inventory"], []), "that it is refused is on record"
     with pytest.raises(BagAssetsError, match=r"a\.bag"):
         list(execute(graph))
 

@@ -14,7 +14,7 @@ from bagassets.base import fingerprints
 from bagassets.base.cache import NAME, Cache, Changes
 from bagassets.base.fingerprints import PlanNeeded, project_fingerprint, recipe_fingerprint, signature
 from bagassets.engine.freshness import decide
-from bagassets.engine.freshness.artifacts import artifacts_fingerprint, packed
+from bagassets.engine.freshness.artifacts import note_of
 from bagassets.engine.freshness.decide import BuildLog, state_folder
 from bagassets.engine.freshness.plan_cache import PlanCache, RecordingFingerprint, recording_fingerprint
 from bagassets.engine.plan import AssetState, BagPlan, KeptPlan
@@ -305,7 +305,7 @@ class TestArtifacts:
         return run_action(Store(tmp_path / "store"), Action("a", 1), write).artifact
 
     def of(self, artifact):
-        return artifacts_fingerprint(str(artifact.folder.parents[1]), packed([artifact.digest]))
+        return note_of(str(artifact.folder.parents[1]), [artifact.digest])
 
     def test_files_that_come_or_go_are_seen(self, artifact):
         before = self.of(artifact)
@@ -386,7 +386,7 @@ class TestPlanCache:
         assert cache.load() == {}
 
     def test_of_many_artifacts_it_looks_where_the_store_changed(self, tmp_path, store, monkeypatch):
-        monkeypatch.setattr("bagassets.engine.freshness.plan_cache.MOST_CHECKED", 0)
+        monkeypatch.setattr("bagassets.engine.freshness.artifacts.MOST_CHECKED", 0)
         cache = PlanCache(tmp_path / "state", store)
         cache.load()
         cache.save({PLAN.key: (FINGERPRINT, PLAN.as_row(), PLAN.artifacts)}, [])
@@ -402,9 +402,9 @@ class TestPlanCache:
         file.write_text("")
         assert holds(thorough=False), "within an artifact nobody looks, where there are so many"
         assert not holds(thorough=True)
-        monkeypatch.setattr("bagassets.engine.freshness.plan_cache.MOST_CHECKED", 10**6)
+        monkeypatch.setattr("bagassets.engine.freshness.artifacts.MOST_CHECKED", 10**6)
         assert not holds(thorough=False), "but where there are few"
-        monkeypatch.setattr("bagassets.engine.freshness.plan_cache.MOST_CHECKED", 0)
+        monkeypatch.setattr("bagassets.engine.freshness.artifacts.MOST_CHECKED", 0)
         (store / "ab" / ("c2" * 32)).mkdir()
         assert not holds(thorough=False), "and where others came beside it"
         shutil.rmtree(store / "c2" / ("c2" * 32))
@@ -413,7 +413,12 @@ class TestPlanCache:
     def test_a_kept_plan_is_the_plan(self):
         whole = replace(PLAN, findings=(("warn", "check", "problem"),))
         for plan in (PLAN, whole):
-            kept = KeptPlan(plan.key, plan.as_row(), packed(plan.artifacts), b"")
+            kept = KeptPlan(
+                plan.key,
+                plan.as_row(),
+                b"".join(bytes.fromhex(one) + bytes(8) for one in plan.artifacts),
+                b"",
+            )
             assert kept == plan
             assert plan == kept
             assert kept != replace(plan, rig="another")

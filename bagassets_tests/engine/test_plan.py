@@ -59,8 +59,16 @@ def test_differences_are_reported_by_name_with_both_values():
         "topic /a changed",
         "topic /b is gone",
     ]
-    assert describe_changes(found) == "step version 1 -> 2, camera.k changed, new is new and 3 more"
+    assert describe_changes(found) == "step version 1 -> 2, camera.k changed, quality 90 -> 50 and 2 more"
     assert describe_changes([]) == ""
+
+
+def test_nested_values_that_are_all_new_or_all_gone_are_one_change():
+    before = action(params={"a": {"b": {"c": 1, "d": 2}}, "e": {}})
+    now = action(params={"a": {}, "e": {"f": {"g": 1, "h": 2}}})
+    found = compare_actions(before, now)
+    assert [str(change) for change in found] == ["a is gone", "e is new"]
+    assert [change.name for change in compare_actions(now, before)] == ["a", "e"]
 
 
 json_objects = st.recursive(

@@ -7,6 +7,7 @@ import pytest
 from bagassets.recipe import load_recipe
 from bagassets.store.store import Store
 from bagassets_tests.in_process import build, make_project, survey
+from bagassets_tests.label_files import box_entries, box_json, write_boxes_json
 from bagassets_tests.small_drive import RECIPE
 
 KEY = "a.bag"
@@ -87,6 +88,21 @@ def test_a_change_that_cannot_matter(recipe):
 def test_which_recordings_the_only_rig_made_matters_to_no_asset(recipe):
     edit(recipe, "  - name: car\n", "  - name: car\n    match: ['*.bag']\n")
     assert {state for state, _ in output(recipe).values()} == {"fresh"}
+
+
+def test_label_files_are_named_and_not_how_they_are_read(tmp_path, monkeypatch):
+    files = "    annotation_files: [{{format: boxes, path: '{{stem}}.boxes.json'}}]\n    channels:"
+    text = RECIPE.replace("    channels:", files) + "preview: {{enabled: false}}\n"
+    recipe = make_project(tmp_path, [KEY], text=text)
+    assert build(recipe, monkeypatch)[0].succeeded
+    write_boxes_json(tmp_path / "bags")
+    assert output(recipe)["annotations"] == (
+        "stale",
+        "labels {stem}.boxes.json is new, topic /tf_static is new",
+    )
+    assert build(recipe, monkeypatch)[0].succeeded
+    (tmp_path / "bags" / "a.boxes.json").write_text(box_json(box_entries()[:2]))
+    assert output(recipe)["annotations"] == ("stale", "labels {stem}.boxes.json changed")
 
 
 def test_a_result_that_is_gone_from_the_store(recipe):

@@ -18,7 +18,7 @@ from mcap.writer import CompressionType
 
 from bagassets.assets.boxes.files.box_files import read_json_boxes, read_parquet_boxes
 from bagassets.assets.boxes.files.kitti import read_kitti_labels, read_kitti_tracklets
-from bagassets.assets.boxes.files.nuscenes_tables import TableSet, read_tables
+from bagassets.assets.boxes.files.nuscenes_tables import TableSet, read_table
 from bagassets.assets.boxes.files.sustechpoints import read_sustechpoints
 from bagassets.assets.boxes.files.times import read_times
 from bagassets.base.cache import NAME, Cache, Changes
@@ -273,7 +273,7 @@ def _labels(data):
         lambda rest: read_kitti_labels(rest, tracking=True),
         lambda rest: read_kitti_labels(rest, tracking=False),
         read_times,
-        lambda rest: read_tables(TableSet("a"), rest),
+        lambda rest: read_table(TableSet("a"), "sample_annotation.json", rest),
     )
     reader = readers[data[0] % len(readers)] if data else readers[0]
     _attempt(lambda: list(reader(data[1:])))

@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 
 from bagassets.base import files
 from bagassets.base.errors import BagAssetsError, DecodeError, StoreError
-from bagassets.engine.freshness.artifacts import artifacts_fingerprint, packed
+from bagassets.engine.freshness.artifacts import note_of
 from bagassets.engine.run_action import run_action
 from bagassets.store.action import Action, Step
 from bagassets.store.canonical import canonical_json, digest_bytes, digest_file, digest_json
@@ -116,7 +116,7 @@ class TestArtifacts:
         (made, before), (same, after) = (
             (
                 one.artifact,
-                artifacts_fingerprint(str(store.root / "artifacts"), packed([one.artifact.digest])),
+                note_of(str(store.root / "artifacts"), [one.artifact.digest]),
             )
             for one in (run_action(store, action_of(q=number), write("a", b"data")) for number in (1, 2))
         )

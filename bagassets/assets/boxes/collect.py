@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import isfinite
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from bagassets.assets.boxes.frames import BoxFrames
 from bagassets.assets.boxes.table import BoxTable
 from bagassets.base.errors import DecodeError
 from bagassets.decode.model import BoxReading
+from bagassets.recipe.model_annotations import AnnotationFiles, AnnotationTopic
 
 NO_POSE = "no ego pose at its time"
 UNKNOWN_FRAME = "its frame is not known"
@@ -37,42 +38,8 @@ class Place(NamedTuple):
 
 
 NOWHERE = Place()
-
-
-@dataclass(frozen=True)
-class SourceRules:
-    """The rules in the recipe for the boxes of one source.
-
-    Attributes:
-        frame: frame of all its boxes; None if each box names its own.
-        categories: recorded class -> category; others keep their name, if `unmapped` allows it.
-        attributes: category -> attributes given to each of its boxes.
-        attribute_names: recorded attribute -> attribute; an empty name drops it.
-        refuse: True if a box that cannot be used is an error, else it is counted as lost.
-        unmapped: what happens to a box whose class is neither in `categories` nor a category there.
-        outside: what happens to a box outside `span_ns`.
-        span_ns: first and last time of the recording; None if any time is allowed.
-    """
-
-    frame: str | None = None
-    categories: Mapping[str, str] = field(default_factory=dict)
-    attributes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    attribute_names: Mapping[str, str] = field(default_factory=dict)
-    refuse: bool = False
-    unmapped: Literal["keep", "count", "refuse"] = "keep"
-    outside: Literal["count", "keep", "refuse"] = "count"
-    span_ns: tuple[int, int] | None = None
-
-    def is_mapped(self, category: str) -> bool:
-        """Return whether the mapping has a class; without a mapping, all classes count."""
-        return not self.categories or category in self.categories or category in self.categories.values()
-
-    def is_outside(self, stamp_ns: int) -> bool:
-        """Return whether a time is outside the recording."""
-        if self.span_ns is None:
-            return False
-        start_ns, end_ns = self.span_ns
-        return not start_ns - SPAN_MARGIN_NS <= stamp_ns <= end_ns + SPAN_MARGIN_NS
+Source = AnnotationTopic | AnnotationFiles
+"""The entry of a source in the recipe, whose rules hold for its boxes."""
 
 
 @dataclass
@@ -103,23 +70,28 @@ class BoxCounts:
 class BoxCollector:
     """Collects boxes one by one, and returns them as one table in the global frame.
 
+    Args:
+        frames: see below.
+        sources: topic, or path in the recipe -> its entry there.
+
     Attributes:
         frames: frames in which boxes may be given.
         counts: source -> counts of its boxes.
         unknown_frames: source -> frames of boxes that could not be transformed.
     """
 
-    def __init__(self, frames: BoxFrames, rules: Mapping[str, SourceRules]) -> None:
-        self.counts = {source: BoxCounts() for source in rules}
-        self.unknown_frames: dict[str, set[str]] = {source: set() for source in rules}
+    def __init__(self, frames: BoxFrames, sources: Mapping[str, Source]) -> None:
+        self.counts = {source: BoxCounts() for source in sources}
+        self.unknown_frames: dict[str, set[str]] = {source: set() for source in sources}
         self.frames = frames
-        self._rules = dict(rules)
+        self._sources = sources
+        self._spans_ns: dict[str, tuple[int, int] | None] = {}
         self._boxes: list[tuple[BoxReading, Place, int | None]] = []  # with place and message, as added
         self._seen: set[tuple[str, int, str]] = set()
 
     def limit(self, source: str, span_ns: tuple[int, int] | None) -> None:
-        """Have boxes of a source that follow lie between a first and a last time: those of a part of the recording."""
-        self._rules[source] = replace(self._rules[source], span_ns=span_ns)
+        """Have boxes of a source that follow lie between a first and a last time: those of the recording, or of a part of it."""
+        self._spans_ns[source] = span_ns
 
     def add(self, box: BoxReading, place: Place = NOWHERE, message: int | None = None) -> None:
         """Add one box; `box.source` determines which rules apply.
@@ -132,7 +104,7 @@ class BoxCollector:
         Raises:
             DecodeError: the box cannot be used, and its source refuses such boxes.
         """
-        counts, rules = self.counts[box.source], self._rules[box.source]
+        counts, rules = self.counts[box.source], self._sources[box.source]
         counts.read += 1
         if rules.frame is not None:
             box = replace(box, frame_id=rules.frame)
@@ -188,19 +160,22 @@ class BoxCollector:
         )
 
     def _lose(self, source: str, reason: str, place: Place, *, refuse: bool | None = None) -> None:
-        if self._rules[source].refuse if refuse is None else refuse:
+        refuses = self._sources[source].bad_boxes == "refuse"
+        if refuses if refuse is None else refuse:
             raise DecodeError(
                 f"{place.full or source}: a box cannot be used ({reason}) and the recipe refuses such boxes; "
                 "fix the labels, or set `count` instead of `refuse` for this source."
             )
         self.counts[source].lose(reason, place)
 
-    def _accepts(self, box: BoxReading, rules: SourceRules, place: Place) -> bool:
+    def _accepts(self, box: BoxReading, rules: Source, place: Place) -> bool:
         """Return whether the rules accept a valid box; count it if it is kept in spite of an anomaly."""
-        rulings = (
-            (rules.is_outside(box.stamp_ns), rules.outside, OUTSIDE),
-            (not rules.is_mapped(box.category), rules.unmapped, UNMAPPED),
-        )
+        outside = "keep" if isinstance(rules, AnnotationTopic) else rules.outside
+        start_ns, end_ns = self._spans_ns.get(box.source) or (box.stamp_ns, box.stamp_ns)
+        is_within = start_ns - SPAN_MARGIN_NS <= box.stamp_ns <= end_ns + SPAN_MARGIN_NS
+        categories = rules.categories  # without any, all classes count
+        is_mapped = not categories or box.category in {*categories, *categories.values()}
+        rulings = ((not is_within, outside, OUTSIDE), (not is_mapped, rules.unmapped, UNMAPPED))
         for applies, ruling, reason in rulings:
             if applies and ruling != "keep":
                 self._lose(box.source, reason, place, refuse=ruling == "refuse")

@@ -1,7 +1,7 @@
 """Transforming boxes from the frames in which they were recorded to the global frame."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -33,7 +33,7 @@ class BoxFrames:
         trajectory: `global_SE3_ego`.
         origin_m: the trajectory's origin in the recorded global frame; it is subtracted from boxes in that
             frame, as it was from the poses.
-        tree: static and moving transforms of the recording, for further frames; None if not read.
+        tree: static and moving transforms of the recording, for further frames; empty if they are not read.
     """
 
     global_frame: str
@@ -41,7 +41,7 @@ class BoxFrames:
     ego_SE3_sensor: Mapping[str, SE3]
     trajectory: Trajectory
     origin_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    tree: TfTree | None = None
+    tree: TfTree = field(default_factory=TfTree)
 
     def knows(self, frame: str) -> bool:
         """Return whether boxes in a frame can be transformed at all."""
@@ -92,7 +92,7 @@ class BoxFrames:
             t, q = np.tile(fixed.translation, (number, 1)), np.tile(fixed.rotation, (number, 1))
             return moves_with_ego, t, q, np.ones(number, dtype=np.bool_)
         root = self._roots.get(frame)
-        if self.tree is None or root is None:
+        if root is None:
             raise CalibrationError(
                 f"boxes in frame {frame} cannot be transformed; the known frames are {self.describe()}."
             )
@@ -121,8 +121,6 @@ class BoxFrames:
         The global one, if the way there does not lead over the vehicle: whose poses are known better.
         """
         roots: dict[str, str] = {}
-        if self.tree is None:
-            return roots
         for frame in self.tree.frames:
             for root in (self.global_frame, self.ego_frame):
                 try:

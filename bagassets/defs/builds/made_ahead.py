@@ -167,9 +167,11 @@ def _chosen(recipe: Recipe, bags: Collection[str], largest_bytes: int) -> list[R
 
 
 def _make_inventory(recipe: Recipe, recording: RecordingFiles) -> str | None:
-    """Make the inventory of a recording; return the digest of its content, or None if the store had it."""
+    """Make the inventory of a recording; return the digest of its content, or None if the store had it, or it is damaged."""
     stat, store = recording_stat(recording), Store(recipe.store_path)
     first = first_pass(recipe, store, recording, stat, DigestIndex.of(recipe))
+    if first.is_refused:
+        return None  # its run salvages it, and reports that
     if first.inventory is not None:
         return None if first.inventory.cached else first.digest.digest
     # A first pass must begin at once, and hardly ever ends here.

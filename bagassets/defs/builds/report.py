@@ -130,23 +130,16 @@ def outcomes_of(
         made_ahead: recordings whose inventories were made ahead of their runs -> digest of their content.
         is_whole: the build was asked for everything.
     """
-    now, bags = build.now, build.now.plan.bags
+    bags = build.now.plan.bags
     ended = {key: one for key, one in build.ended.items() if key != DATASET}
-    # A run that made the datasets, too, has planned its recordings since they were recorded.
-    unknown = {ended[key].run_id for key in ended.keys() - now.plan.recorded.keys()} - {""}
+    # The log of a run about one recording does not say it in a word.
+    unknown = {one.run_id for one in ended.values() if one.has_made is None} - {""}
     made_by_run = {run_id: recordings_made(instance, run_id) for run_id in unknown}
     found = {key: BagOutcome("hit", seconds=seconds) for key, seconds in build.unchanged.items()}
     for key, one in ended.items():
         was_made_ahead = key in bags and made_ahead.get(key) == bags[key].recorded.get("bag", "")
-        has_made = (
-            was_made_ahead
-            or key in made_by_run.get(one.run_id, ())
-            or any(
-                record.run_id == one.run_id and record.cached is False
-                for record in now.plan.recorded.get(key, {}).values()
-            )
-        )
-        found[key] = _of_run(one, has_made=has_made)
+        has_made = one.has_made or key in made_by_run.get(one.run_id, ())
+        found[key] = _of_run(one, has_made=was_made_ahead or has_made)
     for key in build.before.asked.chosen & bags.keys():
         found[key] = _of_recording(bags[key], found.get(key), is_whole=is_whole)
     return dict(sorted(found.items()))

@@ -157,7 +157,7 @@ def noted(step: RunStep, recorder: Recorder, ended: Ended) -> Iterator[None]:
     except Exception as err:  # noqa: BLE001  (one recording does not stop the others)
         ended[key] = f"{type(err).__name__}: {err}"
         step.log(f"{key or 'the datasets'}: an unexpected error\n\n{traceback.format_exc()}", logging.ERROR)
-    note_ended(*log, ended[key])
+    note_ended(*log, ended[key], has_made=recorder.has_made)
 
 
 def _make_recording(

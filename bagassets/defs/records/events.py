@@ -26,8 +26,8 @@ MADE_ALONG = "inventory_action"
 CONTENT, SEVERAL = "content_digest", "several"
 REASON = "reason"
 NOT_MADE = "not_made"
-_CACHED, _ACTION = "cached", "action_digest"
-_OF_RECORDED = {STAT, _CACHED, _ACTION, MADE_ALONG, CONTENT, REASON}
+CACHED, _ACTION = "cached", "action_digest"
+_OF_RECORDED = {STAT, _ACTION, MADE_ALONG, CONTENT, REASON}
 
 # Records are fetched by storage id; more ids at a time would exceed SQLite's limit of variables.
 _BATCH = 500
@@ -100,7 +100,7 @@ def recordings_made(instance: dg.DagsterInstance, run_id: str) -> frozenset[str]
     made = set()
     for entry in instance.all_logs(run_id, of_type=dg.DagsterEventType.ASSET_MATERIALIZATION):
         materialization = entry.asset_materialization
-        cached = None if materialization is None else materialization.metadata.get(_CACHED)
+        cached = None if materialization is None else materialization.metadata.get(CACHED)
         if materialization is not None and cached is not None and not cached.value:
             made.add(materialization.partition or "")
     return frozenset(made)
@@ -186,7 +186,6 @@ def _recorded(names: Naming, materialization: dg.AssetMaterialization, run_id: s
         code_version=tags.get(CODE_VERSION),
         inputs=inputs,
         stat=RecordingStat.from_json(json.loads(str(said[STAT]))) if STAT in said else None,
-        cached=bool(said[_CACHED]) if _CACHED in said else None,
         action=str(said[_ACTION]) if _ACTION in said else None,
         run_id=run_id,
         made_along=str(said.get(MADE_ALONG, "")),

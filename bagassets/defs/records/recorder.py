@@ -26,7 +26,7 @@ from bagassets.defs.dagster_private import (
     SqlEventLogStorage,
     StepMaterializationData,
 )
-from bagassets.defs.records.events import CODE_VERSION, DATA_VERSION, NOT_MADE
+from bagassets.defs.records.events import CACHED, CODE_VERSION, DATA_VERSION, NOT_MADE
 from bagassets.defs.records.fence import Fence
 from bagassets.defs.records.reporting import Metadata
 from bagassets.defs.records.run_step import RunStep
@@ -77,6 +77,7 @@ class Recorder:
     Attributes:
         made: names of the assets that were recorded.
         skipped: those of them that were skipped.
+        has_made: any of them was made, rather than found in the store.
     """
 
     def __init__(
@@ -90,6 +91,7 @@ class Recorder:
         self.instance, self.workspace, self.key, self.wanted = instance, workspace, key, wanted
         self.made: set[str] = set()
         self.skipped: set[str] = set()
+        self.has_made = False
         self.run_id, self._job, self._step = "", "", None
         self._is_planned = False
         if context is not None:
@@ -132,6 +134,7 @@ class Recorder:
             if storage_id is not None:  # other storages do not say it, and are asked
                 self._latest[made.asset] = dg.EventLogRecord(storage_id, entry)
         self.made.add(made.asset)
+        self.has_made |= made.metadata.get(CACHED) is False
         if is_skip(made.data_version):
             self.skipped.add(made.asset)
         return results

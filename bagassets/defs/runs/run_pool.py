@@ -43,12 +43,13 @@ Listener = Callable[[Event], None]
 
 @dataclass(frozen=True)
 class EndedRun:
-    """How one run ended: its id, why it failed (None if it succeeded), whether it was stopped."""
+    """How one run ended: its id, why it failed (None if it succeeded), whether it was stopped, whether it made anything (if known)."""
 
     run_id: str
     problem: str | None
     stopped: bool
     seconds: float
+    has_made: bool | None = None
 
 
 @dataclass
@@ -263,8 +264,8 @@ class RunPool:
         """Report what a run about several recordings has begun and ended."""
         for key, has_ended in active.progress.read(self.instance, run_id):
             if has_ended:
-                problem, seconds = active.progress.ended[key]
-                self._conclude(key, EndedRun(run_id, problem, stopped=False, seconds=seconds))
+                problem, seconds, has_made = active.progress.ended[key]
+                self._conclude(key, EndedRun(run_id, problem, False, seconds, has_made))
             elif len(active.batch) > 1:  # of one alone it was said when its run was launched
                 self.on_event(Event("started", key))
         for key, (text, share) in active.progress.reading.items():

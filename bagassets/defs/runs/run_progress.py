@@ -9,7 +9,7 @@ import dagster as dg
 from bagassets.defs.dagster_private import EngineEventData
 from bagassets.engine.source import Progress, progress_told
 
-_RECORDING, _STATE, _PROBLEM, _SHARE = "recording", "state", "problem", "share"
+_RECORDING, _STATE, _PROBLEM, _SHARE, _MADE = "recording", "state", "problem", "share", "made"
 _DATASETS = "datasets"  # whose key is empty
 _BEGUN, _DONE, _FAILED, _READING = "begun", "done", "failed", "reading"
 
@@ -20,13 +20,14 @@ class RunProgress:
 
     Attributes:
         begun: partition key -> when it was begun (seconds since the epoch), in a run about several.
-        ended: partition key -> why it failed (None if it did not), and the seconds it took; likewise.
+        ended: partition key -> why it failed (None if it did not), the seconds it took, and whether anything was made of it,
+            rather than found (None if that is not known); likewise.
         reading: partition key -> what is being done and how far, and as a share; the latest that was noted since these
             were taken out.
     """
 
     begun: dict[str, float] = field(default_factory=dict)
-    ended: dict[str, tuple[str | None, float]] = field(default_factory=dict)
+    ended: dict[str, tuple[str | None, float, bool | None]] = field(default_factory=dict)
     reading: dict[str, tuple[str, float]] = field(default_factory=dict)
     _cursor: str | None = None
 
@@ -46,7 +47,8 @@ class RunProgress:
                 self.reading[key] = str(event.message), float(str(said[_SHARE]))
             elif state in {_DONE, _FAILED}:
                 problem = str(said[_PROBLEM]) if state == _FAILED else None
-                self.ended[key] = problem, entry.timestamp - self.begun.get(key, entry.timestamp)
+                seconds = entry.timestamp - self.begun.get(key, entry.timestamp)
+                self.ended[key] = problem, seconds, bool(said[_MADE]) if _MADE in said else None
                 yield key, True
 
 
@@ -56,11 +58,12 @@ def note_begun(instance: dg.DagsterInstance, run_id: str, job_name: str, key: st
 
 
 def note_ended(
-    instance: dg.DagsterInstance, run_id: str, job_name: str, key: str, problem: str | None
+    instance: dg.DagsterInstance, run_id: str, job_name: str, key: str, problem: str | None, *, has_made: bool
 ) -> None:
     """Note in the log of a run about several recordings that it is done with one, or that this failed."""
     if problem is None:
-        _note(instance, run_id, job_name, f"{key or _DATASETS}: {_DONE}.", {_RECORDING: key, _STATE: _DONE})
+        metadata: dict[str, str | float] = {_RECORDING: key, _STATE: _DONE, _MADE: has_made}
+        _note(instance, run_id, job_name, f"{key or _DATASETS}: {_DONE}.", metadata)
     else:
         metadata = {_RECORDING: key, _STATE: _FAILED, _PROBLEM: problem}
         _note(instance, run_id, job_name, f"{key or _DATASETS}: {_FAILED}. {problem}", metadata)

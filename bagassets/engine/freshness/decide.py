@@ -17,6 +17,7 @@ from typing import TypedDict
 from bagassets.base.cache import Cache, Changes
 from bagassets.base.fingerprints import (
     PlanNeeded,
+    Signature,
     boot_id,
     code_fingerprint,
     contents_fingerprint,
@@ -28,14 +29,14 @@ from bagassets.base.fingerprints import (
     records_fingerprint,
     tree_lines,
 )
-from bagassets.engine.freshness.artifacts import Group, check_groups, groups_of, packed
+from bagassets.engine.freshness.artifacts import SIZE, are_unchanged, folders_of, groups_to_check, note_of
 from bagassets.engine.freshness.published import Publication
 
 RECORDS, RECORDINGS = "a record", "a recording"
 """Names of the fingerprints of Dagster's records, and of what is below the bag root."""
 
 _STATE = ".bagassets"
-_WORTH_A_FORK = 32 * 1000  # bytes of the list, 32 for each artifact
+_WORTH_A_FORK = 1000  # artifacts
 _SETTLED, _ARTIFACTS, _BUILD, _LAST = "settled", "artifacts", "build", "last"
 
 
@@ -71,14 +72,14 @@ class _Settled(TypedDict):
     Attributes:
         places: what the plan depended on.
         marks: fingerprints, in the order of `fingerprints_of`.
-        groups: groups of artifacts in the store.
+        folders: signatures of the folders of artifacts in the store.
         published: names of the datasets.
         lines: what to print.
     """
 
     places: Places
     marks: list[str]
-    groups: list[Group]
+    folders: dict[str, Signature]
     published: list[str]
     lines: list[str]
 
@@ -135,14 +136,16 @@ def _decide(recipe: str) -> list[str]:
     project = project_fingerprint(
         code_fingerprint(), recipe_fingerprint(recipe), places["files"], places["folders"]
     )
-    artifacts = cache.get(_ARTIFACTS, "")[0]
+    artifacts, root = cache.get(_ARTIFACTS, "")[0], places["artifacts"]
+    total = len(artifacts) // SIZE
 
     def check_made() -> None:
-        check_groups(places["artifacts"], artifacts, settled["groups"])
+        if not are_unchanged(root, artifacts, groups_to_check(settled["folders"], folders_of(root), total)):
+            raise PlanNeeded(f"{root}: an artifact has changed")
         for dataset in settled["published"]:
             Publication(state, dataset).check()
 
-    with _checked_beside(check_made, is_long=len(artifacts) >= _WORTH_A_FORK):
+    with _checked_beside(check_made, is_long=total >= _WORTH_A_FORK):
         for before, (name, now) in zip(settled["marks"], fingerprints_of(places, project), strict=True):
             if before != now:
                 raise PlanNeeded(f"{name} changed")
@@ -220,7 +223,6 @@ def note_nothing_to_do(
         published: names of the datasets, which are up to date.
         lines: what a build with nothing to do prints.
     """
-    digests = packed(sorted(artifacts))
     changes = Changes()
     try:
         for dataset in published:
@@ -228,15 +230,15 @@ def note_nothing_to_do(
         settled = _Settled(
             places=places,
             marks=fingerprints,
-            groups=groups_of(places["artifacts"], digests),
+            folders=folders_of(places["artifacts"]),
             published=published,
             lines=lines,
         )
+        changes.put(_ARTIFACTS, "", note_of(places["artifacts"], sorted(artifacts)))
     except PlanNeeded:
         forget_note(state)
         return
     changes.put(_SETTLED, "", json.dumps(settled).encode())
-    changes.put(_ARTIFACTS, "", digests)
     Cache(state).write(changes)
 
 

@@ -6,14 +6,20 @@ stay the same; otherwise the planner decides.
 
 import json
 import os
-import random
 from collections.abc import Iterable, Mapping
 from hashlib import blake2b
 from typing import NamedTuple
 
 from bagassets.base.cache import Cache, Changes
 from bagassets.base.fingerprints import PlanNeeded, Signature, digest_lines, signature
-from bagassets.engine.freshness.artifacts import MOST_CHECKED, SIZE, folders_of, marks_of, packed
+from bagassets.engine.freshness.artifacts import (
+    ALL_GROUPS,
+    SIZE,
+    are_unchanged,
+    folders_of,
+    groups_to_check,
+    note_of,
+)
 
 _KIND, _FOLDERS = "recording", "folders"
 
@@ -37,20 +43,18 @@ class CachedPlan(NamedTuple):
 
     Attributes:
         fingerprint: of the recording.
-        made: digests of the artifacts that it rests on, 32 bytes each.
-        marks: what changes with these, 8 bytes each.
+        made: what is noted of the artifacts that it rests on (`freshness.artifacts`).
         row: the plan, encoded.
     """
 
     fingerprint: RecordingFingerprint
     made: bytes
-    marks: bytes
     row: bytes
 
     @property
     def mark(self) -> bytes:
         """What changes with the recording, its artifacts, the code and the recipe."""
-        return blake2b(repr(self[:3]).encode(), digest_size=16).digest()
+        return blake2b(repr(self[:2]).encode(), digest_size=16).digest()
 
 
 def recording_fingerprint(
@@ -96,7 +100,7 @@ class PlanCache:
         self._thorough = thorough
         self._folders: dict[str, Signature] = {}
         self._folders_before: dict[str, Signature] = {}
-        self._suspects: frozenset[int] = frozenset(range(256))
+        self._suspects = ALL_GROUPS
 
     def load(self) -> dict[str, CachedPlan]:
         """Return partition key -> cached plan; empty if the cache cannot be read."""
@@ -107,26 +111,14 @@ class PlanCache:
             self._folders_before = json.loads(self._cache.all(_FOLDERS).get("", b"{}"))
         except PlanNeeded:
             return {}
-        share = MOST_CHECKED / max(1, sum(len(one.made) for one in found.values()) // SIZE)
-        self._suspects = frozenset(
-            int(name, 16)
-            for name, now in self._folders.items()
-            if self._thorough or self._folders_before.get(name) != now or random.random() < share
-        )
+        if not self._thorough:
+            total = sum(len(one.made) for one in found.values()) // SIZE
+            self._suspects = groups_to_check(self._folders_before, self._folders, total)
         return found
 
     def holds(self, entry: CachedPlan) -> bool:
         """Return whether the artifacts of a recording are unchanged, as far as they are checked."""
-        made, suspects = entry.made, self._suspects
-        if suspects.isdisjoint(made[::SIZE]):
-            return True
-        starts = [start for start in range(0, len(made), SIZE) if made[start] in suspects]
-        try:
-            now = marks_of(self._artifacts, b"".join(made[start : start + SIZE] for start in starts))
-        except PlanNeeded:
-            return False
-        before = (entry.marks[start // 4 : start // 4 + 8] for start in starts)
-        return now == b"".join(before)
+        return are_unchanged(self._artifacts, entry.made, self._suspects)
 
     def save(
         self,
@@ -144,13 +136,12 @@ class PlanCache:
         for key in gone:
             changes.drop(_KIND, key)
         for key, (fingerprint, row, artifacts) in plans.items():
-            made = packed(artifacts)
             try:
-                marks = marks_of(self._artifacts, made)
+                made = note_of(self._artifacts, artifacts)
             except PlanNeeded:
                 changes.drop(_KIND, key)
             else:
-                changes.put(_KIND, key, _written(CachedPlan(fingerprint, made, marks, row)))
+                changes.put(_KIND, key, _written(CachedPlan(fingerprint, made, row)))
         if self._folders != self._folders_before:
             changes.put(_FOLDERS, "", json.dumps(self._folders).encode())
         self._cache.write(changes)
@@ -159,13 +150,11 @@ class PlanCache:
 def _written(plan: CachedPlan) -> bytes:
     files, bag, rest = plan.fingerprint
     head = f"{files} {'' if bag is None else bag} {rest} {len(plan.made)}\n".encode()
-    return b"".join((head, plan.made, plan.marks, plan.row))
+    return b"".join((head, plan.made, plan.row))
 
 
 def _read(content: bytes) -> CachedPlan:
     head, _, body = content.partition(b"\n")
     files, bag, rest, size = head.decode().split(" ")
-    made = int(size)
-    marked = made + made // 4
     fingerprint = RecordingFingerprint(files, int(bag) if bag else None, rest)
-    return CachedPlan(fingerprint, body[:made], body[made:marked], body[marked:])
+    return CachedPlan(fingerprint, body[: int(size)], body[int(size) :])

@@ -12,6 +12,7 @@ from bagassets.decode.numeric_fields import members_of
 from bagassets.formats.lerobot.ranges import Span
 from bagassets.recordings.recording import Recording
 
+NO_MESSAGES = "has no messages"
 _MOST_HEARD, _LONGEST_HEARD = 3, 60
 
 
@@ -54,7 +55,7 @@ def _paths(field: str | tuple[str, ...]) -> tuple[str, ...]:
 def why_unsaid(recording: Recording, topic: str, field: str | tuple[str, ...], texts: Sequence[Said]) -> str:
     """Return why messages say nothing, as a clause; "" if one does."""
     if not texts:
-        return f"{topic} has no messages"
+        return f"{topic} {NO_MESSAGES}"
     if any(one.value is not None for one in texts):
         return ""
     there = ", ".join(members_of(recording.decode(next(recording.messages([topic])))))

@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from bagassets.formats.format import Facts, Format, Kept
-from bagassets.formats.lerobot.join import join
+from bagassets.formats.lerobot.join import Join
 from bagassets.formats.lerobot.metadata import VERSION
 from bagassets.formats.lerobot.recording_part import LEROBOT_EPISODES
 from bagassets.formats.lerobot.settings import LeRobot
@@ -78,8 +78,8 @@ LEROBOT = Format(
     settings=LeRobot,
     part=LEROBOT_EPISODES.name,
     assets=(LEROBOT_EPISODES,),
-    join=lambda members, settings, shares, out: join(members, settings, shares, out, Kept()),
-    rejoin=join,
+    join=lambda members, settings, shares, out: Join(members, settings, shares, out, Kept()).run(),
+    rejoin=lambda members, settings, shares, out, kept: Join(members, settings, shares, out, kept).run(),
     misfits=misfits,
     links=lambda _: iter(()),
     counts=lambda facts: {"episodes": facts["episodes"]},

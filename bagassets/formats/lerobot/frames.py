@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bagassets.base.errors import DecodeError
+from bagassets.base.quantities import count_text
 from bagassets.formats.lerobot.grid import Picked, Stamps, grid_ns, pick
 from bagassets.formats.lerobot.ranges import Span
 from bagassets.formats.lerobot.settings import MOST_S
@@ -68,6 +69,11 @@ class Frames:
     counts: Mapping[str, Counter[str]]
 
 
+def time_text(time_s: float) -> str:
+    """Return a time since a recording began; stamps may be earlier."""
+    return f"{abs(time_s):.3f} s{' before its first message' if time_s <= -0.0005 else ''}"
+
+
 def whole_span(sources: Sequence[Source]) -> Span:
     """Return where the first source begins and the last one ends."""
     return Span(
@@ -93,19 +99,19 @@ def frames_of(
         DecodeError: a rule is broken; a clause that names feature and time.
     """
 
-    def at_s(time_ns: int) -> str:
-        return f"{(time_ns - start_ns) / 1e9:.3f} s"
+    def at(time_ns: int) -> str:
+        return time_text((time_ns - start_ns) / 1e9)
 
     latest = max(sources, key=lambda source: int(source.stamps_ns[0]))
     begins_ns = max(span.start_ns, int(latest.stamps_ns[0]))
     if begins_ns - span.start_ns > trim_s * 1e9:
-        raise DecodeError(f"{latest} begins at {at_s(begins_ns)} only, more than {trim_s:g} s after it")
+        raise DecodeError(f"{latest} begins at {at(begins_ns)} only, more than {trim_s:g} s after it")
     ends_ns = span.end_ns
     if ending := [source for source in sources if source.ends_episodes]:
         first = min(ending, key=lambda source: int(source.stamps_ns[-1]))
         ends_ns = min(ends_ns, int(first.stamps_ns[-1]))
         if span.end_ns - ends_ns > trim_s * 1e9:
-            raise DecodeError(f"{first} ends at {at_s(ends_ns)} already, more than {trim_s:g} s before it")
+            raise DecodeError(f"{first} ends at {at(ends_ns)} already, more than {trim_s:g} s before it")
     times_ns = grid_ns(begins_ns, ends_ns, fps)
     picked: list[Picked] = []
     counts: dict[str, Counter[str]] = {what: Counter() for what in COUNTED}
@@ -120,10 +126,12 @@ def frames_of(
         if len(gaps) and source.rule.gap == "end":
             number = min(number, int(gaps[0]))
         elif len(gaps):
-            raise DecodeError(_no_value(source, at_s(int(times_ns[gaps[0]])), fps))
+            raise DecodeError(_no_value(source, at(int(times_ns[gaps[0]])), fps))
         picked.append(one)
     if number < max(LEAST_FRAMES, least_s * fps):
-        raise DecodeError(f"it has {number} frames, and must have {max(LEAST_FRAMES, round(least_s * fps))}")
+        raise DecodeError(
+            f"it has {count_text(number, 'frame')}, and must have {max(LEAST_FRAMES, round(least_s * fps))}"
+        )
     if number >= MOST_S * fps:
         raise DecodeError(
             f"it is {number / fps:.0f} s long, and a video ends before {MOST_S} s; set lerobot.episodes.max_length_s"
@@ -138,8 +146,8 @@ def frames_of(
     return Frames(times_ns, picked, counts)
 
 
-def _no_value(source: Source, at_s: str, fps: int) -> str:
-    clause = f"{source} has no value within {source.rule.tolerance_s:.3g} s of its frame at {at_s}"
+def _no_value(source: Source, at: str, fps: int) -> str:
+    clause = f"{source} has no value within {source.rule.tolerance_s:.3g} s of its frame at {at}"
     period_s = float(np.median(np.diff(source.stamps_ns))) / 1e9 if len(source.stamps_ns) > 1 else 0.0
     if period_s > source.rule.tolerance_s:
         clause += f": it comes at {1 / period_s:.3g} Hz and fps is {fps}; lower fps, or raise its tolerance_s"

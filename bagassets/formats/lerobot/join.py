@@ -276,10 +276,3 @@ def _matrix(column: pa.ChunkedArray, width: int) -> NDArray[np.float32]:
     flat = [chunk.flatten() if width > 1 else chunk for chunk in chunks]
     values = np.concatenate([one.to_numpy(zero_copy_only=False) for one in flat])
     return values.reshape(-1, width)
-
-
-def join(
-    members: Sequence[Member], settings: LeRobot, shares: Sequence[SplitShare], out: Path, kept: Kept
-) -> Joined:
-    """Write a dataset into an empty folder; see `Join`."""
-    return Join(members, settings, shares, out, kept).run()

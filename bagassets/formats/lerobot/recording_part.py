@@ -22,12 +22,14 @@ from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.quality.check import RecordingCheck
 from bagassets.assets.quality.finding import Finding
 from bagassets.assets.signals import SIGNALS, TABLE
+from bagassets.base.alike import names_text
 from bagassets.base.errors import DatasetError, DecodeError
 from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.base.trace import span
 from bagassets.formats.format import FACTS
 from bagassets.formats.lerobot import statistics
 from bagassets.formats.lerobot.cuts import (
+    NO_MESSAGES,
     TaskTexts,
     by_events,
     by_signal,
@@ -36,7 +38,7 @@ from bagassets.formats.lerobot.cuts import (
     said,
     why_unsaid,
 )
-from bagassets.formats.lerobot.frames import COUNTED, Frames, Source, frames_of, whole_span
+from bagassets.formats.lerobot.frames import COUNTED, Frames, Source, frames_of, time_text, whole_span
 from bagassets.formats.lerobot.grid import values_at
 from bagassets.formats.lerobot.parameters import EpisodesParams, EpisodesUse, use
 from bagassets.formats.lerobot.ranges import Span
@@ -47,6 +49,7 @@ from bagassets.store.canonical import digest_bytes
 
 ROWS, EPISODES = "rows.parquet", "episodes.json"
 _MOST_ENCODERS = 8
+_MOST_TOPICS = 12  # that are named
 
 
 @dataclass(frozen=True)
@@ -345,17 +348,18 @@ def _specifications(
 
 def _losses(summary: JsonMapping) -> list[Loss]:
     return [
-        Loss("lerobot_episodes", f"{one['at_s']:g} s: {one['why']}", 1, "episode")
+        Loss("lerobot_episodes", f"{time_text(one['at_s'])}: {one['why']}", 1, "episode")
         for one in summary.get("left_out", ())
     ]
 
 
-def _all_kept(summary: JsonMapping) -> Finding:
+def _all_kept(summary: JsonMapping, topics: Sequence[str]) -> Finding:
     """Report the episodes that were left out, and why there is none to begin with."""
     left_out = summary["left_out"]
-    problems = [f"the episode at {one['at_s']:g} s is left out: {one['why']}" for one in left_out]
+    problems = [f"the episode at {time_text(one['at_s'])} is left out: {one['why']}" for one in left_out]
     why_none = summary.get("why_none")  # not in artifacts of before
-    warnings = [f"no episodes: {why_none}"] if why_none else []
+    there = f"; there are {names_text(topics, _MOST_TOPICS)}" if str(why_none).endswith(NO_MESSAGES) else ""
+    warnings = [f"no episodes: {why_none}{there}"] if why_none else []
     return Finding(problems, {"episodes": summary["episodes"], "left_out": len(left_out)}, warnings)
 
 
@@ -385,7 +389,7 @@ are left out, with the reason.""",
             "The recording has episodes for the LeRobot dataset, and none was left out.",
             "an episode breaks a rule of `lerobot.features` or `lerobot.episodes`, or nothing says where one is; the message says why (section "
             "`channels_present`)",
-            lambda e: _all_kept(e.artifact("lerobot_episodes").summary()),
+            lambda e: _all_kept(e.artifact("lerobot_episodes").summary(), sorted(e.inventory.topics)),
             quick=True,
         ),
     ),

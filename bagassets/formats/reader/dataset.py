@@ -137,7 +137,7 @@ class Dataset(_Samples):
 
     @cached_property
     def _numbers(self) -> range:
-        return range(len(self._source.samples))
+        return range(max((scene.samples.stop for scene in self._source.scenes), default=0))
 
     @cached_property
     def _scenes_by_name(self) -> "Mapping[str, Scene]":
@@ -145,7 +145,7 @@ class Dataset(_Samples):
 
     @cached_property
     def _by_token(self) -> Mapping[str, int]:
-        return {token: number for number, (token, _) in enumerate(self._source.samples)}
+        return {self._source.sample(number)[0]: number for number in self._numbers}
 
 
 class Scene(_Samples):
@@ -188,7 +188,7 @@ class Sample:
         self._source = source
         self.index = index
         self._ahead = ahead or Ahead()
-        self.token, self.stamp_ns = self._source.samples[index]
+        self.token, self.stamp_ns = self._source.sample(index)
 
     def __reduce__(self) -> tuple[object, ...]:
         return _reopened, (Sample, *_ticket(self._source), self.index)

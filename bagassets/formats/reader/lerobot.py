@@ -6,7 +6,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn, TypeVar, overload
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,9 +42,7 @@ class LeRobotSource(ImagesOnly):
             version, self._fps = str(self._info["codebase_version"]), int(self._info["fps"])
             self._features: JsonObject = self._info["features"]
         except (OSError, ValueError, KeyError, TypeError) as err:
-            raise DatasetError(
-                f"{path}: this file of the dataset cannot be read ({err}); {folder.remedy()}"
-            ) from err
+            raise folder.unreadable(path, err) from err
         if not version.startswith("v3."):
             raise DatasetError(
                 f"{path}: this is version {version} of the format, and 3 can be read; lerobot converts older ones."
@@ -52,15 +50,17 @@ class LeRobotSource(ImagesOnly):
         self._tables: OrderedDict[Path, Mapping[str, NDArray[Any]]] = OrderedDict()
         self._films: OrderedDict[Path, Film] = OrderedDict()
 
-    @cached_property
-    def samples(self) -> Sequence[tuple[str, int]]:
-        """Name of the frame, and its time since the beginning of its episode (ns), of all frames, episode by episode."""
-        return _Frames(self._starts, self._total, self._fps)
+    def sample(self, index: int) -> tuple[str, int]:
+        """Return name and time (ns) since the beginning of its episode of a frame, made now: there may be millions."""
+        episode = self._episode_of(index)
+        number = index - self._starts[episode]
+        return f"episode_{episode:06d}/{number}", round(number * 1_000_000_000 / self._fps)
 
     @cached_property
     def scenes(self) -> Sequence[SceneRow]:
         """All episodes, each with its tasks."""
-        stops = [*self._starts[1:], self._total]
+        ends = self._episodes["dataset_to_index"]
+        stops = [*self._starts[1:], *map(int, ends[-1:])]
         return [
             SceneRow(f"episode_{number:06d}", "; ".join(tasks), range(start, stop))
             for number, (start, stop, tasks) in enumerate(
@@ -94,7 +94,7 @@ class LeRobotSource(ImagesOnly):
             readings[name] = Reading(
                 channel=name,
                 modality="camera",
-                stamp_ns=self.samples[index][1],
+                stamp_ns=self.sample(index)[1],
                 path=self._file(f"videos/{name}", episode, self._info["video_path"], video_key=name),
                 size_px=(width, height),
                 ego_SE3_sensor=SE3(),
@@ -142,11 +142,6 @@ class LeRobotSource(ImagesOnly):
     def _starts(self) -> Sequence[int]:
         return [int(start) for start in self._episodes["dataset_from_index"]]
 
-    @property
-    def _total(self) -> int:
-        ends = self._episodes["dataset_to_index"]
-        return int(ends[-1]) if ends else 0
-
     def _episode_of(self, index: int) -> int:
         return bisect_right(self._starts, index) - 1
 
@@ -177,9 +172,7 @@ class LeRobotSource(ImagesOnly):
         try:
             return pq.read_table(path)
         except (OSError, pa.ArrowException) as err:
-            raise DatasetError(
-                f"{path}: this file of the dataset cannot be read ({err}); {self.folder.remedy()}"
-            ) from err
+            raise self.folder.unreadable(path, err) from err
 
     def _read_data(self, path: Path) -> Mapping[str, NDArray[Any]]:
         import pyarrow as pa
@@ -196,25 +189,3 @@ class LeRobotSource(ImagesOnly):
 
     def _no_pose(self) -> NoReturn:
         raise DatasetError(f"{self.folder.path}: a LeRobot dataset has no poses.")
-
-
-class _Frames(Sequence[tuple[str, int]]):
-    """Name and time of each frame, made when they are asked for: there may be millions."""
-
-    def __init__(self, starts: Sequence[int], total: int, fps: int) -> None:
-        self._starts, self._total, self._fps = starts, total, fps
-
-    def __len__(self) -> int:
-        return self._total
-
-    @overload
-    def __getitem__(self, index: int) -> tuple[str, int]: ...
-    @overload
-    def __getitem__(self, index: slice) -> Sequence[tuple[str, int]]: ...
-    def __getitem__(self, index: int | slice) -> tuple[str, int] | Sequence[tuple[str, int]]:
-        if isinstance(index, slice):
-            return [self[number] for number in range(*index.indices(self._total))]
-        index = range(self._total)[index]
-        episode = bisect_right(self._starts, index) - 1
-        number = index - self._starts[episode]
-        return f"episode_{episode:06d}/{number}", round(number * 1_000_000_000 / self._fps)

@@ -44,10 +44,9 @@ class NuScenesSource:
         if missing:
             raise folder.missing(folder.path / f"{missing[0]}.json")
 
-    @cached_property
-    def samples(self) -> Sequence[tuple[str, int]]:
-        """Token and time (ns) of all samples, scene by scene."""
-        return self._order[0]
+    def sample(self, index: int) -> tuple[str, int]:
+        """Return token and time (ns) of a sample; they are numbered scene by scene."""
+        return self._order[0][index]
 
     @cached_property
     def scenes(self) -> Sequence[SceneRow]:
@@ -67,12 +66,12 @@ class NuScenesSource:
 
     def readings(self, index: int) -> Mapping[str, Reading]:
         """Return channel -> keyframe of a sample."""
-        readings = map(self._reading, self._data.get(self.samples[index][0], ()))
+        readings = map(self._reading, self._data.get(self.sample(index)[0], ()))
         return {reading.channel: reading for reading in readings}
 
     def before(self, index: int, channel: str, number: int) -> Sequence[Reading]:
         """Return at most `number` readings of a channel before that of a sample, newest first: what `prev` links to."""
-        rows = self._data.get(self.samples[index][0], ())
+        rows = self._data.get(self.sample(index)[0], ())
         row = next((row for row in rows if self._sensor(self._mounting(row))["channel"] == channel), None)
         found: list[Reading] = []
         while row is not None and row["prev"] and len(found) < number:
@@ -83,7 +82,7 @@ class NuScenesSource:
 
     def boxes(self, index: int) -> Sequence[Box]:
         """Return the boxes of a sample in the global frame."""
-        return [self._box(row) for row in self._annotations.get(self.samples[index][0], ())]
+        return [self._box(row) for row in self._annotations.get(self.sample(index)[0], ())]
 
     def _reading(self, row: JsonObject, poses: Mapping[str, JsonObject] | None = None) -> Reading:
         """Return a reading; `poses` are those to look its own up in, by default those of keyframes."""

@@ -59,9 +59,7 @@ class TableFolder:
         try:
             return json.loads(_content(self._files[name]))
         except (OSError, ValueError) as err:
-            raise DatasetError(
-                f"{self.path / name}: this file of the dataset cannot be read ({err}); {self.remedy()}"
-            ) from err
+            raise self.unreadable(self.path / name, err) from err
 
     def rows(self, name: str) -> list[JsonObject]:
         """Return the rows of a file that is a list.
@@ -77,6 +75,10 @@ class TableFolder:
     def missing(self, path: Path) -> DatasetError:
         """Return the error for a file that the dataset names and that is not there."""
         return DatasetError(f"{path}: this file of the dataset is missing; {self.remedy()}")
+
+    def unreadable(self, path: Path, err: Exception) -> DatasetError:
+        """Return the error for a file that cannot be read."""
+        return DatasetError(f"{path}: this file of the dataset cannot be read ({err}); {self.remedy()}")
 
     def outdated(self, path: Path) -> DatasetError:
         """Return the error for a file that another build has removed."""

@@ -28,10 +28,10 @@ class VisionSource(ImagesOnly):
         self.folder = folder
         self.root = folder.path.parent
 
-    @cached_property
-    def samples(self) -> Sequence[tuple[str, int]]:
-        """Name of the image below the dataset, and its time (ns), of all samples, sequence by sequence."""
-        return [(f"{row['folder']}/{frame['file']}", frame["stamp_ns"]) for row, frame in self._frames]
+    def sample(self, index: int) -> tuple[str, int]:
+        """Return name of the image below the dataset, and time (ns), of a sample; they are numbered sequence by sequence."""
+        row, frame = self._frames[index]
+        return f"{row['folder']}/{frame['file']}", frame["stamp_ns"]
 
     @cached_property
     def scenes(self) -> Sequence[SceneRow]:

@@ -74,7 +74,7 @@ def _frame(file: str, facts: Sequence[Facts], shares: Sequence[SplitShare]) -> F
     for share in shares:
         if file == _manifest(share.name):
             counts = {what: _count(facts, share.name, what) for what in _COUNTED}
-            return framed({"split": share.name, **share.as_json(), **counts}, "bags")
+            return framed({"split": share.name, **share.as_json(), **counts})
     return TABLE
 
 

@@ -28,7 +28,6 @@ _PAGE_SIZES = tuple(1 << power for power in range(9, 17))
 _BLOCK_BYTES, _SCANNED_BYTES = 4 << 20, 256 << 10
 _LEAF_HEAD, _POINTER, _NEXT = Struct(">BHHHB"), Struct(">H"), Struct(">I")
 _INTEGER_BYTES = (0, 1, 2, 3, 4, 6, 8, 8, 0, 0)
-_KEPT_PAGES = 64
 
 
 class _Cell(NamedTuple):
@@ -67,7 +66,6 @@ class SalvagedDatabase(Database):
         self._path, self._on_read, self._damage, self._limits = path, on_read, damage, limits
         self.topics: dict[int, TopicRow] = {}
         self._definitions: dict[str, Definition] = {}
-        self._pages: dict[int, bytes] = {}
         self._buffer = bytearray(_SCANNED_BYTES)  # used again and again: it stays in the processor's cache
         self._file = self._opened()
         try:
@@ -115,11 +113,12 @@ class SalvagedDatabase(Database):
     def _leaves(self, page_bytes: int, most_bytes: int = _BLOCK_BYTES) -> int:
         """Return how many rows are whole in the first pages of a file, less those that are not, if its pages are so large."""
         block = os.pread(self._file, most_bytes, 0)
-        found, broken = 0, _Broken()
+        found = 0
         for at in range(page_bytes, len(block) - page_bytes + 1, page_bytes):
             if block[at] == _LEAF:
-                found += sum(1 for _ in _cells(block[at : at + page_bytes], 0, page_bytes, broken))
-        return found - broken.number
+                cells = _cells(block[at : at + page_bytes], 0, page_bytes)
+                found += sum(-1 if cell is None else 1 for cell in cells)
+        return found
 
     # --- scanning ------------------------------------------------------------------------
 
@@ -163,14 +162,17 @@ class SalvagedDatabase(Database):
 
     def _take_page(self, page: bytes, number: int) -> Iterator[tuple[int, int, int, int, int, int]]:
         """Yield the messages of a page, and note rows of other tables."""
-        broken = _Broken()
+        broken = 0
         begin = _HEADER_BYTES if number == 0 else 0
-        for cell in _cells(page, begin, self._usable, broken):
+        for cell in _cells(page, begin, self._usable):
+            if cell is None:
+                broken += 1
+                continue
             values = cell.values
             if len(values) == 4 and values[2][0] <= 9 and values[1][0] <= 9 and values[0][0] <= 9:
                 # More than a file of this size can hold.
                 if not 0 < cell.rowid <= self._size or 0 < values[3][0] < 12:
-                    broken.number += 1
+                    broken += 1
                     continue
                 topic, time_ns = _integer(page, *values[1]), _integer(page, *values[2])
                 place = cell.begin | cell.local << 17 | values[3][1] - cell.begin << 34
@@ -181,9 +183,9 @@ class SalvagedDatabase(Database):
                 and all(kind >= 13 and kind % 2 for kind, _, _ in values[1:4])
             ):
                 self._take_texts(cell, self._content(page, cell.begin, cell.local, cell.size))
-        if broken.number:
+        if broken:
             begin = number * self._page_bytes
-            reason = f"{broken.number} rows of a page are damaged"
+            reason = f"{broken} rows of a page are damaged"
             self._damage.hole(Hole(self._path.name, begin, begin + self._page_bytes, reason))
 
     def _take_texts(self, cell: _Cell, content: bytes | None) -> None:
@@ -233,14 +235,8 @@ class SalvagedDatabase(Database):
     # --- content -------------------------------------------------------------------------
 
     def _page(self, number: int) -> bytes:
-        page = self._pages.get(number)
-        if page is None:
-            page = os.pread(self._file, self._page_bytes, number * self._page_bytes)
-            self._pages[number] = page
-            if len(self._pages) > _KEPT_PAGES:
-                del self._pages[next(iter(self._pages))]
-            self._tell((number + 1) * self._page_bytes)
-        return page
+        self._tell((number + 1) * self._page_bytes)
+        return os.pread(self._file, self._page_bytes, number * self._page_bytes)
 
     def _content(self, page: bytes, begin: int, size_here: int, size: int) -> bytes | None:
         """Return the bytes of a row, those on overflow pages included; None if these are not all there."""
@@ -332,25 +328,20 @@ def _latest(rows: NDArray[np.int64]) -> int | None:
     return int(rows[:, 0].max()) if len(rows) else None
 
 
-class _Broken:
-    """Counts the cells of a page that cannot be read."""
-
-    number = 0
-
-
-def _cells(page: bytes, begin: int, usable: int, broken: _Broken) -> Iterator[_Cell]:
-    """Yield what the cells of a leaf hold."""
+def _cells(page: bytes, begin: int, usable: int) -> Iterator[_Cell | None]:
+    """Yield what the cells of a leaf hold; None for one that cannot be read, or if none can."""
     _, _, number, _, _ = _LEAF_HEAD.unpack_from(page, begin)
     first = begin + _LEAF_HEAD.size
     if first + _POINTER.size * number > usable:
-        broken.number += 1
+        yield None
         return
     for place in range(first, first + _POINTER.size * number, _POINTER.size):
         (at,) = _POINTER.unpack_from(page, place)
         try:
-            yield _cell(page, at, usable)
+            cell = _cell(page, at, usable)
         except (IndexError, DamageError):
-            broken.number += 1
+            cell = None
+        yield cell
 
 
 def _cell(page: bytes, at: int, usable: int) -> _Cell:

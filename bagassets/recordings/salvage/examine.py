@@ -1,19 +1,25 @@
 """What is wrong with one recording: read as builds do and, where that fails, as far as can be."""
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from struct import Struct
 from tempfile import TemporaryDirectory
-from typing import Literal
+from typing import BinaryIO, Literal
+
+from rosbags.rosbag1.reader import Header, RecordType
 
 from bagassets.base.errors import RecordingError
 from bagassets.base.json_types import JsonObject
 from bagassets.recipe.model import Limits
+from bagassets.recordings.journals import journals_of
+from bagassets.recordings.mcap_index import end_of as end_of_mcap
 from bagassets.recordings.open import open_recording
 from bagassets.recordings.recording import Recording
+from bagassets.recordings.rosbag1 import SIZE
 from bagassets.recordings.rosbag2 import ZSTD
-from bagassets.recordings.salvage.behind_end import bytes_behind_end
 from bagassets.recordings.salvage.copy import write_copy
 from bagassets.recordings.salvage.damage_map import DamageMap
 from bagassets.recordings.salvage.open import open_salvaged
@@ -67,7 +73,7 @@ def examine(path: Path) -> Examined:
     path = path.absolute()
     if not path.exists():
         raise RecordingError(f"{path}: no such file or folder.")
-    behind = [*bytes_behind_end(path)]
+    behind = [*_behind_end(path)]
     try:
         if path.suffix == ZSTD:
             packed = "it is packed by zstd, and builds read such files in ROS 2 bag folders only"
@@ -109,6 +115,38 @@ def _read(recording: Recording) -> tuple[Counter[str], dict[str, int]]:
 
 def _topics(recording: Recording, counts: Mapping[str, int]) -> dict[str, tuple[str, int]]:
     return {name: (topic.msgtype, counts.get(name, 0)) for name, topic in recording.topics.items()}
+
+
+def _behind_end(path: Path) -> Iterator[str]:
+    """Yield a clause about each file with bytes behind the recording's end, which no reader looks at, if its records tell where."""
+    for one in sorted(path.iterdir()) if path.is_dir() else [path]:
+        with suppress(Exception), one.open("rb") as file:  # whatever damaged bytes lead to
+            first = file.readline(100)
+            ends = {b"#ROSBAG": _end_of_bag, b"SQLite ": _end_of_database, b"\x89MCAP0\r": end_of_mcap}
+            if (more := one.stat().st_size - ends[first[:7]](file)) > 0:
+                yield f"{one.name}: behind the end of the recording are {more} more bytes, which are not read"
+
+
+def _end_of_database(file: BinaryIO) -> int:
+    file.seek(0)
+    page_bytes, changes, pages, changes_then = Struct(">16xH6xII60xI").unpack(file.read(96))
+    if changes != changes_then or not pages or journals_of([Path(file.name)]):
+        raise ValueError(pages)  # the number of pages is an older one
+    return int(65536 if page_bytes == 1 else page_bytes) * int(pages)
+
+
+def _end_of_bag(file: BinaryIO) -> int:
+    header = Header.read(file, RecordType.BAGHEADER)
+    if not (index := header.get_uint64("index_pos")):
+        raise ValueError(index)
+    file.seek(index)
+    for _ in range(header.get_uint32("conn_count") + header.get_uint32("chunk_count")):
+        op = Header.read(file).get_uint8("op")
+        if op not in {RecordType.CONNECTION, RecordType.CHUNK_INFO}:
+            raise ValueError(op)
+        (size,) = SIZE.unpack(file.read(SIZE.size))
+        file.seek(size, 1)
+    return file.tell()
 
 
 def mend(path: Path, copy: Path) -> int:

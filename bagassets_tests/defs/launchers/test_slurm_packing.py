@@ -139,7 +139,7 @@ def test_a_job_takes_more_runs_like_its_own_if_they_end_in_time(tmp_path):
     assert job.take_waiting(60.0) is None
     spool.put(run("more", seconds=59.0))
     assert job.take_waiting(60.0).run_id == "more"
-    assert job.has_begun("more")
+    assert job.begun() == ["more"]
     assert {one.run_id for one in spool.waiting()} == {"other needs", "too long"}
 
 

@@ -52,6 +52,15 @@ def test_a_dataset_without_episodes_says_what_messages_said(tmp_path, monkeypatc
     assert said.startswith(f"lerobot: 0 episodes from 1 recording: {why} (")
 
 
+def test_a_topic_that_is_not_there_is_answered_with_those_that_are(tmp_path, monkeypatch):
+    write_arm(tmp_path, "a", seconds=1.0)
+    write_project(tmp_path, RECIPE + "  episodes: {topic: /episode, start: [go]}\n")
+    report, _ = build(tmp_path / "recipe.yaml", monkeypatch)
+    (remark,) = [one for one in report.remarks if one.check == "episodes_kept"]
+    topics = "/command, /joint_states, /wrist"
+    assert remark.problem.endswith(f"no episodes: /episode has no messages; there are {topics}")
+
+
 def test_ranges_of_no_recording_are_named_with_file_row_and_key(tmp_path, monkeypatch):
     rows = "a.mcap,0,0.5\nb.mcap,0,0.5\nc.mcap,0,0.5\n"
     (tmp_path / "ranges.csv").write_text(f"recording,start_s,end_s\n{rows}")

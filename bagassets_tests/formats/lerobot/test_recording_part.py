@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from bagassets.engine.execute import BuildFailure
+from bagassets.formats.lerobot.frames import time_text
 from bagassets_tests.arm_recordings import (
     RECIPE,
     arm_messages,
@@ -231,6 +232,15 @@ class TestCuts:
     def test_short_ones_are_left_out(self, tmp_path):
         artifact = build(tmp_path, cut("{min_length_s: 3}"), seconds=2.0)
         assert left_out(artifact) == ["it has 59 frames, and must have 90"]
+
+    def test_one_frame_is_in_the_singular(self, tmp_path):
+        artifact = build(tmp_path, cut("{max_length_s: 0.04}"), seconds=0.1)
+        assert set(left_out(artifact)) == {"it has 1 frame, and must have 2"}
+
+    def test_a_time_before_the_first_message_is_said_so(self):
+        assert time_text(1.0) == "1.000 s"
+        assert time_text(-0.001) == "0.001 s before its first message"
+        assert time_text(-0.0001) == "0.000 s"
 
     def test_a_task_from_a_topic_holds_for_the_episodes_after_it(self, tmp_path):
         messages = [*arm_messages(2.0), text(NOON_NS - SECOND // 2, "Push it.", "/task")]

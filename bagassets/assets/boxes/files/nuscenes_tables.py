@@ -9,8 +9,9 @@ from bagassets.assets.boxes.files.label import Label, UnreadableLabelsError, as_
 from bagassets.base.json_types import Json, JsonMapping, JsonObject
 from bagassets.geometry.se3 import SE3
 
+_BOXES = "sample_annotation.json"
 TABLES = (
-    "sample_annotation.json",
+    _BOXES,
     "sample.json",
     "instance.json",
     "category.json",
@@ -77,12 +78,14 @@ class TableSet:
         return (self._logfile,) if self._logfile in names else self._others
 
 
-def read_tables(tables: TableSet, data: bytes) -> Iterator[Label]:
-    """Yield the boxes of `sample_annotation.json`; those of other logs are no boxes.
+def read_table(tables: TableSet, name: str, data: bytes) -> Iterator[Label]:
+    """Yield the boxes of `sample_annotation.json`; those of other logs are no boxes. Add another table to those it refers to.
 
     Raises:
         UnreadableLabelsError: it is not a JSON list.
     """
+    if name != _BOXES:
+        return tables.add(name, data)
     text = as_text(data)
     if not isinstance(parse(text), list):
         raise UnreadableLabelsError(1, "is no table: a list of rows")

@@ -42,7 +42,7 @@ def main(arguments: list[str]) -> int:
         _LOG.error("node %s does not see %s, or the job was given up", node, folder.path)
         return 1
     spec = folder.spec()
-    problem = problem_of_node(spec, node, folder.sizes())
+    problem = problem_of_node(spec, node, (size for run in folder.queue() for size in run.sizes.items()))
     if problem is not None:
         _LOG.error("%s", problem)
         folder.note_problem(problem)
@@ -92,11 +92,11 @@ class _Workers:
 
     def work(self) -> int:
         """Execute all runs; return the exit code."""
-        queue = self._folder.runs()[::-1]
+        queue = self._folder.queue()[::-1]
         looked_at = busy_at = time.monotonic()
         while True:
             while queue and not self._is_full:
-                run = self._folder.take(queue.pop())
+                run = self._folder.take(queue.pop().run_id)
                 if run is not None:
                     self._start(run)
             if not queue and not self._is_full and self._spec.idle_s:

@@ -124,22 +124,17 @@ class JobFolder:
 
     def age_s(self) -> float:
         """Return how long ago it was made."""
-        return time.time() - (self.path / "made").stat().st_mtime
+        return time.time() - (self.path / _JOB).stat().st_mtime
 
     # --- its runs ---
 
     def runs(self) -> list[str]:
-        """Return the runs that it has not begun, in the order in which it begins them."""
-        order = (_read(self.path / "order.json") or {"order": []})["order"]
-        place = {run_id: number for number, run_id in enumerate(order)}
-        return sorted(_names(self.path / "runs"), key=lambda run_id: place.get(run_id, 0))
+        """Return the runs that it has not begun."""
+        return _names(self.path / "runs")
 
-    def sizes(self) -> Iterator[tuple[str, int]]:
-        """Yield path and bytes of the recordings of runs that it has not begun."""
-        for run_id in self.runs():
-            found = _read(self.path / "runs" / f"{run_id}.json")
-            if found is not None:
-                yield from SpooledRun.from_json(found).sizes.items()
+    def queue(self) -> list[SpooledRun]:
+        """Return the runs that it has not begun, in the order in which it begins them."""
+        return _by_age(self.path / "runs")
 
     def begun(self) -> list[str]:
         """Return the runs that it has begun."""
@@ -166,11 +161,8 @@ class JobFolder:
 
     def has(self, run_id: str) -> bool:
         """Return whether the job has the run, begun or not."""
-        return self.has_begun(run_id) or (self.path / "runs" / f"{run_id}.json").exists()
-
-    def has_begun(self, run_id: str) -> bool:
-        """Return whether the job has begun the run."""
-        return (self.path / "begun" / f"{run_id}.json").exists()
+        # In this order: the job may begin it meanwhile.
+        return any((self.path / name / f"{run_id}.json").exists() for name in ("runs", "begun"))
 
     def note_seconds(self, run: SpooledRun, seconds: float) -> None:
         """Note how long a run took, for estimates."""
@@ -251,8 +243,7 @@ class Spool:
 
     def waiting(self) -> list[SpooledRun]:
         """Return the runs that wait for a job, the oldest first."""
-        found = [_read(path) for path in (self.root / "waiting").glob("*.json")]
-        return sorted((SpooledRun.from_json(one) for one in found if one), key=lambda run: run.since)
+        return _by_age(self.root / "waiting")
 
     def withdraw(self, run_id: str) -> bool:
         """Take away a run that waits for a job; return False if none waits."""
@@ -269,9 +260,7 @@ class Spool:
         folder = JobFolder(self.root / "jobs" / f"{stamp}-{uuid4().hex[:8]}")
         for name in ("runs", "begun", "cancel", "took"):
             make_folder(folder.path / name)
-        write(folder.path / "made", b"")
         _write(folder.path / _JOB, runs[0].spec.as_json())
-        _write(folder.path / "order.json", {"order": [run.run_id for run in runs]})
         got = []
         for run in runs:
             name = f"{run.run_id}.json"
@@ -330,6 +319,12 @@ def _names(folder: Path) -> list[str]:
         return sorted(path.name.removesuffix(".json") for path in folder.iterdir() if path.name[0] != ".")
     except FileNotFoundError:
         return []
+
+
+def _by_age(folder: Path) -> list[SpooledRun]:
+    """Return the runs in a folder, the oldest first."""
+    found = [_read(path) for path in folder.glob("*.json")]
+    return sorted((SpooledRun.from_json(one) for one in found if one), key=lambda run: run.since)
 
 
 def _moved(source: Path, target: Path) -> SpooledRun | None:
