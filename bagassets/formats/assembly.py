@@ -21,6 +21,7 @@ from bagassets.base.files import (
     remove_all,
     remove_empty,
     swap_in,
+    sync_folder,
     write_atomically,
 )
 from bagassets.base.json_types import JsonMapping
@@ -364,6 +365,8 @@ def _retire(
             there = {places.name(_entry(joint.store, *one)) for bags in gone.values() for one in bags}
         for name in sorted(there - named):
             remove_all(output / places.folder / name)
+        if there - named:
+            sync_folder(output / places.folder)
     for folder in retired:
         remove_all(folder)
     return removed
@@ -391,6 +394,7 @@ def remove_files(output: Path, names: AbstractSet[str]) -> int:
     for name in sorted(names):
         removed += remove(output / name)
     for folder in sorted({(output / name).parent for name in names}):
+        sync_folder(folder)  # after a crash nothing would name what came back
         remove_empty(folder)
     return removed
 

@@ -69,6 +69,21 @@ def test_a_build_that_does_not_look_for_torn_files_is_found_out(project, monkeyp
 
 @pytest.mark.long
 @pytest.mark.once
+def test_what_was_removed_from_a_dataset_does_not_come_back(project):
+    scenario = recorded(project, "removal")
+    changes = scenario.recording.changes
+    removed = [
+        number
+        for number, change in enumerate(changes)
+        if change.kind == "remove" and change.paths[0].endswith((".jpg", ".bin"))
+    ]
+    assert len(removed) == 6
+    crashes = [Crash(len(changes), power=True, lost=(number,)) for number in removed[::2]]
+    assert [replay(project, scenario, crash) for crash in crashes] == ["", "", ""]
+
+
+@pytest.mark.long
+@pytest.mark.once
 def test_whatever_happened_before_the_dataset_is_that_of_a_project_built_from_nothing(tmp_path):
     histories = Histories(tmp_path)
     chosen = random.Random(SEED).sample(list(product(STEPS, repeat=3)), 5)
