@@ -53,6 +53,7 @@ _AHEAD = (
     "sqlalchemy.dialects.sqlite",
     "upath.implementations.local",
 )
+_FOR_FEW = ("pyarrow.compute",)  # the checks of signals need it
 
 
 def preload(modules: list[str]) -> Iterator[object]:
@@ -70,7 +71,8 @@ def preload(modules: list[str]) -> Iterator[object]:
         preload_definitions(module)
     load_built_in()
     # The first run after a start would wait for types that it may not need.
-    return chain(_look_ahead(), compile_all(), _UNTIL_IDLE, compile_common_types(), _UNTIL_IDLE, _rehearse())
+    later = compile_common_types(), map(import_module, _FOR_FEW), _UNTIL_IDLE, _rehearse()
+    return chain(_look_ahead(), compile_all(), _UNTIL_IDLE, *later)
 
 
 def _look_ahead() -> Iterator[None]:
