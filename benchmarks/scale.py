@@ -195,7 +195,7 @@ def measure_built(
         costs["Dagster's records, MB"] = size_of(records) / 1e6
     costs["nothing to do, s"] = timed(times, command("build"), "nothing to do")
     end_servers(recipe_file)  # which would carry them out
-    costs["first `check` without a server, s"] = timed(1, command("check")) if is_first else None
+    costs["first build, `check` after it, s"] = timed(1, command("check")) if is_first else None
     for name, arguments in (
         ("status", ["status"]),
         ("build --dry-run", ["build", "--dry-run"]),
