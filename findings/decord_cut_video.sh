@@ -15,7 +15,7 @@ for decord in decord2==3.4.0 decord==0.6.0; do
   venv/bin/pip install --quiet --disable-pip-version-check "$decord" av==18.1.0 imageio-ffmpeg==0.8.1 numpy==2.4.6 \
     opencv-python-headless==4.14.0.94
   echo "$decord"
-  venv/bin/python - 2>/dev/null <<'PYTHON'
+  venv/bin/python - 2>errors.txt <<'PYTHON' || { tail -5 errors.txt; exit 1; }
 import subprocess
 
 import av

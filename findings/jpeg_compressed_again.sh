@@ -1,24 +1,27 @@
 #!/usr/bin/env bash
 # Cameras record JPEG (sensor_msgs/CompressedImage). A script opens each message with Pillow and packs it into MDS shards (the `streaming`
-# of MosaicML), as a column of type `jpeg`. What is in the shard? Guess: the JPEG that was recorded.
-# Seen with mosaicml-streaming 0.13.0 and pillow 13.0.0 on 2026-11-28: that only for a picture which was opened from a file of its own, and is
-# still there. One that was opened from the bytes of a message is compressed again, with Pillow's quality of 75, without a word: half the
-# bytes, and pixels that differ by up to 55 of 255 levels, here for a noisy picture of quality 95. A column of type `bytes` keeps it. litdata 0.2.76 did the same, by hand.
+# of MosaicML), as a column of type `jpeg`, or into a table of Hugging Face `datasets`, as an `Image`. What is in there? Guess: the JPEG that
+# was recorded. Seen with mosaicml-streaming 0.13.0, datasets 4.8.5 and pillow 13.0.0 on 2026-11-28: that only for a picture which was opened
+# from a file of its own. One that was opened from the bytes of a message is compressed again, with Pillow's quality of 75, without a word:
+# half the bytes, and pixels that differ by up to 55 of 255 levels, here for a noisy picture of quality 95. A column of bytes, for an
+# `Image` {"bytes": …, "path": None}, keeps it. litdata 0.2.76 did the same, by hand.
 # torch and what else `streaming` imports is not needed for this: the module is taken from the wheel.
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 python3 -m venv "$folder/venv"
-"$folder/venv/bin/pip" install --quiet --disable-pip-version-check pillow==13.0.0 numpy==2.1.3 typing-extensions==4.15.0
+"$folder/venv/bin/pip" install --quiet --disable-pip-version-check datasets==4.8.5 pillow==13.0.0 numpy==2.1.3
 "$folder/venv/bin/pip" install --quiet --disable-pip-version-check --no-deps mosaicml-streaming==0.13.0
 cd "$folder"
-venv/bin/python - <<'PYTHON'
+HF_HUB_OFFLINE=1 HF_HOME="$folder/home" venv/bin/python - <<'PYTHON'
 import importlib.util
 import io
 import sysconfig
 from pathlib import Path
 
 import numpy as np
+from datasets import Dataset, Features
+from datasets import Image as Column
 from PIL import Image
 
 path = Path(sysconfig.get_path("purelib"), "streaming/base/format/mds/encodings.py")
@@ -45,4 +48,11 @@ assert of_file == recorded
 assert len(of_message) < 0.6 * len(recorded)
 assert worst > 30
 assert mds.mds_encode("bytes", recorded) == recorded
+
+for image, kept in ((Image.open(io.BytesIO(recorded)), False), ({"bytes": recorded, "path": None}, True)):
+    table = Dataset.from_dict({"image": [image]}, features=Features({"image": Column()}))
+    stored = table.cast_column("image", Column(decode=False))[0]["image"]["bytes"]
+    print(f"datasets, given {type(image).__name__}: {len(stored)} bytes")
+    assert (stored == recorded) == kept
+    assert kept or stored == of_message
 PYTHON

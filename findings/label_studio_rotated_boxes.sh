@@ -12,7 +12,7 @@ trap 'rm -rf "$folder"' EXIT
 python3 -m venv "$folder/venv"
 "$folder/venv/bin/pip" install --quiet --disable-pip-version-check label-studio-sdk==2.1.2 pillow==13.0.0 numpy==2.2.6
 cd "$folder"
-venv/bin/python - 2>/dev/null <<'PYTHON'
+venv/bin/python - 2>errors.txt <<'PYTHON' || { tail -5 errors.txt; exit 1; }
 import json
 from pathlib import Path
 from xml.etree import ElementTree
