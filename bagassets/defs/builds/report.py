@@ -117,13 +117,11 @@ def left_over(
     """Return what is left to the next build although this one was asked for everything, and nothing else says so."""
     told = {key for key, one in outcomes.items() if one.result in {"failed", "stopped"}}
     why = "it came, changed or went while this was built; build again"
-    left = sorted({*build.now.todo, *build.now.leaving} - told)
-    remarks = tuple(Remark(key, "warn", "left_over", why) for key in left)
-    if recipe_fingerprint(workspace.recipe_file) == workspace.recipe_fingerprint:
-        return remarks
+    came = [Remark(key, "warn", "left_over", why) for key in {*build.now.todo, *build.now.leaving} - told]
     name = Path(workspace.recipe_file).name
-    why = f"{name} was edited while this was built, by what it said before; build again"
-    return (*remarks, *warnings("left_over", [why]))
+    edited = f"{name} was edited while this was built, by what it said before; build again"
+    is_edited = recipe_fingerprint(workspace.recipe_file) != workspace.recipe_fingerprint
+    return (*sorted(came, key=lambda one: one.key), *warnings("left_over", [edited] if is_edited else []))
 
 
 def checked_remarks(workspace: Workspace, before: PendingWork, now: PendingWork) -> list[Remark]:
