@@ -20,6 +20,7 @@ from bagassets.defs.graph.checks import check_recording
 from bagassets.defs.graph.making import make_recording
 from bagassets.defs.records.databases import database_errors_explained
 from bagassets.defs.records.fence import run_has_ended
+from bagassets.defs.records.instance_plan import workspace_fingerprint
 from bagassets.defs.records.instances import open_instance, pack_instance
 from bagassets.defs.records.recorder import Recorder
 from bagassets.defs.records.run_step import RunStep
@@ -29,6 +30,7 @@ from bagassets.engine.batches import DATASET, Batch, batches
 from bagassets.engine.unsettled import Unsettled
 from bagassets.forkserver.client import Client, ServerRefusedError
 from bagassets.forkserver.worker import note
+from bagassets.formats.checking import KeptVerdicts
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.lease import HOLDERS, in_use
 
@@ -55,10 +57,12 @@ def make_each(step: RunStep, workspace: Workspace, batch: Batch) -> Iterator[tup
     with ExitStack() as stack:
         with suppress(StoreError):  # each recording reports it
             stack.enter_context(in_use(workspace.store.root))  # one lease for all of them
+        kept = KeptVerdicts(workspace.recipe, workspace_fingerprint(workspace))
+        stack.callback(kept.write)
         for key, assets in batch.items():
             recorder, ended = Recorder(step.instance, workspace, key, step, assets), Ended()
             with noted(step, recorder, ended):
-                _make_recording(step, recorder, found.get(key))
+                _make_recording(step, recorder, found.get(key), kept)
             yield key, ended[key]
 
 
@@ -153,7 +157,9 @@ def noted(step: RunStep, recorder: Recorder, ended: Ended) -> Iterator[None]:
     note_ended(*log, ended[key], has_made=recorder.has_made)
 
 
-def _make_recording(step: RunStep, recorder: Recorder, recording: RecordingFiles | None) -> None:
+def _make_recording(
+    step: RunStep, recorder: Recorder, recording: RecordingFiles | None, kept: KeptVerdicts
+) -> None:
     workspace, key = recorder.workspace, recorder.key
     unsettled = Unsettled(workspace.recipe.state)
     # Not before it is held: a worker whose run was given up meanwhile has nothing to do with what its successor made.
@@ -163,7 +169,7 @@ def _make_recording(step: RunStep, recorder: Recorder, recording: RecordingFiles
         recording = recording or workspace.recording(key)
         for made in make_recording(recorder, recording, recorder.wanted):
             recorder.record(made)
-        recorder.record_checks(check_recording(recorder, recording, recorder.made))
+        recorder.record_checks(check_recording(recorder, recording, recorder.made, kept))
         unsettled.discard(key)
 
 

@@ -49,7 +49,6 @@ _AHEAD = (
     "bagassets.defs.sqlite_storage",
     *RUN_MODULES,
     "dateutil.relativedelta",
-    "pyarrow.compute",
     "rosbags.serde.primitives",
     "sqlalchemy.dialects.sqlite",
     "upath.implementations.local",
