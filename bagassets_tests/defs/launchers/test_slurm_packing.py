@@ -129,6 +129,17 @@ def test_what_was_taken_back_cannot_be_begun(tmp_path):
     assert not job.is_open
 
 
+def test_a_job_begins_its_runs_by_age(tmp_path):
+    spool = Spool(tmp_path)
+    spool.make()
+    for run_id, since in (("a", 3.0), ("b", 1.0), ("c", 2.0)):
+        spool.put(run(run_id, since=since))
+    job, _ = spool.new_job(spool.waiting())
+    assert [one.run_id for one in job.queue()] == ["b", "c", "a"]
+    assert job.has("a")
+    assert not job.has("d")
+
+
 def test_a_job_takes_more_runs_like_its_own_if_they_end_in_time(tmp_path):
     spool = Spool(tmp_path)
     spool.make()
