@@ -7,6 +7,10 @@ are many, `--base` of them are built, and the others are copies of these (see `b
         [--postgres] [--folder DIR] [--json benchmarks/results/scale.json]
 
 Growth is the exponent b of a power law, number^b, fitted to the numbers from 1,000 on (to all, if these are less than two).
+
+A project is removed only once the next one has been built: ext4 without a journal does not give away the inodes of removed
+files for minutes, and looks at each of them whenever a file is created, which then takes up to forty times as long. For the
+same reason, remove nothing large in the minutes before.
 """
 
 import argparse
@@ -105,6 +109,7 @@ def main() -> None:
         work = tempfile.TemporaryDirectory(dir=options.folder, ignore_cleanup_errors=True)
         folder = Path(stack.enter_context(work))
         server = stack.enter_context(running_postgres()) if options.postgres else None
+        former: list[Path] = []
         for kind, measure in (("built", measure_built), ("unbuilt", measure_unbuilt)):
             for number in found[kind]["numbers"]:
                 built = options.base if number in options.replicated else number
@@ -112,11 +117,11 @@ def main() -> None:
                 if server is not None:
                     server.create_database(f"{kind}{number}")
                     use_postgres(recipe_file, server.url_of(f"{kind}{number}"))
-                for name, value in measure(recipe_file, number, built, options.times).items():
+                for name, value in measure(recipe_file, number, built, options.times, former).items():
                     found[kind]["costs"].setdefault(name, []).append(value)
                     print(f"{number:6} {name:60} {'' if value is None else f'{value:.4g}'}", flush=True)
                 end_servers(recipe_file)
-                shutil.rmtree(recipe_file.parent)
+                former.append(recipe_file.parent)
                 if options.json is not None:  # as far as it has come
                     options.json.write_text(json.dumps(found, indent=1) + "\n", "utf-8")
     print(scale_table(found))
@@ -160,8 +165,10 @@ def growth(numbers: Sequence[int], values: Sequence[float | None]) -> str:
     return f"{statistics.linear_regression(x, y).slope:.2f}"
 
 
-def measure_built(recipe_file: Path, number: int, built: int, times: int) -> dict[str, float | None]:
-    """Return what everything costs with so many recordings, of which `built` are really built."""
+def measure_built(
+    recipe_file: Path, number: int, built: int, times: int, former: list[Path]
+) -> dict[str, float | None]:
+    """Return what everything costs with so many recordings, of which `built` are really built; remove `former` projects."""
     folder, recipe = recipe_file.parent, load_recipe(recipe_file)
 
     def command(*arguments: str) -> list[str]:
@@ -172,6 +179,7 @@ def measure_built(recipe_file: Path, number: int, built: int, times: int) -> dic
         end_servers(recipe_file)
         replicate(recipe_file, number // built - 1)
         watched(command("build"), folder)
+    remove(former)
     dataset = datasets_of(recipe)["nuscenes_dataset"].folder
     scenes = json.loads((dataset / "scene.json").read_bytes())
     if len(scenes) != number:
@@ -187,6 +195,7 @@ def measure_built(recipe_file: Path, number: int, built: int, times: int) -> dic
         costs["Dagster's records, MB"] = size_of(records) / 1e6
     costs["nothing to do, s"] = timed(times, command("build"), "nothing to do")
     end_servers(recipe_file)  # which would carry them out
+    costs["first `check` without a server, s"] = timed(1, command("check")) if is_first else None
     for name, arguments in (
         ("status", ["status"]),
         ("build --dry-run", ["build", "--dry-run"]),
@@ -214,8 +223,11 @@ def measure_built(recipe_file: Path, number: int, built: int, times: int) -> dic
     return costs
 
 
-def measure_unbuilt(recipe_file: Path, number: int, _: int, times: int) -> dict[str, float | None]:
+def measure_unbuilt(
+    recipe_file: Path, number: int, _: int, times: int, former: list[Path]
+) -> dict[str, float | None]:
     """Return what commands cost where so many recordings are registered, and none is built; and removing half of them."""
+    remove(former)
     folder, bags = recipe_file.parent, load_recipe(recipe_file).bags.root
 
     def command(*arguments: str) -> list[str]:
@@ -307,6 +319,11 @@ def ticks(recipe_file: Path) -> tuple[float, float]:
     )
     first, second = map(float, done.stdout.split())
     return first, second
+
+
+def remove(folders: list[Path]) -> None:
+    while folders:
+        shutil.rmtree(folders.pop())
 
 
 def size_of(folder: Path) -> int:

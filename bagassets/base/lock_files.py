@@ -68,14 +68,6 @@ class LockFile:
         """
         fcntl.flock(self._open_descriptor, fcntl.LOCK_EX)
 
-    def lock_shared(self) -> None:
-        """Wait until nobody holds the lock alone, and hold it beside others who share it.
-
-        Raises:
-            OSError: the file system has no locks.
-        """
-        fcntl.flock(self._open_descriptor, fcntl.LOCK_SH)
-
     def try_lock(self) -> bool:
         """Take the lock unless somebody else holds it; return whether it is held now.
 

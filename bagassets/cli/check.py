@@ -57,7 +57,7 @@ def check(recipe: Path, bags: tuple[str, ...], as_json: bool) -> int:
     bags_chosen = [pending.plan.bags[key] for key in sorted(pending.asked.chosen)]
     verdicts: list[Verdict] = []
     with bar_shown("Checking recordings", len(bags_chosen)) as on_checked:
-        for _, found in check_bags(loaded, store, pending.plan.discovery, bags_chosen):
+        for _, found in check_bags(loaded, store, pending.plan, bags_chosen):
             verdicts += found
             on_checked(1)
     if not bags:

@@ -19,7 +19,7 @@ JOBS_PER_PROCESSOR = 2
 # Of the table that a build prints; beyond this number, only recordings where something happened are shown.
 MOST_ROWS = 60
 _JOB = "bagassets.defs.builds.project_build:build_project_in_worker"
-_FIRST_JOB = "bagassets.defs.builds.made_ahead:make_inventories"
+_FIRST_JOB = "bagassets.defs.builds.made_ahead:make_first"
 # A build that is cancelled waits this long for its runs, which have less time to end.
 GRACE_S = 40.0
 
@@ -65,19 +65,22 @@ def hand_over(recipe: str, jobs: int | None) -> HandedOver | None:
     return None
 
 
-def begin_server(recipe: Path, state: Path, bags: Sequence[str] = ()) -> ServerStart:
-    """Start the server of a recipe; it reads the first recordings of a build while it imports Dagster.
+def begin_server(
+    recipe: Path, state: Path, bags: Sequence[str] = (), select: Sequence[str] = ()
+) -> ServerStart:
+    """Start the server of a recipe; it makes the first recordings of a build while it imports Dagster.
 
     Args:
         recipe: recipe file.
         state: its state folder.
         bags: the recordings to build (`BuildOptions.bags`).
+        select: likewise, what is to be made of them.
 
     Raises:
         BagAssetsError: the state folder cannot be written.
     """
     require_writable(state)
-    first_job = {"recipe": str(recipe), "bags": list(bags)}
+    first_job = {"recipe": str(recipe), "bags": list(bags), "select": list(select)}
     return ServerStart(server_spec(state, recipe), first_job=(_FIRST_JOB, first_job))
 
 

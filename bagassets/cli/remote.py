@@ -4,7 +4,7 @@ A new server imports Dagster once, for all builds until it ends; if the build ra
 """
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -60,7 +60,7 @@ def report_of_build(
     while True:
         if server is None:
             with span("find or start the server"):
-                server = server_for(recipe, options.bags, starting)
+                server = server_for(recipe, options, starting)
         with server:
             report = build_on_server(server, recipe, options, on_event, most, job)
         if report is not None:
@@ -69,12 +69,12 @@ def report_of_build(
         server = job = starting = None
 
 
-def server_for(recipe: Path, bags: Sequence[str], begun: ServerStart | None = None) -> Client:
+def server_for(recipe: Path, options: BuildOptions, begun: ServerStart | None = None) -> Client:
     """Return a client of the server for a recipe, which is started if it is not up.
 
     Args:
         recipe: recipe file.
-        bags: the recordings to build (`BuildOptions.bags`); the first ones are read while the server starts.
+        options: what to build; the first recordings are made while the server starts.
         begun: the server, if it is being started.
 
     Raises:
@@ -88,7 +88,7 @@ def server_for(recipe: Path, bags: Sequence[str], begun: ServerStart | None = No
     except (PlanNeeded, OSError):  # which `load_recipe` explains
         state = _loaded(recipe).state
     try:
-        (begun or begin_server(recipe, state, bags)).wait()
+        (begun or begin_server(recipe, state, options.bags, options.select)).wait()
     except BagAssetsError:
         _loaded(recipe)  # if that is the reason, its own message says more
         raise

@@ -7,9 +7,11 @@ on a network. The action of an inventory names the digest, so it is recorded onc
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from bagassets.assets import inventory
 from bagassets.base.errors import RecordingError
+from bagassets.base.files import remove, write_atomically
 from bagassets.base.trace import span
 from bagassets.engine.inputs import RecordingInputs
 from bagassets.engine.process import keep_freed_memory
@@ -29,6 +31,8 @@ from bagassets.store.canonical import digest_json
 from bagassets.store.lease import action_lock, in_use
 from bagassets.store.store import Outcome, Store
 
+_AHEAD = "ahead"
+
 
 @dataclass(frozen=True)
 class FirstPass:
@@ -37,22 +41,28 @@ class FirstPass:
     Attributes:
         digest: of the recording.
         inventory: the outcome of its inventory, if that was made.
-        is_refused: the recording is damaged.
     """
 
     digest: RecordingDigest
     inventory: Outcome | None = None
-    is_refused: bool = False
 
 
 def first_pass(
     recipe: Recipe, store: Store, recording: RecordingFiles, stat: RecordingStat, index: DigestIndex
 ) -> FirstPass:
+    """Do what `read_first` does; if another process is at the same recording, wait for it."""
+    with only_reader(store, recording, stat):
+        return read_first(recipe, store, recording, stat, index)
+
+
+def read_first(
+    recipe: Recipe, store: Store, recording: RecordingFiles, stat: RecordingStat, index: DigestIndex
+) -> FirstPass:
     """Return the digest of a recording; if it has to be hashed, make its inventory in the same pass.
 
-    A recording of which content of the same size is on record was most likely touched only, and is just hashed. If another
-    process is at the same recording, wait for it. An inventory that fails is no error here: what is damaged is on record then,
-    and read as such where it is asked for; anything else fails again there, and is reported.
+    A recording of which content of the same size is on record was most likely touched only, and is just hashed. An inventory
+    that fails is no error here: what is damaged is on record then, and read as such where it is asked for; anything else fails
+    again there, and is reported.
 
     Args:
         recipe: the recipe.
@@ -66,14 +76,13 @@ def first_pass(
         ChangedWhileReadError: a file changed while it was hashed.
         StoreError: the index cannot be written.
     """
-    with only_reader(store, recording, stat):
-        rows = [(index.row(path), stat) for path, stat in stat_files(recording)]
-        is_touched = all(row is not None and row.size == stat.st_size for row, stat in rows)
-        if is_touched or stored_digest(recording, index) is not None:
-            return FirstPass(recording_digest(recording, index))
-        keep_freed_memory()
-        with HashedAlong(recording, index) as along:
-            return _with_inventory(recipe, store, recording, stat, along)
+    rows = [(index.row(path), stat) for path, stat in stat_files(recording)]
+    is_touched = all(row is not None and row.size == stat.st_size for row, stat in rows)
+    if is_touched or stored_digest(recording, index) is not None:
+        return FirstPass(recording_digest(recording, index))
+    keep_freed_memory()
+    with HashedAlong(recording, index) as along:
+        return _with_inventory(recipe, store, recording, stat, along)
 
 
 @contextmanager
@@ -107,7 +116,23 @@ def _with_inventory(
                     made = store.use(pending.action) or pending.commit(summary)
                 elif refused:
                     store.record_failure(pending.action, refused, recording.path)
-        return FirstPass(digest, made, refused is not None)
+        return FirstPass(digest, made)
     finally:
         if pending is not None:
             pending.discard()
+
+
+# --- what was made before its run --------------------------------------------------------
+
+
+def note_made(state: Path, action_digest: str) -> None:
+    """Note that an action was run ahead of the run that records it, so that this does not call its result an old one."""
+    with suppress(OSError):
+        write_atomically(state / _AHEAD / action_digest, b"", folders=True)
+
+
+def was_just_made(state: Path, action_digest: str) -> bool:
+    """Return whether an action was run ahead of this run, and forget that."""
+    with suppress(OSError):
+        return remove(state / _AHEAD / action_digest)
+    return False

@@ -226,12 +226,10 @@ class KeptPlan(BagPlan):
         key: partition key.
         row: see `BagPlan.as_row`.
         made: what is noted of its artifacts; see `CachedPlan`.
-        mark: changes with whatever the plan rests on; see `CachedPlan`.
     """
 
     row: bytes
     made: bytes
-    mark: bytes
     skipped, names, recorded = map(_line, range(3))
     assets, format, channels, optional, rig = map(
         _of_rest, ("assets", "format", "channels", "optional", "rig")
@@ -239,8 +237,8 @@ class KeptPlan(BagPlan):
     failed = unusable = None
     settled, can_be_retried = True, False
 
-    def __init__(self, key: str, row: bytes, made: bytes, mark: bytes) -> None:
-        vars(self).update(key=key, row=row, made=made, mark=mark)
+    def __init__(self, key: str, row: bytes, made: bytes) -> None:
+        vars(self).update(key=key, row=row, made=made)
 
     __hash__ = None  # type: ignore[assignment]  # as that of a plan, which has mappings
 
@@ -275,6 +273,7 @@ class Plan:
         discovery: the recordings on disk.
         live: the registered partition keys.
         storage_ids: asset -> partition key -> storage id of the latest record.
+        project: see `Planner`.
     """
 
     bags: Mapping[str, BagPlan]
@@ -286,6 +285,7 @@ class Plan:
     discovery: Discovery = field(default_factory=lambda: Discovery({}, []), compare=False)
     live: frozenset[str] = field(default=frozenset(), compare=False)
     storage_ids: Mapping[str, Mapping[str, int]] = field(default_factory=dict, compare=False)
+    project: str | None = field(default=None, compare=False)
 
     def latest(self, key: str) -> list[int | None]:
         """Return values that change with every new record of a recording, and when its partition comes or goes."""

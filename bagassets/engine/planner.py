@@ -202,9 +202,8 @@ class Planner:
         for some in _batches(changed):
             records = self.fetch(self.storage_ids, [key for key in some if key in self.registered])
             for key in some:
-                graph = recorded_graph(
-                    self.assets, self.store, recordings[key], records.get(key, {}), self.index
-                )
+                of_key = records.get(key, {})
+                graph = recorded_graph(self.assets, self.store, recordings[key], of_key, self.index)
                 bag = plan_recording(graph)
                 bags[key] = _once_more(bag) if key in self._unsettled else bag
             recorded |= {key: of for key, of in records.items() if not bags[key].settled}
@@ -227,17 +226,8 @@ class Planner:
         ties = Ties(found.near, found.former_keys)
         removed = found.removed(self.registered)
         asked = {**found.asked, **ties.disputed(self.assets.recipe.splits)}
-        return Plan(
-            ordered,
-            dict(found.excluded),
-            removed,
-            ties,
-            asked,
-            recorded,
-            found,
-            self.registered,
-            self.storage_ids,
-        )
+        seen_from = found, self.registered, self.storage_ids, self.project
+        return Plan(ordered, dict(found.excluded), removed, ties, asked, recorded, *seen_from)
 
     def touched(self) -> dict[str, Recorded]:
         """Return the recordings of which only the time changed, as far as can be told without reading -> record of `bag`.
@@ -287,7 +277,7 @@ class Planner:
         for key, (entry, now) in self._last.items():
             if entry.fingerprint != now:
                 continue
-            bag = KeptPlan(key, entry.row, entry.made, entry.mark)
+            bag = KeptPlan(key, entry.row, entry.made)
             if self._still_holds(key, bag):
                 found[key] = bag
         return found

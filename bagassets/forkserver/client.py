@@ -153,7 +153,7 @@ class Client:
         """Return the next event of a job submitted here, or None after `timeout_s` seconds.
 
         Events are objects with `event` and `job`: `note` (`note`: what the worker noted), `finished`
-        (`exit`: 0 with `result`, else `error`: type, message and traceback) and `killed` (`signal`, `reason`).
+        (`exit`: 0 with `result`, else `error`: type and message) and `killed` (`signal`, `reason`).
 
         Raises:
             ServerRefusedError: the server is gone.
@@ -174,8 +174,8 @@ class Client:
     def status(self) -> Message:
         """Return the state of the server.
 
-        It is an object with `stamp`, `process`, `draining`, `clients` (the number of connections, this
-        one counted) and `jobs` (job, label, function, process, seconds, notes, cancelled).
+        It is an object with `process`, `draining`, `clients` (the number of connections, this one counted) and `jobs`
+        (job, label, function, process).
         """
         return self._ask({"op": "status"})
 

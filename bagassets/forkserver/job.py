@@ -129,7 +129,7 @@ class Job:
         end = self.end
         if not end:
             message = f"The worker ended with exit code {code} and sent no result."
-            end = {"error": {"type": "ExitError", "message": message, "traceback": ""}}
+            end = {"error": {"type": "ExitError", "message": message}}
             code = code or 1
         return {"event": "finished", "job": self.id, "exit": code, **end}
 

@@ -1,7 +1,7 @@
 """The protocol of client, server and workers: one JSON object per line, over Unix sockets.
 
 Requests carry `op` (hello, submit, cancel, status, drain, shutdown) and are answered by one
-object with `reply`; objects with `event` (started, note, finished, killed) are sent unrequested.
+object with `reply`; objects with `event` (note, finished, killed) are sent unrequested.
 """
 
 import json

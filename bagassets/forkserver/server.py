@@ -244,13 +244,6 @@ class Server:
 
     def _on_message(self, connection: Connection, message: Message) -> None:
         match message.get("op"):
-            case "hello":
-                answer = {
-                    "reply": "hello",
-                    "stamp": self._files.stamp,
-                    "process": self._process.as_json(),
-                    "draining": self._drain_if_old(),
-                }
             case "submit":
                 answer = self._submit(connection, message["job"])
             case "cancel":
@@ -259,7 +252,7 @@ class Server:
                 if job is not None and found:
                     job.cancel(message["grace_s"])
                 answer = {"reply": "cancelled", "found": found}
-            case "status":
+            case "hello" | "status":
                 answer = self._status()
             case "drain":
                 self._stop_listening()
@@ -290,28 +283,23 @@ class Server:
         job = self._start(request)
         if not job.request["detached"]:
             self._owners[job.id] = connection
-        return {"reply": "submitted", "job": job.id, "process": job.process.as_json()}
+        return {"reply": "submitted", "job": job.id}
 
     def _status(self) -> Message:
-        now = time.monotonic()
         jobs = [
             {
                 "job": job.id,
                 "label": job.label,
                 "function": job.request["function"],
                 "process": job.process.as_json(),
-                "seconds": round(now - job.started, 3),
-                "notes": job.notes,
-                "cancelled": job.is_cancelled,
             }
             for job in self._jobs.values()
             if not job.is_done
         ]
         return {
             "reply": "status",
-            "stamp": self._files.stamp,
             "process": self._process.as_json(),
-            "draining": self._listener is None,
+            "draining": self._drain_if_old(),
             "clients": len(self._connections),
             "jobs": jobs,
         }

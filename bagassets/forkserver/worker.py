@@ -13,7 +13,6 @@ import signal
 import socket
 import sys
 import time
-import traceback
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
@@ -130,11 +129,6 @@ def _call(job: Message) -> int:
     except BaseException as err:  # whatever it was, the client gets the error
         if not isinstance(err, BagAssetsError):
             logging.getLogger(__name__).exception("%s failed", job["function"])
-        error = {
-            "type": type(err).__name__,
-            "message": str(err),
-            "traceback": "".join(traceback.format_exception(err)),
-        }
-        _CHANNEL.send({"error": error})
+        _CHANNEL.send({"error": {"type": type(err).__name__, "message": str(err)}})
         return 1
     return 0

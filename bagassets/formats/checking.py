@@ -4,6 +4,7 @@ import json
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from collections.abc import Set as AbstractSet
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -17,8 +18,9 @@ from bagassets.base.errors import PluginError, StoreError
 from bagassets.base.fingerprints import PlanNeeded
 from bagassets.base.json_types import JsonObject
 from bagassets.engine.build_report import Remark
+from bagassets.engine.freshness.artifacts import each_once, note_of
 from bagassets.engine.freshness.published import Publication
-from bagassets.engine.plan import BagPlan, KeptPlan
+from bagassets.engine.plan import BagPlan, KeptPlan, Plan
 from bagassets.formats.catalogue import known_assets, recording_assets
 from bagassets.formats.dataset_build import Dataset, datasets_of
 from bagassets.formats.dataset_lock import LOCK
@@ -26,7 +28,9 @@ from bagassets.formats.format import AnyFormat, ByGroups
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_checks import Checks, Severity
 from bagassets.recordings.discover import Discovery
+from bagassets.recordings.model import RecordingFiles
 from bagassets.store.artifact import Artifact
+from bagassets.store.canonical import digest_json
 from bagassets.store.store import Store
 
 _VERDICTS = "verdicts"
@@ -93,7 +97,7 @@ def check_bag(
         store: has the artifacts.
         discovery: the recordings on disk.
         bag: the recording.
-        quick: run only those checks that take no time.
+        quick: run only those checks that take no time, on artifacts that are of its files and the recipe as they are now.
     """
     recording = discovery.recordings.get(bag.key)
     rig = None if recording is None else choose_rig(recipe, *recording.names)
@@ -106,7 +110,8 @@ def check_bag(
             if severity == "skip" or (quick and not check.quick):
                 continue
             finding = None
-            if asset.name in bag.recorded:
+            is_old = quick and bag.assets[asset.name].state not in {"fresh", "record-only"}
+            if asset.name in bag.recorded and not is_old:
                 try:
                     finding = check.rule(evidence)
                 except (StoreError, PluginError) as err:
@@ -114,44 +119,63 @@ def check_bag(
             yield Verdict(bag.key, asset.name, check.name, severity, finding)
 
 
+class KeptVerdicts:
+    """Verdicts about recordings in the project's cache; they hold while code, recipe and artifacts stay as they were.
+
+    Args:
+        recipe: the recipe.
+        project: fingerprint of the code, the recipe and the files that it names; None if that is not known.
+    """
+
+    def __init__(self, recipe: Recipe, project: str | None) -> None:
+        self.cache, self._changes = Cache(recipe.state), Changes()
+        self._artifacts, self._project = f"{recipe.store_path}/artifacts", project
+
+    def find(self, recording: RecordingFiles, made: bytes) -> list[Verdict] | None:
+        """Return the verdicts about a recording if its artifacts are as noted (see `note_of`); None if there are none."""
+        with suppress(PlanNeeded):
+            (content,) = self.cache.get(_VERDICTS, recording.key)
+            mark = self._mark(recording, made)
+            if content.startswith(mark):
+                rows = json.loads(zlib.decompress(content[len(mark) :]))
+                return [
+                    Verdict(recording.key, asset, check, severity, found and Finding(**found))
+                    for asset, check, severity, found in rows
+                ]
+        return None
+
+    def keep(self, recording: RecordingFiles, artifacts: Iterable[str], verdicts: Iterable[Verdict]) -> None:
+        """Keep the verdicts of all checks of a recording, with its artifacts (digests) as they are now."""
+        rows = [[one.asset, one.check, one.severity, one.finding and vars(one.finding)] for one in verdicts]
+        with suppress(PlanNeeded):  # one is gone
+            mark = self._mark(recording, note_of(self._artifacts, artifacts))
+            self._changes.put(_VERDICTS, recording.key, mark + zlib.compress(json.dumps(rows).encode(), 1))
+        if self._changes.size > _BATCH_BYTES:
+            self.write()
+
+    def write(self) -> None:
+        """Write what is not yet in the file."""
+        self.cache.write(self._changes)
+        self._changes = Changes()
+
+    def _mark(self, recording: RecordingFiles, made: bytes) -> bytes:
+        return digest_json([self._project, recording.names, each_once(made).hex()]).encode()
+
+
 def check_bags(
-    recipe: Recipe, store: Store, discovery: Discovery, bags: Iterable[BagPlan]
+    recipe: Recipe, store: Store, plan: Plan, bags: Iterable[BagPlan]
 ) -> Iterator[tuple[str, list[Verdict]]]:
     """Yield key and verdicts of recordings; of those that have not changed since they were checked, as they were then."""
-    cache, changes = Cache(recipe.state), Changes()
-    with cache.kept_open():
+    kept, recordings = KeptVerdicts(recipe, plan.project), plan.discovery.recordings
+    with kept.cache.kept_open():
         for bag in bags:
-            found = _kept(cache, bag)
-            if found is None:
-                found = [*check_bag(recipe, store, discovery, bag)]
-                if isinstance(bag, KeptPlan):
-                    rows = [
-                        [one.asset, one.check, one.severity, one.finding and vars(one.finding)]
-                        for one in found
-                    ]
-                    changes.put(_VERDICTS, bag.key, bag.mark + zlib.compress(json.dumps(rows).encode(), 1))
+            # Of other plans, nobody has looked at the artifacts.
+            known = kept.find(recordings[bag.key], bag.made) if isinstance(bag, KeptPlan) else None
+            found = [*check_bag(recipe, store, plan.discovery, bag)] if known is None else known
+            if known is None and isinstance(bag, KeptPlan):
+                kept.keep(recordings[bag.key], bag.artifacts, found)
             yield bag.key, found
-            if changes.size > _BATCH_BYTES:
-                cache.write(changes)
-                changes = Changes()
-    cache.write(changes)
-
-
-def _kept(cache: Cache, bag: BagPlan) -> list[Verdict] | None:
-    """Return the verdicts of a recording if it, its artifacts, the recipe and the code are as they were then."""
-    if not isinstance(bag, KeptPlan):
-        return None
-    try:
-        (content,) = cache.get(_VERDICTS, bag.key)
-    except PlanNeeded:
-        return None
-    if not content.startswith(bag.mark):
-        return None
-    rows = json.loads(zlib.decompress(content[len(bag.mark) :]))
-    return [
-        Verdict(bag.key, asset, check, severity, None if found is None else Finding(**found))
-        for asset, check, severity, found in rows
-    ]
+    kept.write()
 
 
 def remarks_on_record(

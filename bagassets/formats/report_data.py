@@ -57,7 +57,7 @@ def report_data(
     assets = recording_assets(recipe)
     recordings = []
     bags = dict(sorted(plan.bags.items()))
-    checked = None if discovery is None else check_bags(recipe, store, discovery, bags.values())
+    checked = None if discovery is None else check_bags(recipe, store, plan, bags.values())
     for key, bag in bags.items():
         facts = _facts(recipe, assets, store, bag, dealt.get(key, ""))
         if key in copies:

@@ -20,7 +20,7 @@ _STEPS = 1 << _STEP_BITS
 _AT_ONCE = 16_384  # pixels, so that intermediate results stay in the processor's cache
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class CameraModel:
     """A camera as recorded: pinhole matrix and distortion of the image that is in the recording.
 

@@ -1,5 +1,6 @@
 """Turning an image into what a camera without distortion, or with another pinhole matrix, would have taken."""
 
+from functools import lru_cache
 from threading import Lock
 from typing import Any
 
@@ -13,11 +14,14 @@ from bagassets.geometry.kernels.bilinear import BilinearLookup
 Pixels = NDArray[Any]
 """uint8 or uint16: OpenCV takes both, and its type hints cannot tell them apart."""
 
+_MOST_KEPT = 8  # cameras; their maps have six bytes for each pixel
+
 
 class Undistortion:
     """Turns images of one camera into those of another model; several threads may share it.
 
-    The maps are computed with the first image, in its thread, so that several cameras do so in parallel.
+    The maps are computed with the first image, in its thread, so that several cameras do so in parallel; those of the last
+    few cameras are kept for further recordings of the same rig.
 
     Args:
         recorded: the camera that recorded the images.
@@ -34,8 +38,7 @@ class Undistortion:
     def _lookup(self) -> BilinearLookup:
         with self._lock:
             if self._made is None:
-                maps = self._recorded.undistortion_maps(self._written)
-                self._made = BilinearLookup(*maps, self._recorded.width, self._recorded.height)
+                self._made = _lookup_of(self._recorded, self._written)
             return self._made
 
     def __call__(self, pixels: Pixels) -> Pixels:
@@ -51,6 +54,11 @@ class Undistortion:
         if undistorted.ndim == 3 and undistorted.shape[2] == 4:
             return cv2.cvtColor(undistorted, cv2.COLOR_BGRA2BGR)
         return undistorted
+
+
+@lru_cache(maxsize=_MOST_KEPT)
+def _lookup_of(recorded: CameraModel, written: CameraModel) -> BilinearLookup:
+    return BilinearLookup(*recorded.undistortion_maps(written), recorded.width, recorded.height)
 
 
 def undistort(pixels: Pixels, maps: tuple[NDArray[np.int16], NDArray[np.uint16]]) -> Pixels:

@@ -57,14 +57,12 @@ class PackedRecording(Recording):
         super().__init__(parquet, inventory["format"], merge_topics(parquet, sources, (), limits or Limits()))
 
     def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
-        import pyarrow.compute as pc  # noqa: PLC0415  (a first pass, which only writes packs, need not wait for it)
-
-        wanted = column(sorted(topics), pa.string())
-        for whole in pq.ParquetFile(self._parquet).iter_batches(_BATCH, use_threads=False):
-            batch = whole.filter(pc.is_in(whole.column("topic"), wanted))
-            rows = (batch.column(name).to_pylist() for name in PACK_SCHEMA.names)
-            for topic, log_time_ns, data in zip(*rows, strict=True):
-                yield RawMessage(topic, self.topics[topic].msgtype, log_time_ns, data)
+        # Not by `pyarrow.compute`: to import it takes longer than to read the packs of many a recording.
+        for batch in pq.ParquetFile(self._parquet).iter_batches(_BATCH, use_threads=False):
+            times_ns, payloads = batch.column("log_time_ns").to_pylist(), batch.column("data")
+            for row, topic in enumerate(batch.column("topic").to_pylist()):
+                if topic in topics:
+                    yield RawMessage(topic, self.topics[topic].msgtype, times_ns[row], payloads[row].as_py())
 
     def close(self) -> None:
         """Do nothing: the file is open during reads only."""

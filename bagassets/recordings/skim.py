@@ -19,10 +19,13 @@ from bagassets.recordings.model import SkimmedPacket
 
 HEADER = "std_msgs/msg/Header"
 HEADER_FIELDS = {"ros1": ["seq", "stamp", "frame_id"], "cdr": ["stamp", "frame_id"]}
-_FIRST = Struct("<4xiII")  # after the sequence number: seconds, nanoseconds, length of the frame id
+_FIRST = Struct(
+    "<4xiII"
+)  # after the sequence number, of CDR the encapsulation: seconds, nanoseconds, length of the frame id
 _STAMP = np.dtype([("seconds", "<i4"), ("nanoseconds", "<u4")])
 _STAMP_BEGIN, _STAMP_END = 4, 12
 _LENGTH = Struct("<I")
+_CDR_LITTLE_ENDIAN, _ORIGIN = b"\0\1", 4  # how an encapsulation begins; fields are aligned from its end
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,22 +48,28 @@ class PacketSkimmer:
     """Reads messages of one type whose layout is simple: header, fields of fixed size, bytes of the packet.
 
     Attributes:
-        between: size of the fields of fixed size.
+        between: alignment and size of the fields of fixed size, and of the length of the packet.
+        is_cdr: of ROS 2.
     """
 
-    between: int
+    between: tuple[tuple[int, int], ...]
+    is_cdr: bool
 
     def one(self, data: bytes | memoryview) -> SkimmedPacket | None:
         """Read one message; None if its length is wrong: decoding it raises the proper error."""
-        if len(data) < _FIRST.size:
+        if len(data) < _FIRST.size or (self.is_cdr and data[:2] != _CDR_LITTLE_ENDIAN):
             return None
         seconds, nanoseconds, length = _FIRST.unpack_from(data)
-        frame_end = _FIRST.size + length
-        begin = frame_end + self.between + _LENGTH.size
+        frame_end = begin = _FIRST.size + length
+        for alignment, size in self.between:
+            begin += (_ORIGIN - begin) % alignment + size
         if begin > len(data) or _LENGTH.unpack_from(data, begin - _LENGTH.size)[0] != len(data) - begin:
             return None
+        text = bytes(data[_FIRST.size : frame_end])
+        if self.is_cdr and text[-1:] != b"\0":
+            return None
         try:
-            frame = str(data[_FIRST.size : frame_end], "utf-8")
+            frame = str(text[:-1] if self.is_cdr else text, "utf-8")
         except UnicodeDecodeError:
             return None
         return SkimmedPacket(seconds * 1_000_000_000 + nanoseconds, frame, bytes(data[begin:]))
@@ -73,11 +82,10 @@ class PacketSkimmer:
             return None
         rows = np.frombuffer(b"".join(messages), dtype=np.uint8).reshape(len(messages), -1)
         begin = rows.shape[1] - len(first.payload)
-        frame, length = (
-            rows[:, _STAMP_END : begin - self.between - _LENGTH.size],
-            rows[:, begin - _LENGTH.size : begin],
-        )
-        if (frame != frame[0]).any() or (length != length[0]).any():
+        frame_end = _FIRST.size + _FIRST.unpack_from(messages[0])[2]
+        alike = [rows[:, _STAMP_END:frame_end], rows[:, begin - _LENGTH.size : begin]]
+        alike += [rows[:, :2]] if self.is_cdr else []
+        if any((part != part[0]).any() for part in alike):
             return None
         stamps = np.ascontiguousarray(rows[:, _STAMP_BEGIN:_STAMP_END]).view(_STAMP)[:, 0]
         stamps_ns = stamps["seconds"].astype(np.int64) * 1_000_000_000 + stamps["nanoseconds"]
@@ -93,26 +101,26 @@ def packet_skimmer(layout: Layout, payloads: Sequence[str]) -> PacketSkimmer | N
     """
     fields = dict(layout.types[layout.msgtype][1])
     payload = next((name for name in payloads if name in fields), None)
-    kinds = list(fields.values())
-    if layout.serialization != "ros1" or len(kinds) < 2 or list(fields)[-1] != payload:
+    kinds, is_cdr = list(fields.values()), layout.serialization == "cdr"
+    if len(kinds) < 2 or list(fields)[-1] != payload or kinds[0] != (Nodetype.NAME, HEADER):
         return None
-    if (
-        kinds[0] != (Nodetype.NAME, HEADER)
-        or [n for n, _ in layout.types[HEADER][1]] != HEADER_FIELDS["ros1"]
-    ):
+    if [name for name, _ in layout.types[HEADER][1]] != HEADER_FIELDS.get(layout.serialization):
         return None
-    if kinds[-1][0] != Nodetype.SEQUENCE or _fixed_size(kinds[-1][1][0]) != 1:
+    if kinds[-1][0] != Nodetype.SEQUENCE or _fixed_size(kinds[-1][1][0]) != (1, 1):
         return None
     sizes = [_fixed_size(kind) for kind in kinds[1:-1]]
-    return None if None in sizes else PacketSkimmer(sum(size or 0 for size in sizes))
+    between = [one for one in (*sizes, (_LENGTH.size, _LENGTH.size)) if one is not None]
+    if len(between) <= len(sizes):
+        return None
+    return PacketSkimmer(tuple((alignment if is_cdr else 1, size) for alignment, size in between), is_cdr)
 
 
-def _fixed_size(kind: FieldType) -> int | None:
-    """Return the size of a field in bytes; None if it varies between messages."""
+def _fixed_size(kind: FieldType) -> tuple[int, int] | None:
+    """Return alignment and size of a field in bytes; None if its size varies between messages."""
     if kind[0] == Nodetype.BASE:
-        return SIZES.get(kind[1][0])
-    if kind[0] == Nodetype.ARRAY:
-        inner, number = kind[1]
-        size = _fixed_size(inner)
-        return None if size is None else size * int(number)
+        size = SIZES.get(kind[1][0])
+        return None if size is None else (size, size)
+    if kind[0] == Nodetype.ARRAY and int(kind[1][1]):
+        inner = _fixed_size(kind[1][0])
+        return None if inner is None else (inner[0], inner[1] * int(kind[1][1]))
     return None

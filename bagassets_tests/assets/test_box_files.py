@@ -168,6 +168,15 @@ class TestParquet:
         with pytest.raises(UnreadableLabelsError, match="is no Parquet file"):
             list(read_parquet_boxes(b"PAR1"))
 
+    @pytest.mark.parametrize(
+        ("sound", "problem"), [(b"category", "is no Parquet file"), (b"carcarcar", "that is not UTF-8")]
+    )
+    def test_texts_that_are_not_utf8_are_refused(self, sound, problem):
+        data = parquet(COLUMNS | {"category": "carcarcar"})
+        assert sound in data
+        with pytest.raises(UnreadableLabelsError, match=problem):
+            list(read_parquet_boxes(data.replace(sound, b"\xff" * len(sound))))
+
 
 class TestLabels:
     def test_half_a_character_is_a_problem(self):

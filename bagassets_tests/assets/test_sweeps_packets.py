@@ -13,7 +13,7 @@ from bagassets.decode.fields import stamp_ns
 from bagassets.decode.model import CloudReading
 from bagassets.recordings.model import Definition, RawMessage
 from bagassets.recordings.topic import Topic, TopicSource
-from bagassets_tests.recordings.test_skim import ETHERNET, HEADER, ethernet
+from bagassets_tests.recordings.test_skim import BOTH, ETHERNET, HEADERS, ethernet
 from bagassets_tests.sweep_data import (
     VLP16_PACKET_NS,
     EthernetPacket,
@@ -79,22 +79,23 @@ def test_single_packets_give_what_scans_give(run):
     ]
 
 
+@BOTH
 @pytest.mark.parametrize("clock", ["header", "log"])
 @pytest.mark.parametrize("held", [1, 100, 256])
-def test_messages_of_a_recording_give_what_decoded_ones_give(run, monkeypatch, clock, held):
+def test_messages_of_a_recording_give_what_decoded_ones_give(run, monkeypatch, clock, held, serialization):
     monkeypatch.setattr(packet_sweeps, "_MOST_HELD", held)
-    definition = Definition("msg", f"{ETHERNET}{'=' * 80}\n{HEADER}")
-    topic = Topic(TopicSource("/sensor", PACKET, 1, definition, "ros1"))
+    definition = Definition("msg", f"{ETHERNET}{'=' * 80}\n{HEADERS[serialization]}")
+    topic = Topic(TopicSource("/sensor", PACKET, 1, definition, serialization))
     recording = SimpleNamespace(topics={"/sensor": topic}, decode=lambda message: topic.decode(message.data))
     decoded = list(singles(3.5, start_deg=90.0))
     messages = []
     for message in decoded:
         stamp = divmod(stamp_ns(message.data.message.header.stamp), 10**9)
-        data = ethernet(message.data.message.payload.tobytes(), stamp=stamp)
+        data = ethernet(message.data.message.payload.tobytes(), serialization, stamp=stamp)
         messages.append(RawMessage("/sensor", PACKET, message.log_time_ns, memoryview(data)))
-    position = ethernet(bytes(512), stamp=(1, 0))
     odd = [
-        RawMessage("/sensor", PACKET, START_NS, data) for data in (position, ethernet(b"other", stamp=(1, 0)))
+        RawMessage("/sensor", PACKET, START_NS, ethernet(data, serialization, stamp=(1, 0)))
+        for data in (bytes(512), b"other")
     ]
     for more, lost in (([], {}), (odd, {"position packet": 1, "it holds no data packet of 1206 bytes": 1})):
         asked = request(lidar(), PACKET, clock)

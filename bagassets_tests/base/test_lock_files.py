@@ -16,7 +16,7 @@ from bagassets.base import lock_files
 from bagassets.base.errors import RecipeError, RecordingError
 from bagassets.base.lock_files import LockFile, is_locked
 from bagassets.defs.builds import project_build
-from bagassets.defs.runs.exclusive import exclusive
+from bagassets.defs.records.exclusive import exclusive
 from bagassets.engine.build_report import BagOutcome, BuildReport
 from bagassets.engine.plan import Plan
 from bagassets.engine.summary_rows import summary_rows
@@ -100,16 +100,16 @@ import sys, time
 from pathlib import Path
 from bagassets.base.lock_files import LockFile
 lock = LockFile.open(Path(sys.argv[1]))
-getattr(lock, sys.argv[2])()
+lock.lock()
 print("held", flush=True)
 time.sleep(60)
 """
 
 
 @contextmanager
-def held_elsewhere(path, how="lock"):
+def held_elsewhere(path):
     """Have another process hold a lock; yields the process."""
-    command = [sys.executable, "-c", HOLDER, str(path), how]
+    command = [sys.executable, "-c", HOLDER, str(path)]
     with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
         try:
             assert process.stdout.readline() == b"held\n"
@@ -140,13 +140,6 @@ def test_a_lock_is_waited_for(tmp_path):
         lock.lock()
         assert time.monotonic() - began >= 0.3
         assert is_locked(path)
-
-
-def test_a_lock_that_is_shared_keeps_out_who_wants_it_alone(tmp_path):
-    path = tmp_path / "x"
-    with held_elsewhere(path, "lock_shared"), LockFile.open(path) as lock:
-        assert not lock.try_lock()
-        lock.lock_shared()  # does not wait
 
 
 def test_a_lock_file_that_was_replaced_is_not_in_place(tmp_path):

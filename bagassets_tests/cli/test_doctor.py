@@ -199,6 +199,14 @@ def test_unfinished_files_are_examined_by_their_names(tmp_path, sound):
     assert 100 < messages_of(tmp_path / "copy").total() < truth("folder").total()
 
 
+def test_a_folder_of_recordings_is_not_said_to_be_a_lost_one(tmp_path, sound):
+    shutil.copy(sound["ros1"], tmp_path / "a.bag")
+    result = CliRunner().invoke(root, ["doctor", str(tmp_path)])
+    assert result.exit_code == 1
+    assert "this folder is no recording" in str(result.exception)
+    assert "name one that is in it" in str(result.exception)
+
+
 def test_names_that_cannot_be_written_are_refused(tmp_path, sound):
     path = damaged(tmp_path, "ros1", "cut at 90 %", sound["ros1"])
     for name, said in (

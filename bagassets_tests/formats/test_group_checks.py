@@ -13,7 +13,7 @@ from bagassets.formats.assembly import assemble
 from bagassets.formats.dataset_build import recordings_without_scenes
 from bagassets.formats.format import Part
 from bagassets.formats.groups import GroupsRecord
-from bagassets.formats.nuscenes import dataset_rows, group_checks
+from bagassets.formats.nuscenes import dataset_checks, dataset_rows, group_checks
 from bagassets.formats.nuscenes.dataset_checks import CHECKS, check
 from bagassets.formats.nuscenes.format import NUSCENES
 from bagassets.formats.nuscenes.settings import NuScenes
@@ -112,6 +112,19 @@ def value(store, part, table, column):
 
 
 class TestWhatIsRead:
+    def test_where_nothing_is_wrong_nothing_is_read_but_groups(self, dataset, parts, monkeypatch):
+        """Though a reading and its ego pose have the same token."""
+        dataset.build(parts)
+        monkeypatch.setattr(dataset_checks, "read_dataset", None)
+        found = check(dataset.settings, NAMES, dataset.publication)
+        assert problems(found) == []
+        assert found["dataset_references_intact"].facts["scene"] == NUMBER
+        tokens = {
+            name: {row["token"] for row in json.loads((dataset.folder / f"{name}.json").read_bytes())}
+            for name in ("sample_data", "ego_pose")
+        }
+        assert tokens["sample_data"] == tokens["ego_pose"] != set()
+
     def test_everything_once_then_the_group_that_changed(self, dataset, store, parts, looked_at):
         dataset.build(parts)
         found = dataset.check()
@@ -131,9 +144,10 @@ class TestWhatIsRead:
         assert set(looked_at) == now.groups.keys() - record.groups.keys()
 
     def test_a_dataset_too_large_for_the_memory_is_read_whole_all_the_same(self, dataset, parts, monkeypatch):
-        monkeypatch.setattr(dataset_rows, "MOST_BYTES", 1000)
+        monkeypatch.setattr(dataset_rows.read_dataset, "__defaults__", (1000, frozenset()))
         monkeypatch.setattr(group_checks, "MOST_BYTES", 1000)
         dataset.build(parts)
+        assert not dataset_rows.read_dataset(dataset.settings.output, "v1.0-test").is_whole
         found = check(dataset.settings, NAMES, dataset.publication)
         facts = found["dataset_references_intact"].facts
         assert facts["recordings_checked"] == facts["recordings"] == facts["scene"] == NUMBER

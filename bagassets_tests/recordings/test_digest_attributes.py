@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from bagassets.defs.builds.made_ahead import make_inventories
+from bagassets.defs.builds.made_ahead import make_first
 from bagassets.recipe import load_recipe
 from bagassets.recordings.digest_record import ATTRIBUTE
 from bagassets_tests.in_process import QUICK, build, make_project
@@ -23,7 +23,9 @@ def written(monkeypatch):
 
 def ahead(recipe_file, _monkeypatch):
     state = load_recipe(recipe_file).state
-    assert make_inventories({"recipe": str(recipe_file), "bags": [], "state": str(state), "stamp": "0" * 64})
+    assert make_first(
+        {"recipe": str(recipe_file), "bags": [], "select": [], "state": str(state), "stamp": "0" * 64}
+    )
 
 
 @pytest.mark.parametrize("work", [build, ahead])

@@ -380,10 +380,14 @@ class TestGathered:
         recipe, made = built
         recorded = {name: made[name].artifact.digest for name in recording_assets(recipe).names}
         (bag,) = plan_of(recipe, made).bags.values()
-        plan = Plan({"drive.mcap": replace(bag, key="drive.mcap", recorded=recorded)}, {}, ())
+        bags, discovery = (
+            {"drive.mcap": replace(bag, key="drive.mcap", recorded=recorded)},
+            discover(recipe.bags),
+        )
+        plan = Plan(bags, {}, (), discovery=discovery)
 
         def gathered(checked):
-            return report_data(checked, Store(recipe.store_path), plan, discover(recipe.bags)).recordings[0]
+            return report_data(checked, Store(recipe.store_path), plan, discovery).recordings[0]
 
         strict = recipe.checks.poses_cover_sensors.model_copy(update={"max_speed_mps": 0.5})
         checks = recipe.checks.model_copy(update={"poses_cover_sensors": strict})

@@ -70,24 +70,24 @@ class BuildLoop:
         self.now = self._end_look(*self._begin_look())
         return self.now
 
-    def look_on(self, worked_on: Collection[str] = ()) -> PendingWork:
+    def look_on(self, worked_on: Collection[str] = (), *, everything: bool = True) -> PendingWork:
         """Look at what runs may have changed; at everything, if anything else has changed since that was looked at.
 
         Args:
             worked_on: keys that runs were about since the last look.
+            everything: nothing else is looked at without this.
         """
-        self._worked_on |= frozenset(worked_on) - {DATASET}
-        found = self.now.plan.discovery.recordings
-        if not self.snapshot.carry_on(found[key] for key in self._worked_on & found.keys()):
-            return self.look()
-        self._replan(self._worked_on)
-        self.is_partial = False
-        return self.now
-
-    def _replan(self, keys: frozenset[str]) -> None:
+        keys = frozenset(worked_on) - {DATASET}
+        self._worked_on |= keys
+        self.is_partial = not everything
+        if everything:
+            keys, found = self._worked_on, self.now.plan.discovery.recordings
+            if not self.snapshot.carry_on(found[key] for key in keys & found.keys()):
+                return self.look()
         with span("plan"):
             plan = replan_instance(self._instance, self._workspace, self.now.plan, keys, self._on_planned)
         self.now = work_of(self._instance, self._workspace, plan, self.now.asked)
+        return self.now
 
     def _begin_look(self) -> tuple[Asked, Planner]:
         self.snapshot, self.is_partial = Snapshot(self._instance, self._workspace, self._own.files), False
@@ -155,7 +155,9 @@ class BuildLoop:
                 if DATASET in asked and self._options.is_whole and self.has_succeeded:
                     self.look_on(worked_on)
                     return
-                self._look_again(worked_on)
+                self.look_on(worked_on, everything=False)
+                if self.now.asked.datasets and DATASET not in worked_on and not self.interrupted:
+                    record_inputs(self._instance, self._workspace, self.now.inputs)  # as no run has done
                 following = {}
 
     # --- looking -------------------------------------------------------------------------
@@ -193,15 +195,6 @@ class BuildLoop:
         names = self._workspace.names
         active = active_runs(self._instance, names, self.now.asked.datasets) if waiting else {}
         return {run_id: keys for run_id, keys in active.items() if run_id in waiting}
-
-    def _look_again(self, worked_on: Collection[str]) -> None:
-        """Look at what runs may have changed, and record what datasets are made from, unless a run has done so."""
-        self.is_partial = True
-        keys = frozenset(worked_on) - {DATASET}
-        self._worked_on |= keys
-        self._replan(keys)
-        if self.now.asked.datasets and DATASET not in worked_on and not self.interrupted:
-            record_inputs(self._instance, self._workspace, self.now.inputs)
 
     def _note_unsettled(self, keys: Collection[str]) -> None:
         """Note the recordings whose runs did not end well, also those of a worker that was killed."""

@@ -1,7 +1,7 @@
-"""What is made ahead of the runs that need it: inventories, and the page of the map.
+"""What is made ahead of the runs that need it: the recordings that a build begins with, and the page of the map.
 
 Starting the server of a build keeps one processor busy for a second or two; opening Dagster's records, planning and starting
-a run take a third of a second. Meanwhile another processor reads the recordings that the build will begin with. The page of
+a run take a third of a second. Meanwhile another processor makes the recordings that the build will begin with. The page of
 the map, which is the same for all recordings, is made when a processor has nothing else to do: the run of the datasets comes
 last, alone. The runs find all this in the store, or wait for what is being made. No Dagster is needed here, and no failure
 is reported: it happens again in the run, which reports it.
@@ -11,7 +11,7 @@ import gc
 import logging
 import os
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -22,11 +22,13 @@ from bagassets.base.errors import BagAssetsError
 from bagassets.base.json_types import JsonObject
 from bagassets.engine.build_report import BuildOptions
 from bagassets.engine.choose import choose_recordings
-from bagassets.engine.first_pass import first_pass
-from bagassets.forkserver.client import Client, ServerRefusedError
+from bagassets.engine.execute import AssetResult, execute
+from bagassets.engine.first_pass import note_made, only_reader, read_first
+from bagassets.engine.graph import Graph
+from bagassets.forkserver.client import Client
 from bagassets.forkserver.server_files import ServerFiles
 from bagassets.forkserver.tasks import find_server
-from bagassets.forkserver.worker import note
+from bagassets.formats.catalogue import recording_assets
 from bagassets.propose.project import dagster_home
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Recipe
@@ -38,83 +40,69 @@ from bagassets.store.store import Store
 _LOG = logging.getLogger(__name__)
 # For a larger recording the second saved is nothing, and an interrupted build must not leave a reader running for long.
 _LARGEST_BYTES = 4_000_000_000
-# A run that waits for another process says nothing of how far that is; one that reads for ten seconds should.
-_LARGEST_WHILE_PLANNED_BYTES = 1_000_000_000
+# A run that waits for another process says nothing of how far that is; one that is at work for ten seconds should.
+_LARGEST_WHOLE_BYTES = 2_000_000_000
 _JOB = f"{__name__}:make_ahead"
 # So long does a build open Dagster and plan; then its runs begin, and need the processors.
 _BEGIN_S = 0.35
 _LEAST_URGENT = 19
+_LAUNCHER = "BagAssetsRunLauncher"  # in `dagster.yaml`
 
 
-def make_inventories(args: JsonObject) -> int:
-    """Make inventories until the server takes jobs; return the number of recordings that were tried.
+def make_first(args: JsonObject) -> int:
+    """Make recordings until the server takes jobs; return the number of those that were tried.
 
     Args:
-        args: `recipe` (file), `bags` (of `BuildOptions`), and `state` and `stamp` of the server's `ServerFiles`.
+        args: `recipe` (file), `bags` and `select` (of `BuildOptions`), and `state` and `stamp` of the server's `ServerFiles`.
     """
     gc.freeze()  # what the server has imported so far would be scanned again and again
     gc.enable()  # the server disables it while it imports
-    files = ServerFiles(Path(args["state"]), args["stamp"])
-    recipe = load_recipe(Path(args["recipe"]))
+    files, recipe_file = ServerFiles(Path(args["state"]), args["stamp"]), Path(args["recipe"])
+    recipe = load_recipe(recipe_file)
+    whole_bytes = 0 if args["select"] or not _has_our_launcher(recipe_file, recipe) else _LARGEST_WHOLE_BYTES
     tried = 0
     for recording in _chosen(recipe, args["bags"], _LARGEST_BYTES):
         if files.socket is not None:
             break
         tried += 1
-        try:
-            _make_inventory(recipe, recording)
-        except BagAssetsError as err:
-            _LOG.info("%s: %s", recording.key, err)
+        _make(recipe, recording, whole_bytes)
     return tried
 
 
 @contextmanager
-def making_ahead(recipe_file: Path, options: BuildOptions) -> Iterator[Callable[[], Mapping[str, str]]]:
+def making_ahead(recipe_file: Path, options: BuildOptions) -> Iterator[None]:
     """Have the server make what a build is likely to need, while the block plans and does the rest.
 
     Begin before Dagster is opened, which takes a tenth of a second. The server is asked by a thread: it may be busy, and it
     forks. Where other machines execute the runs, they read, too.
-
-    Yields:
-        A function that returns the recordings whose inventories have been made so -> digest of their content.
     """
-    made: dict[str, str] = {}
     with ThreadPoolExecutor(max_workers=1) as pool:
         asking = pool.submit(_submit, recipe_file, options)
-
-        def so_far() -> Mapping[str, str]:
-            client = asking.result()
-            with suppress(ServerRefusedError):
-                while client is not None and (event := client.wait(0.0)) is not None:
-                    if event["event"] == "note":
-                        made.update(event["note"])
-            return made
-
         try:
-            yield so_far
+            yield
         finally:
             if client := asking.result():
                 client.close()
 
 
 def make_ahead(args: JsonObject) -> None:
-    """Make inventories while a build plans (see `make_first_inventories`), and then the page of the map, if it has one.
+    """Make what is new while a build plans (see `make_new`), and then the page of the map, if it has one.
 
     Args:
         args: `recipe` (file) and `bags` (of `BuildOptions`).
     """
     recipe = load_recipe(Path(args["recipe"]))
-    make_first_inventories(recipe, args["bags"])
+    make_new(recipe, args["bags"])
     os.nice(_LEAST_URGENT)  # the runs have begun
     if recipe.preview.has_map:
-        from bagassets.formats.trajectory_map import map_shell_of  # noqa: PLC0415  (`make_inventories` must begin at once)
+        from bagassets.formats.trajectory_map import map_shell_of  # noqa: PLC0415  (`make_first` must begin at once)
 
         with suppress(BagAssetsError, OSError):
             map_shell_of(Store(recipe.store_path))
 
 
-def make_first_inventories(recipe: Recipe, bags: Collection[str]) -> None:
-    """Make the inventories of recordings that have not been hashed as they are, the largest first, while a build plans.
+def make_new(recipe: Recipe, bags: Collection[str]) -> None:
+    """Make recordings that have not been hashed as they are, the largest first, while a build plans.
 
     Args:
         recipe: the recipe.
@@ -122,17 +110,25 @@ def make_first_inventories(recipe: Recipe, bags: Collection[str]) -> None:
     """
     began_s = time.monotonic()
     index = DigestIndex.of(recipe)
-    for recording in _chosen(recipe, bags, _LARGEST_WHILE_PLANNED_BYTES):
+    for recording in _chosen(recipe, bags, _LARGEST_WHOLE_BYTES):
         if time.monotonic() - began_s > _BEGIN_S:
             break
         with suppress(BagAssetsError):
-            if stored_digest(recording, index) is None and (made := _make_inventory(recipe, recording)):
-                note({recording.key: made})
+            if stored_digest(recording, index) is None:
+                _make(recipe, recording, _LARGEST_WHOLE_BYTES)
+
+
+def _has_our_launcher(recipe_file: Path, recipe: Recipe) -> bool:
+    """Return whether workers of the server are to execute the runs, as far as can be told without Dagster."""
+    try:
+        return _LAUNCHER in (dagster_home(recipe_file, recipe) / "dagster.yaml").read_text("utf-8")
+    except (BagAssetsError, OSError, UnicodeDecodeError):  # the build meets it, too, and reports it
+        return False
 
 
 def _executes_runs_here(recipe_file: Path) -> bool:
     """Return whether the runs of a project are executed on this machine, as far as its launcher says so."""
-    from bagassets.defs.runs.launching import launching_at  # noqa: PLC0415  (with Dagster; `make_inventories` does without)
+    from bagassets.defs.runs.launching import launching_at  # noqa: PLC0415  (with Dagster; `make_first` does without)
 
     try:
         return launching_at(dagster_home(recipe_file, load_recipe(recipe_file))).executes_here
@@ -166,26 +162,32 @@ def _chosen(recipe: Recipe, bags: Collection[str], largest_bytes: int) -> list[R
     return sorted((one for one in found if one.size <= largest_bytes), key=lambda one: -one.size)
 
 
-def _make_inventory(recipe: Recipe, recording: RecordingFiles) -> str | None:
-    """Make the inventory of a recording; return the digest of its content, or None if the store had it, or it is damaged."""
-    stat, store = recording_stat(recording), Store(recipe.store_path)
-    first = first_pass(recipe, store, recording, stat, DigestIndex.of(recipe))
-    if first.is_refused:
-        return None  # its run salvages it, and reports that
-    if first.inventory is not None:
-        return None if first.inventory.cached else first.digest.digest
-    # A first pass must begin at once, and hardly ever ends here.
-    from bagassets.engine.execute import Skipped, execute  # noqa: PLC0415
-    from bagassets.engine.graph import Graph  # noqa: PLC0415
-    from bagassets.formats.catalogue import recording_assets  # noqa: PLC0415
+def _make(recipe: Recipe, recording: RecordingFiles, whole_bytes: int) -> None:
+    """Make all of a recording, of a larger one its inventory; if that is known, nothing: what is left was tried before.
 
-    graph = Graph(
-        recording_assets(recipe),
-        store,
-        recording,
-        first.digest.digest,
-        stat.as_of(first.digest),
-        wanted={INVENTORY.name},
-    )
-    is_hit = all(result.cached for result in execute(graph) if not isinstance(result, Skipped))
-    return None if is_hit else first.digest.digest
+    Its run waits until this is done, as no two processes make the digest of a recording.
+
+    Args:
+        recipe: the recipe.
+        recording: its files.
+        whole_bytes: size of the largest recording of which all is made.
+    """
+    store, index = Store(recipe.store_path), DigestIndex.of(recipe)
+    try:
+        stat = recording_stat(recording)
+        with only_reader(store, recording, stat):
+            first = read_first(recipe, store, recording, stat, index)
+            if first.inventory is None and first.digest.hashed_bytes:
+                return  # it is damaged: its run salvages it, and reports that
+            is_new = first.inventory is not None and not first.inventory.cached
+            if first.inventory is not None and is_new:
+                note_made(recipe.state, first.inventory.action_digest)
+            wanted = None if recording.size <= whole_bytes else {INVENTORY.name}
+            source = recording, first.digest.digest, stat.as_of(first.digest)
+            for result in execute(Graph(recording_assets(recipe), store, *source, wanted=wanted)):
+                if isinstance(result, AssetResult) and not result.cached:
+                    note_made(recipe.state, result.action_digest)
+                elif result.asset == INVENTORY.name and not is_new:
+                    break
+    except BagAssetsError as err:
+        _LOG.info("%s: %s", recording.key, err)

@@ -16,7 +16,14 @@ from bagassets.defs.builds.made_ahead import making_ahead
 from bagassets.defs.builds.own_build import OwnBuild
 from bagassets.defs.builds.own_states import load_own
 from bagassets.defs.builds.pending_work import open_project
-from bagassets.defs.builds.report import checked_remarks, outcomes_of, report_of, standing_remarks, warnings
+from bagassets.defs.builds.report import (
+    checked_remarks,
+    left_over,
+    outcomes_of,
+    report_of,
+    standing_remarks,
+    warnings,
+)
 from bagassets.defs.graph.dataset import write_report
 from bagassets.defs.records.projects import forget_other_prefixes, require_own_keys
 from bagassets.defs.runs.orphaned_runs import end_orphaned_runs
@@ -43,7 +50,7 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
     """
     started = time.monotonic()
     with (
-        making_ahead(recipe_file, options) as made_ahead,
+        making_ahead(recipe_file, options),
         open_project(recipe_file) as (instance, known_as),
         ExitStack() as stack,
     ):
@@ -74,7 +81,7 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
         before, now = build.before, build.now
         if options.is_whole and now.plan.bags and not report_path(recipe).exists():
             write_report(instance, workspace, now.plan)  # a crash tore it, or it could not be written
-        outcomes = outcomes_of(instance, build, made_ahead(), is_whole=options.is_whole)
+        outcomes = outcomes_of(instance, build, is_whole=options.is_whole)
         interrupted = build.interrupted or own_build.interrupted
         report = report_of(instance, workspace, build, outcomes, split_before, interrupted=interrupted)
         report.own_problem, report.own_left_out = own.problem, own.left_out
@@ -82,7 +89,8 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
         standing, checked = standing_remarks(recipe, before), checked_remarks(workspace, before, now)
         held = warnings("removed", [f"{key} is gone: {why}." for key, why in before.held.items()])
         others = [one for one in checked if one.key not in build.ended.keys() - {DATASET}]
-        report.remarks = (*repaired, *standing, *held, *report.remarks, *others)
+        left = left_over(workspace, build, outcomes) if options.is_whole and not interrupted else ()
+        report.remarks = (*left, *repaired, *standing, *held, *report.remarks, *others)
         Unsettled(recipe.state).forget_settled(now.plan)
         if options.is_whole and now.is_settled and own_work.is_up_to_date and not report.dataset_problem:
             build.snapshot.save(now.plan, own.wanted, [*standing, *checked])

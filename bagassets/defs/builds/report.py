@@ -5,6 +5,7 @@ from pathlib import Path
 
 import dagster as dg
 
+from bagassets.base.fingerprints import recipe_fingerprint
 from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.defs.builds.loop import BuildLoop
 from bagassets.defs.builds.pending_work import PendingWork
@@ -110,6 +111,21 @@ def standing_remarks(recipe: Recipe, before: PendingWork) -> tuple[Remark, ...]:
     return (*packages, *left, *warnings("series", before.plan.asked.values()))
 
 
+def left_over(
+    workspace: Workspace, build: BuildLoop, outcomes: Mapping[str, BagOutcome]
+) -> tuple[Remark, ...]:
+    """Return what is left to the next build although this one was asked for everything, and nothing else says so."""
+    told = {key for key, one in outcomes.items() if one.result in {"failed", "stopped"}}
+    why = "it came, changed or went while this was built; build again"
+    left = sorted({*build.now.todo, *build.now.leaving} - told)
+    remarks = tuple(Remark(key, "warn", "left_over", why) for key in left)
+    if recipe_fingerprint(workspace.recipe_file) == workspace.recipe_fingerprint:
+        return remarks
+    name = Path(workspace.recipe_file).name
+    why = f"{name} was edited while this was built, by what it said before; build again"
+    return (*remarks, *warnings("left_over", [why]))
+
+
 def checked_remarks(workspace: Workspace, before: PendingWork, now: PendingWork) -> list[Remark]:
     """Return what quick checks find in the recordings that the build was asked for."""
     bags = [bag for key, bag in sorted(now.plan.bags.items()) if key in before.asked.chosen]
@@ -119,15 +135,12 @@ def checked_remarks(workspace: Workspace, before: PendingWork, now: PendingWork)
 # --- recordings --------------------------------------------------------------------------
 
 
-def outcomes_of(
-    instance: dg.DagsterInstance, build: BuildLoop, made_ahead: Mapping[str, str], *, is_whole: bool
-) -> dict[str, BagOutcome]:
+def outcomes_of(instance: dg.DagsterInstance, build: BuildLoop, *, is_whole: bool) -> dict[str, BagOutcome]:
     """Return recording -> its outcome, sorted, for those that the build was asked for, and others whose runs it followed.
 
     Args:
         instance: where the runs recorded what they made.
         build: what was found and done.
-        made_ahead: recordings whose inventories were made ahead of their runs -> digest of their content.
         is_whole: the build was asked for everything.
     """
     bags = build.now.plan.bags
@@ -137,9 +150,8 @@ def outcomes_of(
     made_by_run = {run_id: recordings_made(instance, run_id) for run_id in unknown}
     found = {key: BagOutcome("hit", seconds=seconds) for key, seconds in build.unchanged.items()}
     for key, one in ended.items():
-        was_made_ahead = key in bags and made_ahead.get(key) == bags[key].recorded.get("bag", "")
         has_made = one.has_made or key in made_by_run.get(one.run_id, ())
-        found[key] = _of_run(one, has_made=was_made_ahead or has_made)
+        found[key] = _of_run(one, has_made=has_made)
     for key in build.before.asked.chosen & bags.keys():
         found[key] = _of_recording(bags[key], found.get(key), is_whole=is_whole)
     return dict(sorted(found.items()))

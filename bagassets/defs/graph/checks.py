@@ -17,9 +17,9 @@ from bagassets.defs.records.reporting import errors_explained
 from bagassets.defs.records.workspace import Workspace
 from bagassets.formats import checking
 from bagassets.formats.catalogue import recording_assets
+from bagassets.formats.checking import KeptVerdicts, Verdict
 from bagassets.formats.dataset_build import Dataset, datasets_of
 from bagassets.recipe.model import Recipe
-from bagassets.recipe.model_checks import Severity
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.artifact import Artifact
 
@@ -79,20 +79,26 @@ def _operation(
         }
         with errors_explained():
             recording = workspace.recording(context.partition_key)
-            yield from run_checks(workspace, recording, chosen, partial(workspace.artifact, context))
+            verdicts = run_checks(workspace, recording, chosen, partial(workspace.artifact, context))
+            yield from map(partial(_result, names), verdicts)
 
     return run
 
 
 def check_recording(
-    recorder: Recorder, recording: RecordingFiles, assets: Collection[str]
+    recorder: Recorder, recording: RecordingFiles, assets: Collection[str], kept: KeptVerdicts | None = None
 ) -> Iterator[dg.AssetCheckResult]:
-    """Yield the results of the checks of assets that were recorded; see `run_checks`."""
-    workspace = recorder.workspace
-    wanted = {name: checks for name, checks in wanted_checks(workspace.recipe).items() if name in assets}
+    """Yield the results of the checks of assets that were recorded; see `run_checks`. If these are all, they are `kept`."""
+    workspace, verdicts = recorder.workspace, list[Verdict]()
     if recorder.skipped:
-        return _no_longer_red(recorder, wanted_checks(workspace.recipe))
-    return run_checks(workspace, recording, wanted, recorder.artifact)
+        yield from _no_longer_red(recorder, wanted_checks(workspace.recipe))
+        return
+    wanted = {name: checks for name, checks in wanted_checks(workspace.recipe).items() if name in assets}
+    for verdict in run_checks(workspace, recording, wanted, recorder.artifact):
+        verdicts.append(verdict)
+        yield _result(workspace.names, verdict)
+    if kept is not None and recorder.made.issuperset(workspace.assets.names):
+        kept.keep(recording, recorder.artifacts, verdicts)
 
 
 def _no_longer_red(recorder: Recorder, wanted: Checks) -> Iterator[dg.AssetCheckResult]:
@@ -109,8 +115,8 @@ def _no_longer_red(recorder: Recorder, wanted: Checks) -> Iterator[dg.AssetCheck
 
 def run_checks(
     workspace: Workspace, recording: RecordingFiles, wanted: Checks, artifact: Callable[[str], Artifact]
-) -> Iterator[dg.AssetCheckResult]:
-    """Yield the results of checks of a recording; there are none of one that is skipped.
+) -> Iterator[Verdict]:
+    """Yield the verdicts of checks of a recording; there are none of one that is skipped.
 
     Args:
         workspace: recipe and store.
@@ -129,12 +135,8 @@ def run_checks(
         return
     for asset, checks in wanted.items():
         for check in checks:
-            yield _result(
-                workspace.names.key(asset),
-                check.name,
-                check.rule(evidence),
-                severity_of(evidence.checks, check.section),
-            )
+            severity = severity_of(evidence.checks, check.section)
+            yield Verdict(recording.key, asset, check.name, severity, check.rule(evidence))
 
 
 def dataset_checks(recipe: Recipe, names: Naming) -> list[dg.AssetChecksDefinition]:
@@ -177,23 +179,23 @@ def run_dataset_checks(
     severities = checking.dataset_checks(workspace.recipe, dataset.kind)
     names = severities.keys() if names is None else names
     findings = checking.check_dataset(dataset, frozenset(names), workspace.recipe.state)
-    key = workspace.names.key(asset)
-    return [_result(key, name, findings[name], severities.get(name, "skip")) for name in names]
+    verdicts = [Verdict(None, asset, name, severities.get(name, "skip"), findings[name]) for name in names]
+    return [_result(workspace.names, verdict) for verdict in verdicts]
 
 
-def _result(asset: dg.AssetKey, name: str, finding: Finding, severity: Severity) -> dg.AssetCheckResult:
+def _result(names: Naming, verdict: Verdict) -> dg.AssetCheckResult:
+    finding = verdict.finding or Finding()
     sentences = "\n".join(f"- {markdown(problem)}" for problem in finding.sentences[:MOST_SENTENCES])
     metadata: dict[str, dg.MetadataValue | int] = {"problems": len(finding.sentences)}
     if sentences:
         metadata["found"] = dg.MetadataValue.md(sentences)
-    weight = severity if finding.passed else finding.weight(severity)
     if finding.facts:
         metadata["facts"] = dg.MetadataValue.json(dict(finding.facts))
     return dg.AssetCheckResult(
         passed=finding.passed,
-        asset_key=asset,
-        check_name=name,
-        severity=dg.AssetCheckSeverity.WARN if weight == "warn" else dg.AssetCheckSeverity.ERROR,
+        asset_key=names.key(verdict.asset),
+        check_name=verdict.check,
+        severity=dg.AssetCheckSeverity.WARN if verdict.weight == "warn" else dg.AssetCheckSeverity.ERROR,
         description=None if finding.passed else visible(finding.sentences[0]),
         metadata=metadata,
     )

@@ -16,7 +16,7 @@ from bagassets.defs.records.reporting import (
 )
 from bagassets.defs.runs.run_progress import readings_noted
 from bagassets.engine.execute import Skipped, execute
-from bagassets.engine.first_pass import first_pass
+from bagassets.engine.first_pass import first_pass, was_just_made
 from bagassets.engine.graph import SELECTION, Graph
 from bagassets.engine.plan import Recorded, skip_version
 from bagassets.engine.recording_assets import RecordingAssets
@@ -104,6 +104,7 @@ def make_recording(recorder: Recorder, recording: RecordingFiles, assets: Collec
                 reason = graph.node(SELECTION).skipped if result.asset == INVENTORY.name else None
                 # The inventory was made in the pass that hashed the recording, if this was in the same run.
                 is_new = bag.run_id == run_id and result.action_digest == bag.made_along
+                is_new = is_new or was_just_made(workspace.recipe.state, result.action_digest)
                 cached = result.cached and not is_new
                 skipped: Metadata = {"skipped": reason} if reason else {}  # first: nothing else follows of it
                 metadata = skipped | result_metadata(
@@ -113,4 +114,6 @@ def make_recording(recorder: Recorder, recording: RecordingFiles, assets: Collec
             if content:
                 metadata[CONTENT] = content
             inputs = dict.fromkeys(dependencies(project, result.asset))
-            yield Made(result.asset, version, project.versions[result.asset], metadata, inputs)
+            outcomes = [part.outcome for part in graph.node(result.asset).parts]
+            parts = [one.artifact.digest for one in outcomes if one is not None]
+            yield Made(result.asset, version, project.versions[result.asset], metadata, inputs, parts=parts)

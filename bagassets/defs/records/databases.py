@@ -76,11 +76,11 @@ def make_whole(folder: Path) -> None:
         StoreError: a database is damaged, or cannot be created.
     """
     try:
-        with database_errors_explained(str(folder)), LockFile.open(folder / _LOCK) as file:
-            file.lock_shared()  # waits while another process creates them
+        with database_errors_explained(str(folder)):
             if _unfinished(folder):
-                file.lock()
-                _make(folder, _unfinished(folder))
+                with LockFile.open(folder / _LOCK) as file:
+                    file.lock()  # waits while another process creates them
+                    _make(folder, _unfinished(folder))
     except OSError as err:
         raise StoreError(
             f"{err.filename or folder}: Dagster's database cannot be created ({err.strerror}); free disk space, or fix the folder."

@@ -97,13 +97,10 @@ def recorded_wholes(instance: dg.DagsterInstance, names: Naming, assets: Iterabl
 
 def recordings_made(instance: dg.DagsterInstance, run_id: str) -> frozenset[str]:
     """Return the partition keys of which a run has made something, rather than recorded what was known."""
-    made = set()
-    for entry in instance.all_logs(run_id, of_type=dg.DagsterEventType.ASSET_MATERIALIZATION):
-        materialization = entry.asset_materialization
-        cached = None if materialization is None else materialization.metadata.get(CACHED)
-        if materialization is not None and cached is not None and not cached.value:
-            made.add(materialization.partition or "")
-    return frozenset(made)
+    entries = instance.all_logs(run_id, of_type=dg.DagsterEventType.ASSET_MATERIALIZATION)
+    logged = (entry.asset_materialization for entry in entries)
+    found = [one for one in logged if one is not None and CACHED in one.metadata]
+    return frozenset(one.partition or "" for one in found if not one.metadata[CACHED].value)
 
 
 def event_database(instance: dg.DagsterInstance) -> Path | None:

@@ -54,6 +54,7 @@ class Made:
         metadata: what Dagster shows of it.
         inputs: upstream asset -> the data version that it was made from, as Dagster writes it; None: the one on record.
         about: what is said of the event.
+        parts: digests of the artifacts of its channels.
     """
 
     asset: str
@@ -62,6 +63,7 @@ class Made:
     metadata: Metadata
     inputs: Mapping[str, str | None]
     about: str | None = None
+    parts: Collection[str] = ()
 
 
 class Recorder:
@@ -78,6 +80,7 @@ class Recorder:
         made: names of the assets that were recorded.
         skipped: those of them that were skipped.
         has_made: any of them was made, rather than found in the store.
+        artifacts: digests of what was made, or found, with that of channels.
     """
 
     def __init__(
@@ -91,7 +94,7 @@ class Recorder:
         self.instance, self.workspace, self.key, self.wanted = instance, workspace, key, wanted
         self.made: set[str] = set()
         self.skipped: set[str] = set()
-        self.has_made = False
+        self.has_made, self.artifacts = False, set[str]()
         self.run_id, self._job, self._step = "", "", None
         self._is_planned = False
         if context is not None:
@@ -135,6 +138,7 @@ class Recorder:
                 self._latest[made.asset] = dg.EventLogRecord(storage_id, entry)
         self.made.add(made.asset)
         self.has_made |= made.metadata.get(CACHED) is False
+        self.artifacts |= {made.data_version, *made.parts} if made.asset != "bag" else set()
         if is_skip(made.data_version):
             self.skipped.add(made.asset)
         return results

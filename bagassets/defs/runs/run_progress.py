@@ -20,8 +20,7 @@ class RunProgress:
 
     Attributes:
         begun: partition key -> when it was begun (seconds since the epoch), in a run about several.
-        ended: partition key -> why it failed (None if it did not), the seconds it took, and whether anything was made of it,
-            rather than found (None if that is not known); likewise.
+        ended: partition key -> why it failed (None if it did not), the seconds it took, whether anything was made; likewise.
         reading: partition key -> what is being done and how far, and as a share; the latest that was noted since these
             were taken out.
     """

@@ -52,6 +52,11 @@ def note_of(root: str, digests: Iterable[str]) -> bytes:
     return b"".join(noted)
 
 
+def each_once(noted: bytes) -> bytes:
+    """Return what was noted of artifacts, of each once, in order."""
+    return b"".join(sorted({noted[start : start + SIZE] for start in range(0, len(noted), SIZE)}))
+
+
 def folders_of(root: str) -> dict[str, Signature]:
     """Return the signatures of the 256 folders in which artifacts are, by the first byte of their digests in hex.
 

@@ -7,7 +7,6 @@ stay the same; otherwise the planner decides.
 import json
 import os
 from collections.abc import Iterable, Mapping
-from hashlib import blake2b
 from typing import NamedTuple
 
 from bagassets.base.cache import Cache, Changes
@@ -50,11 +49,6 @@ class CachedPlan(NamedTuple):
     fingerprint: RecordingFingerprint
     made: bytes
     row: bytes
-
-    @property
-    def mark(self) -> bytes:
-        """What changes with the recording, its artifacts, the code and the recipe."""
-        return blake2b(repr(self[:2]).encode(), digest_size=16).digest()
 
 
 def recording_fingerprint(

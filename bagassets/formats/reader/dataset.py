@@ -222,8 +222,8 @@ class Sample:
         """The boxes at the time of the sample, in the global frame."""
         return Boxes(self._source.boxes(self.index), "global", partial(_view, self.readings))
 
-    def image(self, channel: str) -> NDArray[np.uint8]:
-        """Decode and return the image of a camera: (height, width, 3), RGB.
+    def image(self, channel: str) -> NDArray[Any]:
+        """Decode and return the image of a camera: uint8 (height, width, 3), RGB; of 16 bits, as depth is, uint16 (height, width).
 
         Raises:
             KeyError: the sample has no image of this camera.
@@ -315,7 +315,7 @@ class Sweep:
         """Its own time."""
         return self.reading.stamp_ns
 
-    def image(self) -> NDArray[np.uint8]:
+    def image(self) -> NDArray[Any]:
         """Decode and return the image of a camera, as `Sample.image`.
 
         Raises:

@@ -13,6 +13,8 @@ from bagassets.geometry.se3 import SE3
 
 _LIDAR_FIELDS: tuple[str, ...] = ("x", "y", "z", "intensity", "ring")
 _TRIES = 3
+_GREY_16 = bytes([16, 0])
+"""Bit depth and colour type in the header of a PNG."""
 _PCD_KINDS = {"F": "f", "I": "i", "U": "u"}
 
 
@@ -78,8 +80,8 @@ class Points(np.ndarray[Any, np.dtype[np.float32]]):
         return placed
 
 
-def read_image(folder: TableFolder, reading: Reading) -> NDArray[np.uint8]:
-    """Decode and return the image of a camera: (height, width, 3), RGB.
+def read_image(folder: TableFolder, reading: Reading) -> NDArray[Any]:
+    """Decode and return the image of a camera: uint8 (height, width, 3), RGB; of 16 bits, as depth is, uint16 (height, width).
 
     Raises:
         DatasetError: the file is missing or damaged.
@@ -89,16 +91,19 @@ def read_image(folder: TableFolder, reading: Reading) -> NDArray[np.uint8]:
     data = _content(folder, reading)
     as_rgb: int | None = getattr(cv2, "IMREAD_COLOR_RGB", None)  # since OpenCV 4.11; spares a pass
     kind = cv2.IMREAD_COLOR if as_rgb is None else as_rgb
+    header = data[12:26].tobytes()
+    if header.startswith(b"IHDR") and header.endswith(_GREY_16):  # OpenCV would keep the upper 8 bits
+        kind = cv2.IMREAD_ANYDEPTH
     image = cv2.imdecode(data, kind | cv2.IMREAD_IGNORE_ORIENTATION) if len(data) else None
     if image is None:
         raise DatasetError(
             f"{reading.path}: expected an image, but it cannot be decoded; `bagassets verify` finds and removes damaged "
             "files, and the next build makes them again."
         )
-    if as_rgb is None:
+    if as_rgb is None and image.ndim == 3:
         image = cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
     folder.recent.append(image)
-    return image.astype(np.uint8, copy=False)
+    return np.asarray(image)
 
 
 def read_points(folder: TableFolder, reading: Reading) -> Points:

@@ -22,6 +22,7 @@ from bagassets.recordings.rosbag1 import SIZE
 from bagassets.recordings.rosbag2 import ZSTD
 from bagassets.recordings.salvage.copy import write_copy
 from bagassets.recordings.salvage.damage_map import DamageMap
+from bagassets.recordings.salvage.folder import STORAGE
 from bagassets.recordings.salvage.open import open_salvaged
 
 Verdict = Literal["sound", "mendable", "lost"]
@@ -73,6 +74,12 @@ def examine(path: Path) -> Examined:
     path = path.absolute()
     if not path.exists():
         raise RecordingError(f"{path}: no such file or folder.")
+    if path.is_dir() and not any(
+        one.match(name) for one in path.iterdir() for name in ("metadata.yaml", *STORAGE)
+    ):
+        raise RecordingError(
+            f"{path}: this folder is no recording, which has a .db3 or .mcap file; name one that is in it."
+        )
     behind = [*_behind_end(path)]
     try:
         if path.suffix == ZSTD:

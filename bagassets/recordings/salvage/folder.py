@@ -23,7 +23,7 @@ from bagassets.recordings.salvage.database_pages import SalvagedDatabase, TopicR
 from bagassets.recordings.salvage.mcap_scan import SalvagedMcap
 from bagassets.recordings.salvage.unpack import unpack_file
 
-_STORAGE = ("*.db3", "*.mcap", "*.db3.zstd", "*.mcap.zstd")
+STORAGE = ("*.db3", "*.mcap", "*.db3.zstd", "*.mcap.zstd")
 _NO_METADATA: JsonMapping = {"topics_with_message_count": []}
 
 
@@ -51,7 +51,7 @@ class SalvagedFolder(Rosbag2Recording):
         except (BagAssetsError, DamageError, OSError) as err:
             self._noted.find(str(err) if isinstance(err, DamageError) else f"its {METADATA} cannot be read")
         self._noted.end_unknown(METADATA)
-        files = [file for pattern in _STORAGE for file in path.glob(pattern)]
+        files = [file for pattern in STORAGE for file in path.glob(pattern)]
         return _NO_METADATA, "none", sorted(files, key=_by_number)
 
     def _opened(self, files: Sequence[Path], metadata: JsonMapping, mode: str) -> list[Database | McapFile]:

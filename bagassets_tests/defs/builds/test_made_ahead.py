@@ -4,27 +4,26 @@ import json
 import os
 import subprocess
 import sys
+import threading
 import time
-from contextlib import contextmanager
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 import yaml
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
-from bagassets.defs.builds import made_ahead, project_build
-from bagassets.defs.builds.made_ahead import (
-    make_ahead,
-    make_first_inventories,
-    make_inventories,
-    making_ahead,
-)
+from bagassets.defs.builds import made_ahead
+from bagassets.defs.builds.made_ahead import make_ahead, make_first, make_new, making_ahead
 from bagassets.engine.build_report import BuildOptions
+from bagassets.engine.execute import execute
+from bagassets.engine.first_pass import first_pass, was_just_made
 from bagassets.forkserver.client import Client
 from bagassets.forkserver.server_files import ServerFiles
 from bagassets.recipe import load_recipe
-from bagassets.recordings.digest import DigestIndex, recording_digest
+from bagassets.recordings.digest import DigestIndex, recording_digest, recording_stat
 from bagassets.recordings.discover import discover
+from bagassets.store.store import Store
 from bagassets_tests.in_process import build, make_project
 
 pytestmark = pytest.mark.once
@@ -40,28 +39,25 @@ def project(tmp_path):
         client.shutdown(grace_s=1.0)
 
 
-def asked(recipe_file, *bags):
+def asked(recipe_file, *bags, select=()):
     state = load_recipe(recipe_file).state
-    return {"recipe": str(recipe_file), "bags": list(bags), "state": str(state), "stamp": "0" * 64}
+    asked = {"recipe": str(recipe_file), "bags": list(bags), "select": list(select)}
+    return {**asked, "state": str(state), "stamp": "0" * 64}
+
+
+def actions_in_store(recipe_file):
+    actions = (load_recipe(recipe_file).store_path / "actions").glob("*/*.json")
+    return {path.stem: json.loads(path.read_bytes())["action"]["step"] for path in actions}
 
 
 def steps_in_store(recipe_file):
-    actions = (load_recipe(recipe_file).store_path / "actions").glob("*/*.json")
-    return sorted(json.loads(path.read_bytes())["action"]["step"] for path in actions)
+    return sorted(actions_in_store(recipe_file).values())
 
 
-def test_what_was_made_is_known_of_a_recording_that_had_been_hashed(project):
-    recipe = load_recipe(project)
-    recording = discover(recipe.bags).recordings["a.bag"]
-    digest = recording_digest(recording, DigestIndex.of(recipe)).digest
-    assert made_ahead._make_inventory(recipe, recording) == digest
-    assert steps_in_store(project) == ["inventory"]
-    assert made_ahead._make_inventory(recipe, recording) is None  # the store had it
-
-
-def test_inventories_are_made_and_digests_kept(project):
-    assert make_inventories(asked(project)) == 3
-    assert steps_in_store(project) == ["inventory"] * 3
+def test_all_of_the_recordings_is_made_as_a_run_would_make_it(project, monkeypatch):
+    assert make_first(asked(project)) == 3
+    made = actions_in_store(project)
+    assert sorted(made.values()).count("nuscenes_tables") == 3
     recipe = load_recipe(project)
     index = DigestIndex.of(recipe)
     recordings = discover(recipe.bags).recordings.values()
@@ -69,25 +65,83 @@ def test_inventories_are_made_and_digests_kept(project):
     assert [recording_digest(recording).hashed_bytes > 0 for recording in recordings] == [
         True
     ] * 3  # not beside them
+    report, _ = build(project, monkeypatch)
+    later = [actions_in_store(project)[action] for action in actions_in_store(project).keys() - made]
+    assert {"track"}.issuperset(later), "but for the datasets, nothing was left to the runs"
+    assert report.counts()["built"] == 3, "it was made for them"
+    assert not any(was_just_made(recipe.state, action) for action in made), "that is told once"
+    assert build(project, monkeypatch, retry_failed=True)[0].counts()["fresh"] == 3
+
+
+def test_what_was_made_is_known_of_a_recording_that_had_been_hashed(project):
+    recipe = load_recipe(project)
+    recording_digest(discover(recipe.bags).recordings["a.bag"], DigestIndex.of(recipe))
+    assert make_first(asked(project, "a.bag")) == 1
+    made = actions_in_store(project)
+    for action in made:
+        was_just_made(recipe.state, action)
+    assert make_first(asked(project, "a.bag")) == 1
+    assert actions_in_store(project) == made
+    assert not any(was_just_made(recipe.state, action) for action in made)  # the store had it
+
+
+def test_of_a_recording_whose_inventory_is_known_nothing_is_tried_again(project):
+    assert make_first(asked(project, "a.bag", select=["inventory"])) == 1
+    assert make_first(asked(project, "a.bag")) == 1
+    assert steps_in_store(project) == ["inventory"]
 
 
 def test_those_that_are_asked_for(project):
-    assert make_inventories(asked(project, "b.*", "a.bag")) == 2
-    assert steps_in_store(project) == ["inventory"] * 2
+    assert make_first(asked(project, "b.*", "a.bag")) == 2
+    assert steps_in_store(project).count("inventory") == 2
+
+
+@pytest.mark.parametrize("why", ["selected", "launcher", "large"])
+def test_inventories_alone_where_not_all_is_asked_for_or_others_make_it(project, monkeypatch, why):
+    if why == "launcher":
+        file = project.with_name("dagster.yaml")
+        file.write_text(yaml.safe_dump(yaml.safe_load(file.read_text()) | {"run_launcher": None}))
+    if why == "large":
+        monkeypatch.setattr(made_ahead, "_LARGEST_WHOLE_BYTES", 1)
+    assert make_first(asked(project, select=["frames"] if why == "selected" else [])) == 3
+    assert steps_in_store(project) == ["inventory"] * 3
 
 
 def test_it_ends_when_the_server_serves(project, monkeypatch):
     states = iter([None, "socket"])
     monkeypatch.setattr(ServerFiles, "socket", property(lambda _self: next(states)))
-    assert make_inventories(asked(project)) == 1
+    assert make_first(asked(project)) == 1
 
 
 def test_a_damaged_recording_costs_the_others_nothing(project):
     damaged = project.parent / "bags" / "a.bag"
     damaged.write_bytes(damaged.read_bytes()[:-5000])
     os.truncate(project.parent / "bags" / "b.mcap", 0)
-    assert make_inventories(asked(project)) == 3
-    assert steps_in_store(project).count("inventory") >= 1
+    assert make_first(asked(project)) == 3
+    assert steps_in_store(project).count("nuscenes_tables") >= 1
+
+
+def test_a_run_waits_for_what_is_being_made_of_its_recording(project, monkeypatch):
+    recipe = load_recipe(project)
+    recording = discover(recipe.bags).recordings["a.bag"]
+    began, may_go_on = threading.Event(), threading.Event()
+
+    def held_up(graph):
+        began.set()
+        assert may_go_on.wait(30)
+        return execute(graph)
+
+    monkeypatch.setattr(made_ahead, "execute", held_up)
+    asked_for = recipe, Store(recipe.store_path), recording, recording_stat(recording), DigestIndex.of(recipe)
+    with ThreadPoolExecutor() as pool:
+        ahead = pool.submit(make_first, asked(project, "a.bag"))
+        assert began.wait(30)
+        run = pool.submit(first_pass, *asked_for)
+        time.sleep(0.1)
+        assert not run.done()
+        may_go_on.set()
+        assert run.result(30).inventory is None
+        assert ahead.result(30) == 1
 
 
 def test_a_cold_build_counts_what_was_made_ahead_as_built(project):
@@ -98,8 +152,8 @@ def test_a_cold_build_counts_what_was_made_ahead_as_built(project):
     assert output["counts"]["built"] == 3
     [client] = Client.all_of(load_recipe(project).state)
     log = client.files.log.read_text()
-    assert "job make_inventories: exit code 0" in log
-    assert "bagassets.defs.builds.made_ahead:make_inventories" in log
+    assert "job make_first: exit code 0" in log
+    assert "bagassets.defs.builds.made_ahead:make_first" in log
 
 
 # --- while a build plans ------------------------------------------------------------------
@@ -130,18 +184,15 @@ def pack_again(path, library="another"):
         writer.finish()
 
 
-def test_the_server_makes_inventories_of_what_changed(project):
+def test_the_server_makes_what_changed(project):
     assert build_by_command(project)["counts"]["built"] == 3
     pack_again(project.parent / "bags" / "b.mcap")
-    before = steps_in_store(project).count("inventory")
+    before = steps_in_store(project)
     deadline = time.monotonic() + 30
-    with making_ahead(project, BuildOptions(jobs=2)) as made:
-        while not made() and time.monotonic() < deadline:
+    with making_ahead(project, BuildOptions(jobs=2)):
+        while len(steps_in_store(project)) == len(before) and time.monotonic() < deadline:
             time.sleep(0.02)
-        assert made().keys() == {"b.mcap"}
-    assert steps_in_store(project).count("inventory") == before + 1
-    after = build_by_command(project)
-    assert after["counts"]["hit"] == 1, "it was there when the build began"
+    assert steps_in_store(project).count("inventory") == before.count("inventory") + 1
 
 
 @pytest.mark.parametrize(
@@ -149,8 +200,8 @@ def test_the_server_makes_inventories_of_what_changed(project):
 )
 def test_nothing_is_made_ahead_where_that_would_delay_or_is_not_asked_for(project, monkeypatch, options):
     monkeypatch.setattr(made_ahead, "find_server", pytest.fail)
-    with making_ahead(project, options) as made:
-        assert made() == {}
+    with making_ahead(project, options):
+        assert steps_in_store(project) == []
 
 
 @pytest.mark.parametrize(
@@ -168,30 +219,28 @@ def test_nothing_is_made_ahead_where_others_execute_the_runs(project, monkeypatc
     file.write_text(yaml.safe_dump(found | {"run_launcher": launcher}))
     assert not made_ahead._executes_runs_here(project)
     monkeypatch.setattr(made_ahead, "find_server", pytest.fail)
-    with making_ahead(project, BuildOptions(jobs=2)) as made:
-        assert made() == {}
+    with making_ahead(project, BuildOptions(jobs=2)):
+        assert steps_in_store(project) == []
 
 
 def test_without_a_server_nothing_is_made_ahead(project):
-    with making_ahead(project, BuildOptions(jobs=2)) as made:
-        assert made() == {}
+    with making_ahead(project, BuildOptions(jobs=2)):
+        assert steps_in_store(project) == []
 
 
 def test_what_has_been_hashed_or_is_large_is_left_alone(project, monkeypatch):
-    make_inventories(asked(project, "a.bag"))
+    make_first(asked(project, "a.bag", select=["inventory"]))
     recordings = discover(load_recipe(project).bags).recordings
-    small, large = sorted(("b.mcap", "c"), key=lambda key: recordings[key].size)
-    monkeypatch.setattr(made_ahead, "_LARGEST_WHILE_PLANNED_BYTES", recordings[large].size - 1)
-    made = []
-    monkeypatch.setattr(made_ahead, "note", made.append)
-    make_first_inventories(load_recipe(project), [])
-    assert [one.keys() for one in made] == [{small}]
-    assert steps_in_store(project) == ["inventory"] * 2
+    large = max(recordings["b.mcap"].size, recordings["c"].size)
+    monkeypatch.setattr(made_ahead, "_LARGEST_WHOLE_BYTES", large - 1)
+    make_new(load_recipe(project), [])
+    steps = steps_in_store(project)
+    assert (steps.count("inventory"), steps.count("nuscenes_tables")) == (2, 1)
 
 
 def test_none_is_begun_once_the_runs_begin(project, monkeypatch):
     monkeypatch.setattr(made_ahead, "_BEGIN_S", -1.0)
-    make_first_inventories(load_recipe(project), [])
+    make_new(load_recipe(project), [])
     assert steps_in_store(project) == []
 
 
@@ -205,28 +254,8 @@ def test_the_page_of_the_map_is_made_when_a_processor_is_idle(project, monkeypat
     monkeypatch.setattr(os, "nice", niceness.append)
     make_ahead({"recipe": str(project), "bags": ["a.bag"]})
     assert niceness == [19]
-    made = ["inventory", *(["map_shell"] if has_map else [])]
-    assert sorted(steps_in_store(project)) == made
+    made = steps_in_store(project)
+    assert made.count("map_shell") == int(has_map)
+    assert made.count("nuscenes_tables") == 1
     make_ahead({"recipe": str(project), "bags": ["a.bag"]})
-    assert sorted(steps_in_store(project)) == made
-
-
-def test_what_was_made_ahead_counts_as_built(project, monkeypatch):
-    """Even if it is all that there was to make."""
-    assert build(project, monkeypatch)[0].counts()["built"] == 3
-
-    for is_told, outcome in ((True, "built"), (False, "hit")):
-
-        @contextmanager
-        def ahead(*_, is_told=is_told):
-            made = {}
-            with monkeypatch.context() as patch:
-                patch.setattr(made_ahead, "note", made.update)
-                make_first_inventories(load_recipe(project), [])
-            assert made.keys() == {"b.mcap"}
-            yield lambda: made if is_told else {}
-
-        pack_again(project.parent / "bags" / "b.mcap", f"for {outcome}")
-        monkeypatch.setattr(project_build, "making_ahead", ahead)
-        report, _ = build(project, monkeypatch)
-        assert report.outcomes["b.mcap"].result == outcome
+    assert steps_in_store(project) == made

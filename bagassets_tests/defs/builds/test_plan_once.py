@@ -10,7 +10,9 @@ from bagassets.cli.main import root
 from bagassets.defs.builds import loop, pending_work
 from bagassets.defs.records import instance_plan
 from bagassets.defs.records.events import recorded_partition
+from bagassets.defs.runs.execution import create_run, execute_run
 from bagassets.engine import planner
+from bagassets.engine.build_report import remark_lines
 from bagassets.store.store import Store
 from bagassets_tests.in_process import QUICK, build, make_project
 from bagassets_tests.small_drive import write_drive
@@ -82,7 +84,7 @@ def test_many_recordings_are_planned_some_at_a_time_and_the_build_says_how_many_
                 lambda done, total: told.append((done, total))
             )
             assert now == whole
-            assert now.recorded.keys() == whole.bags.keys()
+            assert now.recorded == {}, "nobody asks for the records of what is settled"
     assert fetched == [[KEY, "b.mcap"], ["c.bag"]] * 2
     assert told == [(2, 3), (3, 3)] * 2
     monkeypatch.undo()
@@ -154,7 +156,9 @@ def test_what_others_change_before_a_build_ends_is_seen_as_by_a_look_at_everythi
         looked.append(1)
         return look(self)
 
-    def change_first(self, *args):
+    def change_first(self, *args, everything=True):
+        if not everything:
+            return look_on(self, *args, everything=False)
         for change in (_nothing, _replace_what_was_built, _damage, _record, _replace, _add, _remove):
             looked.clear()
             change(tmp_path / "bags", self._instance, self._workspace)
@@ -175,6 +179,53 @@ def test_what_others_change_before_a_build_ends_is_seen_as_by_a_look_at_everythi
     monkeypatch.undo()
     build(recipe, monkeypatch)  # what was noted of the one before does not hide anything
     assert find_state(recipe).is_settled
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ("add", "c.bag: it came, changed or went while this was built; build again"),
+        ("remove", "b.mcap: it came, changed or went while this was built; build again"),
+        ("edit", "recipe.yaml was edited while this was built, by what it said before; build again"),
+        ("", ""),
+    ],
+)
+def test_a_build_says_what_is_left_to_the_next(tmp_path, monkeypatch, change, told):
+    recipe = make_project(tmp_path, [KEY, "b.mcap"])
+    build(recipe, monkeypatch)
+    _rewrite(tmp_path / "bags" / KEY, 1.5)
+
+    def meanwhile(event):
+        if (event.kind, event.key) == ("done", KEY):
+            if change == "add":
+                write_drive(tmp_path / "bags" / "c.bag", "ros1", duration_s=1.0)
+            elif change == "remove":
+                (tmp_path / "bags" / "b.mcap").unlink()
+            elif change == "edit":
+                recipe.write_text(recipe.read_text().replace("min_length_s: 0.5", "min_length_s: 0.4"))
+
+    report, _ = build(recipe, monkeypatch, on_event=meanwhile)
+    assert report.succeeded
+    lines = [line for line in remark_lines(report.remarks) if "(left_over)" in line]
+    assert len(lines) == bool(told)
+    assert all(told in line for line in lines)
+    report, _ = build(recipe, monkeypatch)
+    assert not [one for one in report.remarks if one.check == "left_over"]
+    assert find_state(recipe).is_settled
+
+
+def test_what_a_build_has_made_is_built_although_another_has_recorded_it_since(tmp_path, monkeypatch):
+    """As two builds of a new project do that begin at the same time."""
+    recipe = make_project(tmp_path, [KEY])
+
+    def meanwhile(event):
+        if (event.kind, event.key) == ("done", KEY):
+            with pending_work.open_project(recipe) as (instance, workspace):
+                names = [dg.AssetKey(name) for name in ("bag", *workspace.assets.names)]
+                execute_run(instance, create_run(instance, names, partition_key=KEY))
+
+    report, _ = build(recipe, monkeypatch, on_event=meanwhile)
+    assert report.outcomes[KEY].result == "built"
 
 
 def test_what_another_run_recorded_meanwhile_is_planned_again(tmp_path, monkeypatch):

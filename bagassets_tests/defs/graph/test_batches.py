@@ -1,5 +1,7 @@
 """Small recordings share runs; each is recorded, checked and failed as if it had a run of its own."""
 
+import json
+
 import dagster as dg
 import pytest
 from dagster._core.definitions.data_version import CachingStaleStatusResolver, StaleStatus
@@ -8,18 +10,22 @@ from dagster._core.loader import LoadingContextForTest
 from dagster._core.storage.partition_status_cache import get_and_update_asset_status_cache_value
 
 from bagassets.base.errors import DatasetError
-from bagassets.defs.builds import pending_work
+from bagassets.defs.builds import made_ahead, pending_work
+from bagassets.defs.builds import report as builds_report
 from bagassets.defs.graph import batch_job, making
 from bagassets.defs.graph.location import build_definitions
 from bagassets.defs.records.batches import batch_of
 from bagassets.defs.records.events import MADE_ALONG
+from bagassets.defs.records.instance_plan import planner_of
 from bagassets.defs.runs.execution import failure_of
 from bagassets.engine import batches as engine_batches
 from bagassets.engine import next_steps
 from bagassets.engine.batches import DATASET, batches, without_steps
+from bagassets.formats import checking
 from bagassets.recipe import load_recipe
 from bagassets.recordings.digest import DigestIndex, recording_digest
 from bagassets.recordings.discover import discover
+from bagassets.store.store import Store
 from bagassets_tests.in_process import build, make_project, states, survey
 from bagassets_tests.small_drive import RECIPE, write_drive
 
@@ -164,6 +170,57 @@ def test_recordings_of_a_batch_are_recorded_as_runs_of_their_own_would(project, 
                 made.metadata.keys() - {MADE_ALONG} for made in by_batch[name]
             ]
         assert stale(instance, project, names) == set()
+
+
+def test_what_a_batch_has_made_is_told_from_what_it_found(project, monkeypatch):
+    """By the log of its run, which the build has followed: no event of an asset is read for that."""
+    build(project, monkeypatch, jobs=1)
+    with pending_work.open_project(project) as (instance, workspace):
+        for name in ("bag", *workspace.assets.names):
+            instance.wipe_assets([dg.AssetKey(name)])
+    changed = project.parent / "bags" / BROKEN
+    changed.unlink()
+    write_drive(changed, "ros1", duration_s=1.7)
+    monkeypatch.setattr(made_ahead, "make_inventories", lambda *_: {})
+    monkeypatch.setattr(builds_report, "recordings_made", None)
+    report, _ = build(project, monkeypatch, jobs=1)
+    assert outcomes(report) == {key: "built" if key == BROKEN else "hit" for key in KEYS}
+
+
+def test_what_a_batch_was_checked_for_is_not_checked_again(project, monkeypatch):
+    """Unless somebody was at an artifact, also once that has been looked at."""
+    build(project, monkeypatch, jobs=1)
+    real, checked = checking.check_bag, []
+
+    def check_bag(recipe, store, discovery, bag, **options):
+        checked.append(bag.key)
+        return real(recipe, store, discovery, bag, **options)
+
+    def look():
+        with pending_work.open_project(project) as (instance, workspace):
+            plan, given = planner_of(instance, workspace).plan(), (workspace.recipe, workspace.store)
+            checked.clear()  # planning makes quick checks
+            found = dict(checking.check_bags(*given, plan, plan.bags.values()))
+        asked = [*checked]
+        for key, verdicts in found.items():
+            fresh = real(*given, plan.discovery, plan.bags[key])
+            assert json.dumps([one.as_json() for one in verdicts]) == json.dumps(
+                [one.as_json() for one in fresh]
+            )
+        return asked, found
+
+    monkeypatch.setattr(checking, "check_bag", check_bag)
+    asked, found = look()
+    assert asked == []
+    assert found.keys() == set(KEYS)
+    assert all(len(verdicts) > 5 for verdicts in found.values())
+    store = Store(load_recipe(project).store_path)
+    cloud = min(store.root.glob("artifacts/*/*/files/*.bin"))
+    cloud.with_name("stranger").touch()
+    with pending_work.open_project(project) as (instance, workspace):
+        planner_of(instance, workspace).plan()
+    asked, _ = look()
+    assert len(asked) == 1, "it was checked with what was there before"
 
 
 def material(instance, name):

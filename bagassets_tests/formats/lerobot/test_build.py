@@ -52,6 +52,17 @@ def test_a_dataset_without_episodes_says_what_messages_said(tmp_path, monkeypatc
     assert said.startswith(f"lerobot: 0 episodes from 1 recording: {why} (")
 
 
+def test_a_warning_about_what_an_older_recipe_made_is_not_shown_beside_a_failure(tmp_path, monkeypatch):
+    write_arm(tmp_path, "a", seconds=1.0)
+    write_project(tmp_path, RECIPE + "  episodes: {topic: /episode, start: [go]}\n")
+    build(tmp_path / "recipe.yaml", monkeypatch)
+    write_project(tmp_path, RECIPE.replace("topic: /command", "topic: /nowhere"))
+    for _ in range(2):  # the second tries nothing again
+        report, _ = build(tmp_path / "recipe.yaml", monkeypatch)
+        assert report.outcomes["a.mcap"].result == "failed"
+        assert not [one for one in report.remarks if one.check == "episodes_kept"]
+
+
 def test_a_topic_that_is_not_there_is_answered_with_those_that_are(tmp_path, monkeypatch):
     write_arm(tmp_path, "a", seconds=1.0)
     write_project(tmp_path, RECIPE + "  episodes: {topic: /episode, start: [go]}\n")

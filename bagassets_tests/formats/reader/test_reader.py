@@ -496,6 +496,19 @@ class TestAhead:
             if sample.index < 2:
                 sample.image("CAM_FRONT")
 
+    @pytest.mark.parametrize("opencv", ["older", "newer"])
+    def test_depth_of_16_bits_is_as_written(self, project, tmp_path, monkeypatch, opencv):
+        if opencv == "older":
+            monkeypatch.delattr(cv2, "IMREAD_COLOR_RGB", raising=False)
+        shutil.copytree(project[0].nuscenes.output, tmp_path / "dataset")
+        sample = bagassets.open_dataset(tmp_path / "dataset")[0]
+        depth_mm = np.array([[100, 300, 0], [2000, 40000, 65535]], np.uint16)
+        path = reading(sample).path
+        path.unlink()
+        path.write_bytes(cv2.imencode(".png", depth_mm)[1].tobytes())
+        assert sample.image("CAM_FRONT").dtype == np.uint16
+        np.testing.assert_array_equal(sample.image("CAM_FRONT"), depth_mm)
+
     def test_a_fork_in_the_loop_reads_on(self, dataset, monkeypatch):
         def slowly(folder, one):
             if one.path == reading(dataset[4]).path:

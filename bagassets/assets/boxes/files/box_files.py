@@ -110,17 +110,21 @@ def read_parquet_boxes(data: bytes) -> Iterator[Label]:
 
     try:
         table = pq.read_table(io.BytesIO(data))
-    except (pa.ArrowException, OSError):
+        names = table.column_names
+    except (pa.ArrowException, OSError, UnicodeDecodeError):
         raise UnreadableLabelsError(0, "is no Parquet file") from None
     required = ("stamp_ns", "category", *_NUMBERS)
-    missing = [name for name in required if name not in table.column_names]
+    missing = [name for name in required if name not in names]
     if missing:
         raise UnreadableLabelsError(0, f"lacks the column {missing[0]}; required are {', '.join(required)}")
     if not pa.types.is_integer(table.schema.field("stamp_ns").type):
         raise UnreadableLabelsError(0, "has a column stamp_ns that is not of whole numbers")
     rows = (entry for batch in table.to_batches(max_chunksize=1 << 16) for entry in batch.to_pylist())
-    for row, entry in enumerate(rows, start=1):
-        yield _row_label(row, entry)
+    try:
+        for row, entry in enumerate(rows, start=1):
+            yield _row_label(row, entry)
+    except UnicodeDecodeError:
+        raise UnreadableLabelsError(0, "has a text that is not UTF-8") from None
 
 
 def _row_label(row: int, entry: JsonMapping) -> Label:
