@@ -24,6 +24,9 @@ NUMERIC = {
     7: "Float32",
     8: "Float64",
 }
+_PNG = base64.b64decode(
+    "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR4nGNgAAAAAgABSK+kcQAAAABJRU5ErkJggg=="
+)  # a black pixel
 _GEOMETRY = {"Vector3", "Point3", "Quaternion", "Pose"}
 
 
@@ -59,6 +62,7 @@ _TEXTS = {
     "FrameTransform": "builtin_interfaces/Time timestamp\nstring parent_frame_id\nstring child_frame_id\ngeometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation\n",
     "FrameTransforms": "foxglove_msgs/FrameTransform[] transforms\n",
     "PoseInFrame": "builtin_interfaces/Time timestamp\nstring frame_id\ngeometry_msgs/Pose pose\n",
+    "Odometry": "builtin_interfaces/Time timestamp\nstring frame_id\nstring body_frame_id\ngeometry_msgs/Pose pose\n",
     "LocationFix": "builtin_interfaces/Time timestamp\nstring frame_id\nfloat64 latitude\nfloat64 longitude\nfloat64 altitude\n",
     "CameraCalibration": "builtin_interfaces/Time timestamp\nstring frame_id\nuint32 width\nuint32 height\nstring distortion_model\nfloat64[] d\nfloat64[9] k\nfloat64[9] r\nfloat64[12] p\n",
     "KeyValuePair": "string key\nstring value\n",
@@ -68,6 +72,58 @@ _TEXTS = {
 }  # fmt: skip
 for _name, _text in _TEXTS.items():
     ROS2.register(get_types_from_msg(_text, f"foxglove_msgs/msg/{_name}"))
+
+
+def examples():
+    """Return a message of each type that is read."""
+
+    def stamped(kind, **fields):
+        return M(kind, timestamp=T(NS), frame_id="/sensor", **fields)
+
+    edge = M(
+        "FrameTransform", timestamp=T(NS), parent_frame_id="/base", child_frame_id="/sensor",
+        translation=M("Vector3", x=1.0, y=0.0, z=0.0), rotation=M("Quaternion", x=0.0, y=0.0, z=0.0, w=1.0),
+    )  # fmt: skip
+    columns = [
+        M("PackedElementField", name=name, offset=4 * n, type=E(7)) for n, name in enumerate(("x", "y", "z"))
+    ]
+    points = np.arange(12, dtype="<f4").tobytes()
+    k = [100.0, 0.0, 32.0, 0.0, 100.0, 24.0, 0.0, 0.0, 1.0]
+    r = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
+    lens = {"distortion_model": "plumb_bob", "D": [0.1, 0.0, 0.0, 0.0, 0.0]}
+    pairs = [
+        M("KeyValuePair", key=key, value=value) for key, value in {"category": "car", "score": "1"}.items()
+    ]
+    cube = M("CubePrimitive", pose=pose(1.0), size=M("Vector3", x=4.0, y=2.0, z=1.5))
+    return [
+        stamped("CompressedImage", data=_PNG, format="png"),
+        stamped("CompressedVideo", data=b"\0\0\0\1\x65\x88\x84", format="h264"),
+        stamped("RawImage", width=4, height=2, encoding="rgb8", step=12, data=bytes(range(24))),
+        stamped("PointCloud", pose=pose(), point_stride=12, fields=columns, data=points),
+        stamped(
+            "LaserScan",
+            pose=pose(),
+            start_angle=0.0,
+            end_angle=1.5,
+            ranges=[1.0, 2.0],
+            intensities=[5.0, 6.0],
+        ),
+        edge,
+        M("FrameTransforms", transforms=[edge, edge]),
+        stamped("PoseInFrame", pose=pose(1.5)),
+        stamped("Odometry", body_frame_id="base", pose=pose(1.5)),
+        stamped("LocationFix", latitude=48.25, longitude=11.5, altitude=500.0),
+        stamped(
+            "CameraCalibration",
+            width=64,
+            height=48,
+            **lens,
+            K=k,
+            R=r,
+            P=[*k[:3], 0.0, *k[3:6], 0.0, *k[6:], 0.0],
+        ),
+        M("SceneUpdate", entities=[stamped("SceneEntity", id="a", metadata=pairs, cubes=[cube])]),
+    ]
 
 
 def as_sdk(value):

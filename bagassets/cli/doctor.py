@@ -60,18 +60,21 @@ def _print(found: "Examined", copy: Path | None, written: int | None) -> None:
     """Print one page: what is wrong, where, what can be saved, what to do next."""
     from bagassets.base.quantities import count_text
     from bagassets.recordings.damage import without_advice
+    from bagassets.recordings.salvage.damage_map import NO_INDEX
 
-    path = visible(str(found.path))
+    path, damage, no_index = visible(str(found.path)), found.damage, f"{found.path.name}: {NO_INDEX}"
+    findings = [] if damage is None else [*damage.findings]
     if found.verdict == "sound":
         number = sum(count for _, count in found.topics.values())
         echo_lines(f"{path}\n\nSound: all {number} messages can be read.")
     else:
         problem = without_advice(found.problem).removeprefix(f"{found.path}: ")
+        if "its index is damaged" in problem and no_index in findings:
+            problem = problem.replace("its index is damaged", "it was cut off before its index")
+            findings.remove(no_index)
         echo_lines(f"{path}\n\nWhat is wrong\n  {problem}")
-    damage = found.damage
     if damage is not None:
-        lines = [*damage.findings]
-        lines += [
+        lines = findings + [
             f"{hole.file}, bytes {hole.begin} to {hole.end}{_between(hole.start_ns, hole.end_ns)}: {hole.reason}"
             for hole in damage.holes[:_SHOWN]
         ]
@@ -106,9 +109,7 @@ def _advice(found: "Examined", copy: Path | None) -> list[str]:
     from bagassets.recordings.salvage.examine import BEHIND
 
     if found.damage is None:
-        return [
-            "Copy it again from where it was recorded; nothing in this file is a recording that can be read."
-        ]
+        return ["Copy it again from where it was recorded; nothing in this file can be read."]
     if found.problem == BEHIND:
         lines = ["Builds use it as it is, whatever `recover` in the recipe says."]
     elif found.damage.is_complete:

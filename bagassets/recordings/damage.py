@@ -13,6 +13,9 @@ _ADVICE = {
     "": "expected a ROS 2 bag folder with metadata.yaml; try `ros2 bag reindex`, or copy it again from where it was "
     "recorded",
 }
+_NO_RECORDING = (
+    "it is no recording, or lost its first bytes: remove it, name it in bags.exclude, or copy it again"
+)
 # How files of each kind begin.
 _BEGINNINGS = {
     ".bag": (b"#ROSBAG V", "a ROS 1 bag"),
@@ -49,9 +52,14 @@ def advice_for(path: Path) -> str:
 
 def without_advice(sentence: str) -> str:
     """Return an error about a recording without what it says to do."""
-    for advice in _ADVICE.values():
+    for advice in (*_ADVICE.values(), _NO_RECORDING):
         sentence = sentence.replace(f"; {advice}.", ".")
     return sentence
+
+
+def hole_reason(path: Path, err: BaseException) -> str:
+    """Return an error about a file as damage maps hold it: in artifacts, the advice stays what it was."""
+    return str(err).removeprefix(f"{path}: ").rstrip(".").replace(_NO_RECORDING, advice_for(path))
 
 
 def suffix_of(path: Path) -> str:
@@ -70,10 +78,11 @@ def unreadable(path: Path, err: BaseException) -> RecordingError:
         return RecordingError(
             f"{path}: its content is that of {_BEGINNINGS[begins_as][1]}, whatever its name says; have its name end in {begins_as}."
         )
-    reason = _reason(err)
-    if begins_as is None and suffix_of(path) in _BEGINNINGS and reason == _CONTRADICTS:
-        reason = NO_BEGINNING
-    return RecordingError(f"{path}: it cannot be read ({reason}); {advice_for(path)}.")
+    reason, advice = _reason(err), advice_for(path)
+    if begins_as is None and path.is_file() and suffix_of(path) in _BEGINNINGS:
+        reason = NO_BEGINNING if reason == _CONTRADICTS else reason
+        advice = _NO_RECORDING if reason.startswith(("it does not begin", "it is no SQLite")) else advice
+    return RecordingError(f"{path}: it cannot be read ({reason}); {advice}.")
 
 
 def _begins_as(path: Path) -> str | None:

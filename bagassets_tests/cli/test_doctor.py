@@ -173,6 +173,17 @@ def test_what_is_no_recording_is_lost(tmp_path):
     assert not (tmp_path / "b.bag").exists()
 
 
+def test_a_bag_cut_off_before_its_index_is_said_to_be_that_once(tmp_path, sound):
+    path = damaged(tmp_path, "ros1", "cut at 90 %", sound["ros1"])
+    _, output = doctor(path)
+    assert "What is wrong\n  it cannot be read (it was cut off before its index).\n" in output
+    assert output.count("index") == 1
+    active = damaged(tmp_path, "ros1", "without its index", sound["ros1"])
+    _, output = doctor(active)  # never had one
+    assert "cut off" not in output
+    assert "it has no index, as if the recorder had been stopped" in output
+
+
 def test_unfinished_files_are_examined_by_their_names(tmp_path, sound):
     bag = damaged(tmp_path, "ros1", "without its index", sound["ros1"])
     active = bag.rename(tmp_path / "x.bag.active")

@@ -22,29 +22,30 @@ from bagassets.assets.boxes.files.nuscenes_tables import TableSet, read_table
 from bagassets.assets.boxes.files.sustechpoints import read_sustechpoints
 from bagassets.assets.boxes.files.times import read_times
 from bagassets.base.cache import NAME, Cache, Changes
-from bagassets.base.errors import BagAssetsError
+from bagassets.base.errors import BagAssetsError, DecodeError
 from bagassets.base.fingerprints import PlanNeeded
-from bagassets.decode.boxes import BoxDecoder
 from bagassets.decode.compressed_image import checked_size, decode_pixels
 from bagassets.decode.fields import check_points
 from bagassets.decode.loading import load_decoder
 from bagassets.decode.ncom import decode_ncom
-from bagassets.decode.registry import BUILT_IN
+from bagassets.decode.packets import PAYLOADS, VELODYNE_PACKET_SIZE, sender
+from bagassets.decode.poses import decode_transform
+from bagassets.decode.velodyne import PacketFilter, Packets, RevolutionDecoder
 from bagassets.decode.video_units import UnitReader
 from bagassets.geometry.calibration_files.read import read_calibration_file
 from bagassets.geometry.camera import CameraModel
+from bagassets.geometry.kernels.returns import PACKET
 from bagassets.recipe.load import load_recipe, parse_recipe
 from bagassets.recipe.model import Limits
 from bagassets.recordings.digest_record import ATTRIBUTE, DigestIndex, read_attribute
 from bagassets.recordings.discover import discover
-from bagassets.recordings.model import Definition
 from bagassets.recordings.open import open_recording
 from bagassets.recordings.salvage.examine import examine
 from bagassets.recordings.salvage.open import open_salvaged
-from bagassets.recordings.topic import Topic, TopicSource
 from bagassets_tests import calibration_texts, damaged_files, label_files
 from bagassets_tests.calibration_texts import kalibr_camera
-from bagassets_tests.small_drive import RECIPE, STORE1, STORE2, messages
+from bagassets_tests.fuzz.decoders import cases
+from bagassets_tests.small_drive import RECIPE
 
 LIMITS = Limits(chunk_bytes=4_000_000, message_bytes=1_000_000, image_pixels=1_000_000, cloud_points=100_000)
 
@@ -160,69 +161,77 @@ def _metadata(folder):
 
 # --- decoders ----------------------------------------------------------------------------
 
-DECODED = [
-    (line, store, how)
-    for line in BUILT_IN
-    for store, how in ((STORE2, "cdr"), (STORE1, "ros1"))
-    if line.msgtype in store.types and line.msgtype in store.fielddefs
-]
-"""A decoder, and where the definition of its message type is; the first two bytes of an input choose one."""
-
-
-def _topic(number):
-    line, store, how = DECODED[number]
-    key = f"topic {number}"
-    if key not in _MADE:
-        text, _ = store.generate_msgdef(line.msgtype, ros_version=2 if how == "cdr" else 1)
-        source = TopicSource("/topic", line.msgtype, 1, Definition("msg", text), how)
-        _MADE[key] = Topic(source, (), LIMITS)
-    return _MADE[key]
-
 
 def _decode(data):
-    number = int.from_bytes(data[:2], "little") % len(DECODED)
-    _attempt(lambda: _decoded(DECODED[number][0], _topic(number).decode(data[2:])))
+    """Read a message as steps do; the first two bytes of an input choose decoder and topic."""
+    number = int.from_bytes(data[:2], "little") % len(cases())
+    case, key = cases()[number], f"topic {number}"
+    if key not in _MADE:
+        _MADE[key] = case.topic(LIMITS)
+    _attempt(lambda: decoded(case.line, _MADE[key], data[2:]))
 
 
-def _decoded(line, message):
+def decoded(line, topic, data):
+    """Read a message of a topic."""
+    topic.header(data)
+    topic.unstamped(data)
+    if len(data) > topic.large_bytes and (reason := topic.refusal(data)):
+        raise DecodeError(reason)
+    message = topic.decode(data)
     decoder = load_decoder(line)
     if line.family in {"cloud", "radar"}:
         check_points(message, LIMITS.cloud_points)
-    if isinstance(decoder, BoxDecoder):
-        for item in list(decoder.items(message)):
-            _attempt(lambda item=item: decoder.decode(message, item))
-        return
-    reading = decoder(message, line.msgtype, None) if line.family == "radar" else decoder(message)
-    if line.family == "image" and reading.encoded is not None:
-        width, height = checked_size(reading.encoded, reading.encoding)
-        if width * height <= LIMITS.image_pixels:
-            decode_pixels(reading.encoded, reading.encoding)
+    match line.family:
+        case "boxes":
+            _each(decoder.items(message), lambda item: decoder.decode(message, item))
+        case "transforms":
+            _each(decoder(message), decode_transform)
+        case "packets":
+            topic.packet(data, PAYLOADS)
+            topic.packets([data, data], PAYLOADS)
+            sender(message)
+            _revolution([payload for _, payload in decoder(message) if len(payload) == VELODYNE_PACKET_SIZE])
+        case "radar":
+            decoder(message, topic.msgtype, None)
+        case "video":
+            packet = decoder(message)
+            UnitReader().read(packet.codec, packet.data)
+        case "image":
+            reading = decoder(message)
+            if reading.encoded is not None:
+                _pixels(reading.encoded, reading.encoding)
+        case _:
+            decoder(message)
+
+
+def _each(items, read):
+    """Read what is in a message, one of which may be bad; raise the first error."""
+    problems = []
+    for item in items:
+        try:
+            read(item)
+        except DecodeError as err:
+            problems.append(err)
+    if problems:
+        raise problems[0]
+
+
+def _revolution(payloads):
+    """Decode Velodyne packets by themselves."""
+    data = np.frombuffer(b"".join(payloads), PACKET)
+    kept = np.delete(data, list(PacketFilter(None).refusals(data)))
+    times_ns = np.arange(len(kept), dtype=np.int64)
+    RevolutionDecoder(None).decode(Packets(times_ns, kept), times_ns)
+
+
+def _pixels(encoded, encoding):
+    width, height = checked_size(encoded, encoding)
+    if width * height <= LIMITS.image_pixels:
+        decode_pixels(encoded, encoding)
 
 
 def _serialized(_folder):
-    """A message of each type that the drive has, for each decoder of it; for the others, zeros."""
-    found = {}
-    for store, how in ((STORE2, "cdr"), (STORE1, "ros1")):
-        pack = store.serialize_cdr if how == "cdr" else store.serialize_ros1
-        for _, msgtype, _, message in messages(store, 0.3, ros1=how == "ros1"):
-            found[msgtype, how] = bytes(pack(message, msgtype))
-    seeds = []
-    for number, (line, _, how) in enumerate(DECODED):
-        data = found.get((line.msgtype, how), b"\0\1\0\0" + bytes(200))
-        seeds.append(number.to_bytes(2, "little") + data)
-        if line.msgtype.endswith("CompressedImage"):
-            pixels = np.arange(24 * 32 * 3, dtype=np.uint8).reshape(24, 32, 3)
-            store = DECODED[number][1]
-            kind = store.types[line.msgtype]
-            head = store.types["std_msgs/msg/Header"]
-            stamp = store.types["builtin_interfaces/msg/Time"](1, 2)
-            header = head(0, stamp, "cam") if how == "ros1" else head(stamp, "cam")
-            for name in (".jpg", ".png"):
-                encoded = cv2.imencode(name, pixels)[1].reshape(-1)
-                message = kind(header, name[1:], encoded)
-                pack = store.serialize_cdr if how == "cdr" else store.serialize_ros1
-                seeds.append(number.to_bytes(2, "little") + bytes(pack(message, line.msgtype)))
-    return seeds
+    return [number.to_bytes(2, "little") + seed for number, case in enumerate(cases()) for seed in case.seeds]
 
 
 def _packets(data):
@@ -242,13 +251,7 @@ def _video_seeds(_folder):
 def _image(data):
     """The structure of JPEG and PNG, and their pixels if that is whole."""
     for encoding in ("jpeg", "png"):
-
-        def read(encoding=encoding):
-            width, height = checked_size(data, encoding)
-            if width * height <= LIMITS.image_pixels:
-                decode_pixels(data, encoding)
-
-        _attempt(read)
+        _attempt(lambda encoding=encoding: _pixels(data, encoding))
 
 
 def _images(_folder):

@@ -27,8 +27,8 @@ HOME = "/home/me/bagassets"  # the checkout, as the page shows it
 NOT_RUN = {
     "make demo": "it makes an environment; its last line is run in the one there is",
     "make test": "it runs this",
-    "pip install bagassets-*.whl": "test_wheel installs into a new environment",
-    "pip wheel --no-deps .": "test_wheel makes the wheel",
+    "pip install dist/bagassets-*.whl": "test_wheel installs into a new environment",
+    "pip wheel --no-deps --wheel-dir dist .": "test_wheel makes the wheel",
     "pip install .": "it makes and installs that wheel",
     "pip install '.[dg]'": "it is tried by hand, with each release of Dagster",
     "bagassets demo --robot arm build/arm": "test_demo runs it in a folder of its own",

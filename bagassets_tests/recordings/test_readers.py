@@ -1,5 +1,6 @@
 """Reading recordings: every format, odd ones, broken ones."""
 
+import re
 import sqlite3
 import struct
 
@@ -12,10 +13,13 @@ from rosbags.rosbag1 import Writer as Rosbag1Writer
 from bagassets.base.errors import RecordingError
 from bagassets.recordings.mcap_index import walk
 from bagassets.recordings.open import open_recording
+from bagassets.recordings.salvage.open import open_salvaged
 from bagassets.recordings.topic import RefusedBytes
 from bagassets_tests.small_drive import START_NS, STORE1, messages, write_drive
 
 TOPICS = ["/cam/camera_info", "/cam/image_raw", "/odom", "/points", "/tf_static"]
+
+NO_RECORDING = r"; it is no recording, .* bags\.exclude"
 
 
 @pytest.fixture(params=[("ros1", "a.bag"), ("ros2", "b"), ("mcap", "c.mcap")], ids=lambda p: p[0])
@@ -131,10 +135,12 @@ def test_a_bad_type_costs_its_topic_only(tmp_path):
     ("name", "content", "advice"),
     [
         ("empty.bag", b"", "the file is empty"),
-        ("text.bag", b"not a bag at all\n" * 50, "rosbag reindex"),
+        ("text.bag", b"not a bag at all\n" * 50, NO_RECORDING),
         ("cut.bag", b"#ROSBAG V2.0\nxxxx", "rosbag reindex"),
-        ("text.mcap", b"not an mcap\n" * 50, "mcap recover"),
-        ("text.db3", b"not a database\n" * 100, "recover"),
+        ("text.mcap", b"not an mcap\n" * 50, NO_RECORDING),
+        ("text.db3", b"not a database\n" * 100, NO_RECORDING),
+        ("cut.mcap", b"\x89MCAP0\r\nxxxx", "mcap recover"),
+        ("cut.db3", b"SQLite format 3\0xxxx", r"FILE \.recover"),
     ],
 )
 def test_broken_files_are_refused_with_what_to_do(tmp_path, name, content, advice):
@@ -142,6 +148,10 @@ def test_broken_files_are_refused_with_what_to_do(tmp_path, name, content, advic
     with pytest.raises(RecordingError, match=advice) as caught:
         open_recording(tmp_path / name)
     assert name in str(caught.value)
+    if advice == NO_RECORDING:  # which no repair helps
+        assert not re.search("try|reindex|mcap recover|sqlite3", str(caught.value))
+        with pytest.raises(RecordingError, match=advice):
+            open_salvaged(tmp_path / name)
 
 
 @pytest.mark.parametrize(("file_format", "name"), [("ros1", "a.bag"), ("mcap", "c.mcap")])

@@ -367,6 +367,11 @@ class TestSeries:
         assert found.total() == len(halves(entries())[1])
         (hole,) = damage.holes
         assert (hole.file, hole.begin, hole.end) == ("drive_0.bag", 0, recording.parts[0].size)
+        # It is in inventories, whose bytes do not change.
+        assert hole.reason == (
+            "it cannot be read (it does not begin as such a file does); expected a finished ROS 1 bag; try "
+            "`rosbag reindex` on a copy, or copy it again from where it was recorded"
+        )
         assert not damage.is_total_known
 
     def test_where_no_part_can_be_read_that_is_said(self, parts):

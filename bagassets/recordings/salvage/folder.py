@@ -7,7 +7,7 @@ from pathlib import Path
 
 from bagassets.base.errors import BagAssetsError
 from bagassets.base.json_types import JsonMapping
-from bagassets.recordings.damage import DamageError, unreadable
+from bagassets.recordings.damage import DamageError, hole_reason, unreadable
 from bagassets.recordings.database_file import Database
 from bagassets.recordings.mcap_file import McapFile
 from bagassets.recordings.model import METADATA
@@ -92,14 +92,10 @@ class SalvagedFolder(Rosbag2Recording):
         return SalvagedDatabase(file, self._how.limits, self._how.on_read, self._noted)
 
     def _lost(self, file: Path, err: BagAssetsError, metadata: JsonMapping) -> BagAssetsError:
-        entries = [
-            one
-            for one in metadata.get("files") or []
-            if isinstance(one, dict) and one.get("path") == file.name
-        ]
-        number = entries[0].get("message_count") if entries else None
+        listed = [one for one in metadata.get("files") or [] if isinstance(one, dict)]
+        number = next((one.get("message_count") for one in listed if one.get("path") == file.name), None)
         lost = {"": number} if isinstance(number, int) else None
-        reason = str(err).removeprefix(f"{file}: ").rstrip(".") if file.exists() else "the file is missing"
+        reason = hole_reason(file, err) if file.exists() else "the file is missing"
         self._noted.is_total_known = False
         size = file.stat().st_size if file.exists() else 0
         self._noted.hole(Hole(file.name, 0, size, reason, lost=lost))

@@ -7,7 +7,7 @@ from typing import TypeVar
 
 from bagassets.base.errors import BagAssetsError, RecordingError
 from bagassets.recipe.model import Limits
-from bagassets.recordings.damage import refuse_pointer, suffix_of, unreadable
+from bagassets.recordings.damage import hole_reason, refuse_pointer, suffix_of, unreadable
 from bagassets.recordings.journals import scratch_folder
 from bagassets.recordings.model import OnRead, RecordingFiles
 from bagassets.recordings.open import open_recording
@@ -95,9 +95,7 @@ def _series(recording: RecordingFiles, how: How, damage: Damage) -> Recording:
                 raise
             damage.holes, damage.findings = before
             damage.is_total_known = False
-            damage.hole(
-                Hole(part.path.name, 0, part.size, str(err).removeprefix(f"{part.path}: ").rstrip("."))
-            )
+            damage.hole(Hole(part.path.name, 0, part.size, hole_reason(part.path, err)))
         else:
             parts.append(part.path)
     if not parts:
