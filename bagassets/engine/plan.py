@@ -31,6 +31,7 @@ class Recorded:
         code_version: Dagster's code version, from step version and recipe fields.
         inputs: upstream asset -> data version that it was made from.
         stat: for `bag`, sizes and times of the files when the digest was taken.
+        cached: True if nothing had to run; None if that is not recorded.
         action: digest of the action that made it.
         run_id: the run that recorded it.
         made_along: for `bag`, the action of the inventory if the same pass has run it.
@@ -43,6 +44,7 @@ class Recorded:
     code_version: str | None
     inputs: Mapping[str, str] = field(default_factory=dict)
     stat: RecordingStat | None = None
+    cached: bool | None = None
     action: str | None = None
     run_id: str = ""
     made_along: str = ""

@@ -27,7 +27,7 @@ CONTENT, SEVERAL = "content_digest", "several"
 REASON = "reason"
 NOT_MADE = "not_made"
 CACHED, _ACTION = "cached", "action_digest"
-_OF_RECORDED = {STAT, _ACTION, MADE_ALONG, CONTENT, REASON}
+_OF_RECORDED = {STAT, CACHED, _ACTION, MADE_ALONG, CONTENT, REASON}
 
 # Records are fetched by storage id; more ids at a time would exceed SQLite's limit of variables.
 _BATCH = 500
@@ -183,6 +183,7 @@ def _recorded(names: Naming, materialization: dg.AssetMaterialization, run_id: s
         code_version=tags.get(CODE_VERSION),
         inputs=inputs,
         stat=RecordingStat.from_json(json.loads(str(said[STAT]))) if STAT in said else None,
+        cached=bool(said[CACHED]) if CACHED in said else None,
         action=str(said[_ACTION]) if _ACTION in said else None,
         run_id=run_id,
         made_along=str(said.get(MADE_ALONG, "")),
