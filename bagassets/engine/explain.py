@@ -9,7 +9,7 @@ from bagassets.engine.plan import AssetState, Recorded
 from bagassets.store.canonical import digest_json
 from bagassets.store.store import Store
 
-_SHOWN = ("data_version", "code_version", "run_id")  # of what is recorded
+_SHOWN = ("data_version", "code_version", "run_id", "cached")  # of what is recorded
 
 
 def explanation(
