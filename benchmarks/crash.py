@@ -9,6 +9,7 @@ steps::
     make crash                                   # all of them: an hour on two quiet cores
     python -m benchmarks.crash --share 0.05      # a sample
     python -m benchmarks.crash --only history
+    python -m benchmarks.crash --command removal --json benchmarks/results/crash.json   # this one again, into these results
 
 The exit status is 1 if anything went wrong.
 """
@@ -46,6 +47,9 @@ def main() -> int:
     parser.add_argument("--share", type=float, default=1.0, help="share of all that is tried, by chance")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", choices=_PARTS, help="only this part")
+    parser.add_argument(
+        "--command", help="only crashes and failures of this one; with --json, the other figures there stay"
+    )
     parser.add_argument("--workers", type=int, default=len(os.sched_getaffinity(0)))
     parser.add_argument(
         "--folder", type=Path, default=Path("/dev/shm"), help="where to work; default: in memory"
@@ -70,6 +74,8 @@ def main() -> int:
         "date": time.strftime("%Y-%m-%d"), "minutes": round((time.monotonic() - begun) / 60), "tried": rows,
         "problems": problems,
     }  # fmt: skip
+    if options.command and options.json:
+        found = _with_again(json.loads(options.json.read_text("utf-8")), found, options.command)
     if options.json:
         options.json.write_text(json.dumps(found, indent=1) + "\n", "utf-8")
     print(crash_table(found))
@@ -113,6 +119,8 @@ def _work(
         folder.mkdir()
         project = code.Project(folder)
         for command in code.SCENARIOS if options.only != "history" else ():
+            if options.command not in (None, command):
+                continue
             scenario = code.recorded(project, command)
             code.import_what_was_needed()
             if options.only != "failure":
@@ -124,7 +132,7 @@ def _work(
                     problem = code.fail(project, scenario, *failure)
                     if problem is not None:
                         answer(("failure", command, problem and f"{failure}: {problem}"))
-        if options.only in (None, "history"):
+        if options.only in (None, "history") and options.command is None:
             histories = code.Histories(folder)
             for steps in mine(product(code.STEPS, repeat=3)):
                 problem = histories.run(steps, options.seed)
@@ -136,12 +144,23 @@ def _work(
         answer(None)
 
 
+def _with_again(before: dict[str, Any], found: dict[str, Any], command: str) -> dict[str, Any]:
+    """Return results in which those of one command are newer than the rest."""
+    rows = [row for row in before["tried"] if row[1] != command] + found["tried"]
+    problems = [one for one in before["problems"] if f", {command}: " not in one] + found["problems"]
+    again = {**before.get("again", {}), command: {"date": found["date"], "commit": found["commit"]}}
+    return {**before, "tried": sorted(rows), "problems": problems, "again": again}
+
+
 def crash_table(found: dict[str, Any]) -> str:
     """Return the results as a table in Markdown, and where they are from."""
     names = {"crash": "crashes", "failure": "changes of files that fail once", "history": "histories"}
     rows = [(f"{names.get(part, part)}: {command}", *numbers) for part, command, *numbers in found["tried"]]
     share = "all there are" if found["share"] == 1 else f"{100 * found['share']:g} % of all, by chance"
-    where = f"On {found['date']}, commit {found['commit']}: {share}, with seed {found['seed']}.\n\n"
+    where = f"On {found['date']}, commit {found['commit']}: {share}, with seed {found['seed']}"
+    for command, newer in found.get("again", {}).items():
+        where += f"; *{command}* once more on {newer['date']}, commit {newer['commit']}"
+    where += ".\n\n"
     return where + markdown(("", "tried", "good"), rows)
 
 
