@@ -7,7 +7,7 @@ others, and a recording that changes meanwhile fails them all.
 
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from bagassets.assets.asset import AnyAsset, Inputs, Summary
@@ -35,6 +35,7 @@ class AssetResult:
         action_digest: the action that made it.
         cached: True if nothing had to run.
         seconds: time that it took when it ran.
+        channels: channel -> digest of its artifact, for assets that consist of channels.
     """
 
     asset: str
@@ -42,6 +43,7 @@ class AssetResult:
     action_digest: str
     cached: bool
     seconds: float
+    channels: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -159,11 +161,10 @@ def run_again(
 
 
 def _result(node: Node, outcome: Outcome) -> AssetResult:
-    outcomes = (
-        [outcome] if not node.parts else [part.outcome for part in node.parts if part.outcome is not None]
-    )
-    seconds = sum(one.seconds for one in outcomes)
-    return AssetResult(node.name, outcome.artifact, outcome.action_digest, node.is_cached, seconds)
+    parts = {part.channel: part.outcome for part in node.parts if part.outcome is not None}
+    seconds = sum(one.seconds for one in parts.values()) if parts else outcome.seconds
+    channels = {channel: one.artifact.digest for channel, one in parts.items()}
+    return AssetResult(node.name, outcome.artifact, outcome.action_digest, node.is_cached, seconds, channels)
 
 
 # --- one action ------------------------------------------------------------------------------

@@ -114,6 +114,5 @@ def make_recording(recorder: Recorder, recording: RecordingFiles, assets: Collec
             if content:
                 metadata[CONTENT] = content
             inputs = dict.fromkeys(dependencies(project, result.asset))
-            outcomes = [part.outcome for part in graph.node(result.asset).parts]
-            parts = [one.artifact.digest for one in outcomes if one is not None]
+            parts = () if isinstance(result, Skipped) else result.channels.values()
             yield Made(result.asset, version, project.versions[result.asset], metadata, inputs, parts=parts)
