@@ -16,7 +16,7 @@ from bagassets.base import lock_files
 from bagassets.base.errors import RecipeError, RecordingError
 from bagassets.base.lock_files import LockFile, is_locked
 from bagassets.defs.builds import project_build
-from bagassets.defs.records.exclusive import exclusive
+from bagassets.defs.runs.exclusive import exclusive
 from bagassets.engine.build_report import BagOutcome, BuildReport
 from bagassets.engine.plan import Plan
 from bagassets.engine.summary_rows import summary_rows

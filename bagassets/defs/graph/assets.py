@@ -17,6 +17,7 @@ from bagassets.defs.records.recorder import Recorder
 from bagassets.defs.records.reporting import BAG_CODE_VERSION, code_link, errors_explained
 from bagassets.defs.records.run_step import RunStep
 from bagassets.defs.records.workspace import Workspace
+from bagassets.defs.runs.exclusive import RecordingLock
 from bagassets.engine.batches import MOST_RECORDINGS
 from bagassets.engine.execute import BuildFailure
 from bagassets.engine.recording_assets import RecordingAssets
@@ -72,12 +73,13 @@ def _definition(
         name=names.spell(operation),
         can_subset=can_subset,
         partitions_def=recording_partitions(recipe.bags, names),
-        required_resource_keys={names.workspace},
+        required_resource_keys={names.workspace, names.lock},
         backfill_policy=policy,
         specs=specs,
     )
     def make(context: dg.AssetExecutionContext) -> Iterator[dg.MaterializeResult[None]]:
         workspace = Workspace.of(context, names.workspace)
+        lock: RecordingLock = getattr(context.resources, names.lock)
         selected = context.run.asset_selection
         own = {str(names.asset_of(one)) for one in context.selected_asset_keys}
         with errors_explained():
@@ -87,12 +89,12 @@ def _definition(
                 if not selected or names.key(name) in selected
             ]
             if context.has_partition_key_range:
-                _make_range(context, workspace, wanted)
+                _make_range(context, workspace, lock, wanted)
                 return
             key = context.partition_key
             recorder = Recorder(context.instance, workspace, key, context, wanted)
             with recorder.giving_up(own):
-                workspace.lock_until_end(context)
+                lock.take(context)
                 recording = workspace.recording(key)
                 try:
                     for made in make_recording(recorder, recording, own):
@@ -104,7 +106,9 @@ def _definition(
     return make
 
 
-def _make_range(context: dg.AssetExecutionContext, workspace: Workspace, wanted: Sequence[str]) -> None:
+def _make_range(
+    context: dg.AssetExecutionContext, workspace: Workspace, lock: RecordingLock, wanted: Sequence[str]
+) -> None:
     """Make all that a run about several recordings is to make of them, in the first of its steps.
 
     It yields nothing, so Dagster skips the steps that read it: of the results of a step it would record that all these
@@ -120,7 +124,7 @@ def _make_range(context: dg.AssetExecutionContext, workspace: Workspace, wanted:
             "makes nothing else; choose another, or none."
         )
     batch = dict.fromkeys(context.partition_keys, wanted)
-    ended = make_side_by_side(RunStep.of(context, is_planned=True), workspace, batch)
+    ended = make_side_by_side(RunStep.of(context, is_planned=True), workspace, lock, batch)
     if problem := failure_text(ended):
         raise dg.Failure(problem, allow_retries=False)
 

@@ -15,6 +15,7 @@ from bagassets.defs.records.recorder import Recorder
 from bagassets.defs.records.reporting import errors_explained
 from bagassets.defs.records.run_step import RunStep
 from bagassets.defs.records.workspace import Workspace
+from bagassets.defs.runs.exclusive import RecordingLock
 from bagassets.engine.batches import DATASET, Batch
 from bagassets.engine.plan import Plan
 from bagassets.formats.dataset_build import DatasetInputs, dataset_code_versions, select_inputs
@@ -25,7 +26,7 @@ def batch_job(names: Naming) -> dg.JobDefinition:
 
     @dg.op(
         name=names.batch_op,
-        required_resource_keys={names.workspace},
+        required_resource_keys={names.workspace, names.lock},
         config_schema={
             "recordings": dg.Field(
                 dict,
@@ -37,10 +38,11 @@ def batch_job(names: Naming) -> dg.JobDefinition:
     )
     def build_each(context: dg.OpExecutionContext) -> None:
         instance, workspace = context.instance, Workspace.of(context, names.workspace)
+        lock: RecordingLock = getattr(context.resources, names.lock)
         batch: Batch = context.op_config["recordings"]
         recordings, step = {key: batch[key] for key in batch if key != DATASET}, RunStep.of(context)
         with errors_explained():
-            ended = dict(make_each(step, workspace, recordings))
+            ended = dict(make_each(step, workspace, lock, recordings))
         if DATASET in batch:
             plan = plan_instance(instance, workspace)
             inputs = select_inputs(plan)

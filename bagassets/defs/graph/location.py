@@ -8,6 +8,7 @@ from pathlib import Path
 
 import dagster as dg
 
+from bagassets.base.lock_files import RUN_LOCKS
 from bagassets.defs.graph.assets import recording_definitions
 from bagassets.defs.graph.batch_job import batch_job
 from bagassets.defs.graph.checks import dataset_checks, recording_checks
@@ -15,6 +16,7 @@ from bagassets.defs.graph.dataset import dataset_assets
 from bagassets.defs.graph.sensor import recordings_sensor
 from bagassets.defs.records.naming import Naming, checked_prefix
 from bagassets.defs.records.workspace import Workspace
+from bagassets.defs.runs.exclusive import RecordingLock
 from bagassets.defs.runs.launching import launching_at
 from bagassets.propose.project import dagster_home
 from bagassets.recipe import load_recipe
@@ -73,6 +75,7 @@ def build_definitions(
         sensors=[recordings_sensor(recipe_file, names, assets, batches)],
         resources={
             names.workspace: Workspace(recipe_file=str(recipe_file), key_prefix=list(names.prefix)),
+            names.lock: RecordingLock(folder=str(recipe.state / RUN_LOCKS)),
         },
         executor=dg.in_process_executor if in_process else None,
     )

@@ -25,6 +25,7 @@ from bagassets.defs.records.instances import open_instance, pack_instance
 from bagassets.defs.records.recorder import Recorder
 from bagassets.defs.records.run_step import RunStep
 from bagassets.defs.records.workspace import Workspace
+from bagassets.defs.runs.exclusive import RecordingLock
 from bagassets.defs.runs.run_progress import note_begun, note_ended
 from bagassets.engine.batches import DATASET, Batch, batches
 from bagassets.engine.unsettled import Unsettled
@@ -42,12 +43,15 @@ Ended = dict[str, str | None]
 """Partition key -> why the recording, or the datasets (`DATASET`), failed; None if it did not."""
 
 
-def make_each(step: RunStep, workspace: Workspace, batch: Batch) -> Iterator[tuple[str, str | None]]:
+def make_each(
+    step: RunStep, workspace: Workspace, lock: RecordingLock, batch: Batch
+) -> Iterator[tuple[str, str | None]]:
     """Make recordings one after the other, and yield how each ends (see `Ended`); one that fails does not stop the others.
 
     Args:
         step: of the run that makes them.
         workspace: recipe and store.
+        lock: keeps runs of a recording apart.
         batch: partition key -> assets.
 
     Raises:
@@ -62,22 +66,24 @@ def make_each(step: RunStep, workspace: Workspace, batch: Batch) -> Iterator[tup
         for key, assets in batch.items():
             recorder, ended = Recorder(step.instance, workspace, key, step, assets), Ended()
             with noted(step, recorder, ended):
-                _make_recording(step, recorder, found.get(key), kept)
+                _make_recording(step, recorder, lock, found.get(key), kept)
             yield key, ended[key]
 
 
-def make_side_by_side(step: RunStep, workspace: Workspace, batch: Batch) -> Ended:
+def make_side_by_side(step: RunStep, workspace: Workspace, lock: RecordingLock, batch: Batch) -> Ended:
     """Make recordings as `make_each` does, but as many at the same time as there are processors, if the run has a fork server."""
     ended = Ended()
     with suppress(ServerRefusedError):  # the recipe changed, say, so that it takes no more jobs
         for client in Client.all_of(workspace.recipe.state):
             if client.process.pid == os.getppid() and len(batch) > 1:
-                _make_parts(client, step, workspace, batch, ended)
+                _make_parts(client, step, workspace, lock, batch, ended)
     left = {key: assets for key, assets in batch.items() if key not in ended}
-    return ended | dict(make_each(step, workspace, left))
+    return ended | dict(make_each(step, workspace, lock, left))
 
 
-def _make_parts(client: Client, step: RunStep, workspace: Workspace, batch: Batch, ended: Ended) -> None:
+def _make_parts(
+    client: Client, step: RunStep, workspace: Workspace, lock: RecordingLock, batch: Batch, ended: Ended
+) -> None:
     """Have processes make parts of a batch, and note in `ended` how each recording ends.
 
     Runs that share the processors leave each other room, and each has one process at least.
@@ -90,6 +96,7 @@ def _make_parts(client: Client, step: RunStep, workspace: Workspace, batch: Batc
         "step": [step.run_id, step.job_name, step.step, step.is_planned],
         "recipe": workspace.recipe_file,
         "prefix": workspace.key_prefix,
+        "locks": lock.folder,
     }
     while waiting or at_work:
         while waiting and (not at_work or _parts_at_work(client) < processors):
@@ -125,7 +132,7 @@ def make_part(args: JsonObject) -> None:
         HOLDERS.name, HOLDERS.has_ended = run_id, partial(run_has_ended, instance)
         workspace = Workspace(recipe_file=args["recipe"], key_prefix=args["prefix"])
         step = RunStep(instance, run_id, *of_step)
-        for key, problem in make_each(step, workspace, args["batch"]):
+        for key, problem in make_each(step, workspace, RecordingLock(folder=args["locks"]), args["batch"]):
             note({key: problem})
 
 
@@ -158,12 +165,16 @@ def noted(step: RunStep, recorder: Recorder, ended: Ended) -> Iterator[None]:
 
 
 def _make_recording(
-    step: RunStep, recorder: Recorder, recording: RecordingFiles | None, kept: KeptVerdicts
+    step: RunStep,
+    recorder: Recorder,
+    lock: RecordingLock,
+    recording: RecordingFiles | None,
+    kept: KeptVerdicts,
 ) -> None:
     workspace, key = recorder.workspace, recorder.key
     unsettled = Unsettled(workspace.recipe.state)
     # Not before it is held: a worker whose run was given up meanwhile has nothing to do with what its successor made.
-    with workspace.lock(step, key):
+    with lock.hold(step, key):
         unsettled.add(key)
         # Asked for once more, a recording that is gone says what to do.
         recording = recording or workspace.recording(key)

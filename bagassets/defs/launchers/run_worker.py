@@ -27,9 +27,9 @@ from bagassets.defs.dagster_private import RUN_MODULES, capture_interrupts, chec
 from bagassets.defs.graph.own_location import know_installed_modules
 from bagassets.defs.records.batches import PARTITION_TAG, batch_of
 from bagassets.defs.records.databases import database_errors_explained, read_settings
-from bagassets.defs.records.exclusive import ASKS_PER_LOOK, exclusive, holder_has_ended
 from bagassets.defs.records.fence import run_has_ended
 from bagassets.defs.records.instances import dotenv_variables, open_instance
+from bagassets.defs.runs.exclusive import ASKS_PER_LOOK, exclusive, holder_has_ended
 from bagassets.defs.runs.execution import execute_run, preload_definitions
 from bagassets.defs.runs.orphaned_runs import end_orphaned_runs, report_ended
 from bagassets.defs.runs.worker_tag import RunWorker

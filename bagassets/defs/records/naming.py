@@ -94,6 +94,11 @@ class Naming:
         return self.resource_key or self.spell("workspace")
 
     @property
+    def lock(self) -> str:
+        """Key of the resource `RecordingLock`."""
+        return f"{self.resource_key}_lock" if self.resource_key else self.spell("recording_lock")
+
+    @property
     def assets_job(self) -> str:
         """The job of runs that make assets of one recording, or datasets, for the sensor."""
         return self.spell("recordings_and_datasets")

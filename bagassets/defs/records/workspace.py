@@ -1,7 +1,7 @@
 """The resource that assets and users' own steps share: recipe, store and recordings."""
 
 from collections.abc import Callable
-from contextlib import AbstractContextManager, ExitStack, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
@@ -10,12 +10,9 @@ from pydantic import Field, PrivateAttr
 
 from bagassets.base.errors import BagAssetsError, RecordingError, StoreError
 from bagassets.base.fingerprints import recipe_fingerprint
-from bagassets.base.lock_files import RUN_LOCKS
 from bagassets.defs.records.events import recorded_partition
-from bagassets.defs.records.exclusive import recording_lock
 from bagassets.defs.records.naming import AssetName, Naming
 from bagassets.defs.records.projects import note_instance, note_project
-from bagassets.defs.records.run_step import RunStep
 from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.formats.catalogue import recording_assets
 from bagassets.recipe import Recipe, load_recipe, where_in
@@ -42,7 +39,6 @@ class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get
     _store: Store | None = PrivateAttr(default=None)
     _recipe_fingerprint: str = PrivateAttr(default="")
     _found_in_run: tuple[str, Any] | None = PrivateAttr(default=None)
-    _held: ExitStack = PrivateAttr(default_factory=ExitStack)
 
     @classmethod
     def of(cls, context: Any, resource_key: str) -> Self:
@@ -57,10 +53,6 @@ class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get
             note_project(instance, prefix, Path(self.recipe_file))
             with suppress(BagAssetsError):  # a wrong recipe is reported by the step
                 note_instance(instance, self.recipe.state, prefix)
-
-    def teardown_after_execution(self, context: dg.InitResourceContext) -> None:  # noqa: ARG002  (Dagster's)
-        """Let the next run of the recording begin."""
-        self._held.close()
 
     @property
     def recipe(self) -> Recipe:
@@ -121,21 +113,6 @@ class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get
             self._found_in_run = run_id, find()
         value: T = self._found_in_run[1]
         return value
-
-    def lock(self, step: RunStep, key: str) -> AbstractContextManager[None]:
-        """Wait until no other run on this machine works on a recording, and hold it for a while.
-
-        It keeps runs of one recording from recording or publishing at the same time, whoever launched them. For example,
-        a worker that was declared dead may still be working when its successor begins.
-
-        Raises:
-            RunEndedError: this run has ended meanwhile.
-        """
-        return recording_lock(self.recipe.state / RUN_LOCKS, step, key)
-
-    def lock_until_end(self, context: dg.AssetExecutionContext) -> None:
-        """Take the `lock` of the recording of a run, and hold it until the run ends."""
-        self._held.enter_context(self.lock(RunStep.of(context), context.partition_key))
 
     def recording(self, key: str) -> RecordingFiles:
         """Return the recording of a partition.

@@ -19,8 +19,8 @@ from bagassets.base.errors import BagAssetsError
 from bagassets.cli import early
 from bagassets.cli.early import JOBS_PER_PROCESSOR
 from bagassets.cli.remote import build_on_server
-from bagassets.defs.records.exclusive import exclusive
 from bagassets.defs.records.instances import open_instance
+from bagassets.defs.runs.exclusive import exclusive
 from bagassets.defs.runs.worker_tag import RunWorker
 from bagassets.engine.build_report import BagOutcome, BuildOptions, BuildReport, Event
 from bagassets.engine.choose import SelectionError

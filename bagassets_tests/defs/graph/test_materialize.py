@@ -9,10 +9,10 @@ import pytest
 from sqlalchemy import Engine, event
 
 from bagassets.base.errors import RecordingError
-from bagassets.defs.records.exclusive import exclusive
 from bagassets.defs.records.instances import open_instance
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.records.partitions import RecordingPartitions, add_partitions, recording_partitions
+from bagassets.defs.runs.exclusive import exclusive
 from bagassets.recipe import load_recipe
 from bagassets_tests.services import BIN, bare_environment, make_project
 from bagassets_tests.small_drive import write_drive

@@ -17,9 +17,9 @@ from bagassets.defs.graph.sensor_scan import Scan
 from bagassets.defs.graph.steps import per_recording
 from bagassets.defs.records.batches import recordings_of
 from bagassets.defs.records.events import last_failure
-from bagassets.defs.records.exclusive import exclusive
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.records.partitions import active_runs, add_partitions
+from bagassets.defs.runs.exclusive import exclusive
 from bagassets.defs.runs.execution import create_run, execute_run, failure_of
 from bagassets.engine.batches import MOST_RECORDINGS
 from bagassets.forkserver.client import Client

@@ -8,12 +8,12 @@ from dagster._core.events import DagsterEvent, StepMaterializationData
 
 from bagassets.base.errors import RunEndedError
 from bagassets.base.lock_files import LockFile
-from bagassets.defs.records import exclusive as exclusive_module
 from bagassets.defs.records.events import recorded_partition, recorded_states
-from bagassets.defs.records.exclusive import exclusive, holder_has_ended
 from bagassets.defs.records.fence import Fence
 from bagassets.defs.records.instances import open_instance
 from bagassets.defs.records.naming import Naming
+from bagassets.defs.runs import exclusive as exclusive_module
+from bagassets.defs.runs.exclusive import exclusive, holder_has_ended
 from bagassets_tests.in_process import build, keys_of, make_project, states, survey
 
 

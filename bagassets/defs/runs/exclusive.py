@@ -7,10 +7,11 @@ waits for a run that has ended, and `fence` keeps that run from recording.
 import hashlib
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import dagster as dg
+from pydantic import PrivateAttr
 
 from bagassets.base.lock_files import LockFile
 from bagassets.defs.records.fence import refuse_if_ended, run_has_ended
@@ -81,20 +82,46 @@ def _file(folder: Path, key: str) -> Path:
     return folder.resolve() / f"{hashlib.sha256(key.encode()).hexdigest()[:32]}.lock"
 
 
-@contextmanager
-def recording_lock(folder: Path, step: RunStep, key: str) -> Iterator[None]:
-    """Wait until no other run on this machine works on a recording, and hold its lock; see `Workspace.lock`."""
+class RecordingLock(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get it itself, not a value
+    """Keeps runs of one recording from recording or publishing at the same time, whoever launched them.
 
-    def keep_waiting(asked: int) -> bool:
-        # Where each step is a process, one of this run may hold it, or the worker that waits for all of them; they
-        # make nothing twice.
-        if _holder(folder, key) == step.run_id:
-            return False
-        if asked == 0:
-            step.log(f"Waiting for another run of {key} to end.")
-        # An interrupt raises.
-        return bool(asked % ASKS_PER_LOOK) or not holder_has_ended(step.instance, folder, key)
+    For example, a worker that was declared dead may still be working when its successor begins.
+    """
 
-    with exclusive(folder, key, keep_waiting=keep_waiting, holder=step.run_id):
-        refuse_if_ended(step.instance, step.run_id)
-        yield
+    folder: str
+    _held: ExitStack = PrivateAttr(default_factory=ExitStack)
+
+    def take(self, context: dg.AssetExecutionContext) -> None:
+        """Wait until no other run on this machine works on the recording, and hold it until this run ends.
+
+        Raises:
+            RunEndedError: this run has ended meanwhile.
+        """
+        self._held.enter_context(self.hold(RunStep.of(context), context.partition_key))
+
+    @contextmanager
+    def hold(self, step: RunStep, key: str) -> Iterator[None]:
+        """Wait until no other run on this machine works on a recording, and hold it for a while.
+
+        Raises:
+            RunEndedError: this run has ended meanwhile.
+        """
+        folder = Path(self.folder)
+
+        def keep_waiting(asked: int) -> bool:
+            # Where each step is a process, one of this run may hold it, or the worker that waits for all of them; they
+            # make nothing twice.
+            if _holder(folder, key) == step.run_id:
+                return False
+            if asked == 0:
+                step.log(f"Waiting for another run of {key} to end.")
+            # An interrupt raises.
+            return bool(asked % ASKS_PER_LOOK) or not holder_has_ended(step.instance, folder, key)
+
+        with exclusive(folder, key, keep_waiting=keep_waiting, holder=step.run_id):
+            refuse_if_ended(step.instance, step.run_id)
+            yield
+
+    def teardown_after_execution(self, context: dg.InitResourceContext) -> None:  # noqa: ARG002  (Dagster's)
+        """Let the next run begin."""
+        self._held.close()
