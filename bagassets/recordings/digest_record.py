@@ -95,6 +95,11 @@ class DigestIndex:
             return None  # no table yet, or the file is damaged
         return self._rows.get(str(path))
 
+    def digests(self) -> set[str]:
+        """Return the digests of all files that have an entry, valid or not."""
+        self.row(Path())  # reads what others wrote
+        return {row.digest for row in self._rows.values()}
+
     def get(self, path: Path, stat: os.stat_result) -> str | None:
         """Return the digest of a file if its entry is valid."""
         row = self.row(path)

@@ -417,7 +417,6 @@ class TestPlanCache:
                 plan.key,
                 plan.as_row(),
                 b"".join(bytes.fromhex(one) + bytes(8) for one in plan.artifacts),
-                b"",
             )
             assert kept == plan
             assert plan == kept

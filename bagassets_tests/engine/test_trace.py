@@ -141,7 +141,8 @@ def test_a_build_shows_bags_steps_images_and_processors(tmp_path):
     assert {"plan", "find or start the server", "run", "hash", "nuscenes_dataset", *steps} <= names
     (run,) = [event for event in spans if event["name"] == "run" and event["pid"] == _worker(events)]
     inside = [event for event in spans if event["pid"] == run["pid"] and event["name"] in steps]
-    assert len(inside) == len(steps)
+    # What takes long was made while the server started, by another process.
+    assert {event["name"] for event in inside} >= steps - {"frames and sweeps"}
     assert all(run["ts"] <= e["ts"] and e["ts"] + e["dur"] <= run["ts"] + run["dur"] for e in inside)
     images = [event["args"]["channel"] for event in spans if event["name"] == "image"]
     assert set(images) == {"CAM_FRONT", "CAM_FRONT_LEFT", "CAM_FRONT_RIGHT"}

@@ -32,7 +32,7 @@ from bagassets.formats.catalogue import recording_assets
 from bagassets.propose.project import dagster_home
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Recipe
-from bagassets.recordings.digest import DigestIndex, recording_stat, stored_digest
+from bagassets.recordings.digest import DigestIndex, recording_stat, stat_files, stored_digest
 from bagassets.recordings.discover import discover
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.store import Store
@@ -176,13 +176,17 @@ def _make(recipe: Recipe, recording: RecordingFiles, whole_bytes: int) -> None:
     try:
         stat = recording_stat(recording)
         with only_reader(store, recording, stat):
+            known = index.digests()
             first = read_first(recipe, store, recording, stat, index)
+            # Of one that was built before, some may be made again: a build says that, once it has planned.
+            files = (index.row(path) for path, _ in stat_files(recording))
+            is_known = any(row is not None and row.digest in known for row in files)
             if first.inventory is None and first.digest.hashed_bytes:
                 return  # it is damaged: its run salvages it, and reports that
             is_new = first.inventory is not None and not first.inventory.cached
             if first.inventory is not None and is_new:
                 note_made(recipe.state, first.inventory.action_digest)
-            wanted = None if recording.size <= whole_bytes else {INVENTORY.name}
+            wanted = {INVENTORY.name} if is_known or recording.size > whole_bytes else None
             source = recording, first.digest.digest, stat.as_of(first.digest)
             for result in execute(Graph(recording_assets(recipe), store, *source, wanted=wanted)):
                 if isinstance(result, AssetResult) and not result.cached:

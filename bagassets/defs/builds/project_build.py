@@ -89,7 +89,7 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
         standing, checked = standing_remarks(recipe, before), checked_remarks(workspace, before, now)
         held = warnings("removed", [f"{key} is gone: {why}." for key, why in before.held.items()])
         others = [one for one in checked if one.key not in build.ended.keys() - {DATASET}]
-        left = left_over(workspace, build, outcomes) if options.is_whole and not interrupted else ()
+        left = left_over(workspace, build, report) if options.is_whole and not interrupted else ()
         report.remarks = (*left, *repaired, *standing, *held, *report.remarks, *others)
         Unsettled(recipe.state).forget_settled(now.plan)
         if options.is_whole and now.is_settled and own_work.is_up_to_date and not report.dataset_problem:

@@ -111,17 +111,17 @@ def standing_remarks(recipe: Recipe, before: PendingWork) -> tuple[Remark, ...]:
     return (*packages, *left, *warnings("series", before.plan.asked.values()))
 
 
-def left_over(
-    workspace: Workspace, build: BuildLoop, outcomes: Mapping[str, BagOutcome]
-) -> tuple[Remark, ...]:
+def left_over(workspace: Workspace, build: BuildLoop, report: BuildReport) -> tuple[Remark, ...]:
     """Return what is left to the next build although this one was asked for everything, and nothing else says so."""
-    told = {key for key, one in outcomes.items() if one.result in {"failed", "stopped"}}
+    told = {key for key, one in report.outcomes.items() if one.result in {"failed", "stopped"}}
+    told.update(report.removed)  # since the last look
     why = "it came, changed or went while this was built; build again"
     came = [Remark(key, "warn", "left_over", why) for key in {*build.now.todo, *build.now.leaving} - told]
     name = Path(workspace.recipe_file).name
-    edited = f"{name} was edited while this was built, by what it said before; build again"
-    is_edited = recipe_fingerprint(workspace.recipe_file) != workspace.recipe_fingerprint
-    return (*sorted(came, key=lambda one: one.key), *warnings("left_over", [edited] if is_edited else []))
+    if recipe_fingerprint(workspace.recipe_file) != workspace.recipe_fingerprint:
+        # Some runs may have read it anew: what is left to do, only the next plan knows.
+        return warnings("left_over", [f"{name} was edited while this was built; build again"])
+    return tuple(sorted(came, key=lambda one: one.key))
 
 
 def checked_remarks(workspace: Workspace, before: PendingWork, now: PendingWork) -> list[Remark]:

@@ -186,7 +186,7 @@ def test_what_others_change_before_a_build_ends_is_seen_as_by_a_look_at_everythi
     [
         ("add", "c.bag: it came, changed or went while this was built; build again"),
         ("remove", "b.mcap: it came, changed or went while this was built; build again"),
-        ("edit", "recipe.yaml was edited while this was built, by what it said before; build again"),
+        ("edit", "recipe.yaml was edited while this was built; build again"),
         ("", ""),
     ],
 )
