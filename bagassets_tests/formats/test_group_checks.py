@@ -152,6 +152,11 @@ class TestWhatIsRead:
         facts = found["dataset_references_intact"].facts
         assert facts["recordings_checked"] == facts["recordings"] == facts["scene"] == NUMBER
 
+    def test_a_recording_without_scenes_counts_nowhere(self, dataset, store, parts):
+        tables = make_tables(store, Drive(seconds=1.6, seed=99), key="short", min_length_s=60.0)
+        dataset.build([*parts, Part("short", "99", tables.artifact.digest)])
+        assert dataset.check()["dataset_tokens_unique"].facts["recordings"] == NUMBER
+
     def test_nothing_of_a_dataset_that_is_not_on_record_is_known(self, dataset, parts, looked_at):
         assert group_checks.prove(dataset.settings, dataset.publication) == frozenset()
         dataset.build(parts)

@@ -108,6 +108,7 @@ def check(
 
 def _right(found: Proven, names: AbstractSet[str]) -> dict[str, Finding]:
     """Return the findings of the named checks on a dataset in which nothing is wrong."""
-    facts = _numbers(found.rows, found.recordings, found.recordings)
+    logs = found.rows["log"]  # of recordings without scenes there are none
+    facts = _numbers(found.rows, logs, logs)
     ready = channels_found(found.held, found.of_rigs, found.rows["scene"], [])
     return {name: ready if name == "devkit_ready" else Finding([], facts) for name in names}

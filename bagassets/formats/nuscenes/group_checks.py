@@ -35,14 +35,11 @@ class Proven:
 
     Attributes:
         rows: table of recordings -> number of rows.
-        recordings: number of recordings.
-        scenes: number of scenes.
         held: see `held_channels`.
         of_rigs: see `held_channels`.
     """
 
     rows: Mapping[str, int]
-    recordings: int
     held: Sequence[Held]
     of_rigs: Mapping[str, AbstractSet[str]]
 
@@ -87,7 +84,6 @@ def prove(settings: NuScenes, publication: Publication) -> Proven | frozenset[st
             name: sum(group.rows[f"{name}.json"].number for group in record.groups.values())
             for name in RECORDING_TABLES
         },
-        sum(len(group.durations_s) for group in record.groups.values()),
         [Held(*held) for one in found for held in one["held"]],
         of_rigs,
     )
