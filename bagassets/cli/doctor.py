@@ -106,8 +106,16 @@ def _between(start_ns: int | None, end_ns: int | None) -> str:
 
 
 def _advice(found: "Examined", copy: Path | None) -> list[str]:
+    from bagassets.recordings.damage import MISNAMED, NO_RECORDING
     from bagassets.recordings.salvage.examine import BEHIND
 
+    if MISNAMED in found.problem:
+        return ["Rename it, and ask again."]
+    if NO_RECORDING in found.problem and found.damage is None:
+        return [
+            "If it is no recording, remove it, or name it in bags.exclude of the recipe.",
+            "If it lost its first bytes, copy it again from where it was recorded; nothing in this file can be read.",
+        ]
     if found.damage is None:
         return ["Copy it again from where it was recorded; nothing in this file can be read."]
     if found.problem == BEHIND:

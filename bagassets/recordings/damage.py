@@ -13,9 +13,10 @@ _ADVICE = {
     "": "expected a ROS 2 bag folder with metadata.yaml; try `ros2 bag reindex`, or copy it again from where it was "
     "recorded",
 }
-_NO_RECORDING = (
+NO_RECORDING = (
     "it is no recording, or lost its first bytes: remove it, name it in bags.exclude, or copy it again"
 )
+MISNAMED = "whatever its name says"
 # How files of each kind begin.
 _BEGINNINGS = {
     ".bag": (b"#ROSBAG V", "a ROS 1 bag"),
@@ -52,14 +53,14 @@ def advice_for(path: Path) -> str:
 
 def without_advice(sentence: str) -> str:
     """Return an error about a recording without what it says to do."""
-    for advice in (*_ADVICE.values(), _NO_RECORDING):
+    for advice in (*_ADVICE.values(), NO_RECORDING):
         sentence = sentence.replace(f"; {advice}.", ".")
     return sentence
 
 
 def hole_reason(path: Path, err: BaseException) -> str:
     """Return an error about a file as damage maps hold it: in artifacts, the advice stays what it was."""
-    return str(err).removeprefix(f"{path}: ").rstrip(".").replace(_NO_RECORDING, advice_for(path))
+    return str(err).removeprefix(f"{path}: ").rstrip(".").replace(NO_RECORDING, advice_for(path))
 
 
 def suffix_of(path: Path) -> str:
@@ -76,12 +77,12 @@ def unreadable(path: Path, err: BaseException) -> RecordingError:
     begins_as = _begins_as(path)
     if begins_as not in {None, suffix_of(path)}:
         return RecordingError(
-            f"{path}: its content is that of {_BEGINNINGS[begins_as][1]}, whatever its name says; have its name end in {begins_as}."
+            f"{path}: its content is that of {_BEGINNINGS[begins_as][1]}, {MISNAMED}; have its name end in {begins_as}."
         )
     reason, advice = _reason(err), advice_for(path)
     if begins_as is None and path.is_file() and suffix_of(path) in _BEGINNINGS:
         reason = NO_BEGINNING if reason == _CONTRADICTS else reason
-        advice = _NO_RECORDING if reason.startswith(("it does not begin", "it is no SQLite")) else advice
+        advice = NO_RECORDING if reason.startswith(("it does not begin", "it is no SQLite")) else advice
     return RecordingError(f"{path}: it cannot be read ({reason}); {advice}.")
 
 

@@ -169,8 +169,21 @@ def test_what_is_no_recording_is_lost(tmp_path):
     assert status == 1
     assert "it does not begin" in output
     assert "reindex" not in output
-    assert "Copy it again from where it was recorded" in output
+    assert "If it is no recording, remove it, or name it in bags.exclude of the recipe." in output
+    assert "copy it again from where it was recorded; nothing in this file can be read." in output
     assert not (tmp_path / "b.bag").exists()
+
+
+def test_one_with_the_name_of_another_kind_is_to_be_renamed(tmp_path, sound):
+    path = tmp_path / "a.bag"
+    path.write_bytes(sound["mcap zstd"].read_bytes())
+    status, output = doctor(path)
+    assert status == 1
+    assert (
+        "its content is that of an MCAP file, whatever its name says; have its name end in .mcap." in output
+    )
+    assert "Rename it, and ask again." in output
+    assert "nothing in this file" not in output
 
 
 def test_a_bag_cut_off_before_its_index_is_said_to_be_that_once(tmp_path, sound):
