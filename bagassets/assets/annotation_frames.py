@@ -101,10 +101,8 @@ def box_frames(places: BoxPlaces, clock: Clock, recording: Recording, trajectory
     """Return the frames of boxes, with the transforms read."""
     extrinsics = {frame: ego_SE3_frame.normalised() for frame, ego_SE3_frame in places.ego_SE3_frame.items()}
     tree = TfTree(
-        *(
-            read_transforms(recording, topics, source, clock=clock) if topics else []
-            for topics, source in ((places.tf_static, "tf_static"), (places.tf, "tf"))
-        )
+        read_transforms(recording, places.tf_static, "tf_static", clock=clock),
+        read_transforms(recording, places.tf, "tf", clock=clock),
     )
     return BoxFrames(places.global_frame, places.ego_frame, extrinsics, trajectory, places.origin_m, tree)
 

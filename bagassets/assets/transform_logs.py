@@ -46,7 +46,7 @@ def read_transforms(
     log = TransformLog(source)
     counts = counts if counts is not None else Counts()
     troubles = troubles if troubles is not None else {}
-    for message in recording.messages(topics):
+    for message in recording.messages(topics) if topics else ():
         try:
             stamped = own_decoder("transforms", message.msgtype)(recording.decode(message))
         except DecodeError as err:

@@ -60,12 +60,13 @@ def make_first(args: JsonObject) -> int:
     files, recipe_file = ServerFiles(Path(args["state"]), args["stamp"]), Path(args["recipe"])
     recipe = load_recipe(recipe_file)
     whole_bytes = 0 if args["select"] or not _has_our_launcher(recipe_file, recipe) else _LARGEST_WHOLE_BYTES
-    tried = 0
+    index, tried = DigestIndex.of(recipe), 0
+    known = index.digests()
     for recording in _chosen(recipe, args["bags"], _LARGEST_BYTES):
         if files.socket is not None:
             break
         tried += 1
-        _make(recipe, recording, whole_bytes)
+        _make(recipe, recording, index, known, whole_bytes)
     return tried
 
 
@@ -110,12 +111,13 @@ def make_new(recipe: Recipe, bags: Collection[str]) -> None:
     """
     began_s = time.monotonic()
     index = DigestIndex.of(recipe)
+    known = index.digests()
     for recording in _chosen(recipe, bags, _LARGEST_WHOLE_BYTES):
         if time.monotonic() - began_s > _BEGIN_S:
             break
         with suppress(BagAssetsError):
             if stored_digest(recording, index) is None:
-                _make(recipe, recording, _LARGEST_WHOLE_BYTES)
+                _make(recipe, recording, index, known, _LARGEST_WHOLE_BYTES)
 
 
 def _has_our_launcher(recipe_file: Path, recipe: Recipe) -> bool:
@@ -162,7 +164,9 @@ def _chosen(recipe: Recipe, bags: Collection[str], largest_bytes: int) -> list[R
     return sorted((one for one in found if one.size <= largest_bytes), key=lambda one: -one.size)
 
 
-def _make(recipe: Recipe, recording: RecordingFiles, whole_bytes: int) -> None:
+def _make(
+    recipe: Recipe, recording: RecordingFiles, index: DigestIndex, known: Collection[str], whole_bytes: int
+) -> None:
     """Make all of a recording, of a larger one its inventory; if that is known, nothing: what is left was tried before.
 
     Its run waits until this is done, as no two processes make the digest of a recording.
@@ -170,13 +174,14 @@ def _make(recipe: Recipe, recording: RecordingFiles, whole_bytes: int) -> None:
     Args:
         recipe: the recipe.
         recording: its files.
+        index: the project's index of digests.
+        known: the digests that were in it when this job began.
         whole_bytes: size of the largest recording of which all is made.
     """
-    store, index = Store(recipe.store_path), DigestIndex.of(recipe)
+    store = Store(recipe.store_path)
     try:
         stat = recording_stat(recording)
         with only_reader(store, recording, stat):
-            known = index.digests()
             first = read_first(recipe, store, recording, stat, index)
             # Of one that was built before, some may be made again: a build says that, once it has planned.
             files = (index.row(path) for path, _ in stat_files(recording))

@@ -113,15 +113,15 @@ def standing_remarks(recipe: Recipe, before: PendingWork) -> tuple[Remark, ...]:
 
 def left_over(workspace: Workspace, build: BuildLoop, report: BuildReport) -> tuple[Remark, ...]:
     """Return what is left to the next build although this one was asked for everything, and nothing else says so."""
+    if recipe_fingerprint(workspace.recipe_file) != workspace.recipe_fingerprint:
+        # Some runs may have read it anew: what is left to do, only the next plan knows.
+        name = Path(workspace.recipe_file).name
+        return warnings("left_over", [f"{name} was edited while this was built; build again"])
     told = {key for key, one in report.outcomes.items() if one.result in {"failed", "stopped"}}
     told.update(report.removed)  # since the last look
     why = "it came, changed or went while this was built; build again"
-    came = [Remark(key, "warn", "left_over", why) for key in {*build.now.todo, *build.now.leaving} - told]
-    name = Path(workspace.recipe_file).name
-    if recipe_fingerprint(workspace.recipe_file) != workspace.recipe_fingerprint:
-        # Some runs may have read it anew: what is left to do, only the next plan knows.
-        return warnings("left_over", [f"{name} was edited while this was built; build again"])
-    return tuple(sorted(came, key=lambda one: one.key))
+    came = sorted({*build.now.todo, *build.now.leaving} - told)
+    return tuple(Remark(key, "warn", "left_over", why) for key in came)
 
 
 def checked_remarks(workspace: Workspace, before: PendingWork, now: PendingWork) -> list[Remark]:
@@ -143,7 +143,7 @@ def outcomes_of(instance: dg.DagsterInstance, build: BuildLoop, *, is_whole: boo
     """
     bags = build.now.plan.bags
     ended = {key: one for key, one in build.ended.items() if key != DATASET}
-    # The log of a run about one recording does not say it in a word.
+    # A run about one recording notes no such thing in its log; its events show it.
     unknown = {one.run_id for one in ended.values() if one.has_made is None} - {""}
     made_by_run = {run_id: recordings_made(instance, run_id) for run_id in unknown}
     found = {key: BagOutcome("hit", seconds=seconds) for key, seconds in build.unchanged.items()}
