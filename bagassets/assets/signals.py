@@ -310,11 +310,8 @@ class SignalExtractor:
 def _span_of(values: NDArray[np.float64]) -> JsonObject:
     """Return the smallest and the largest of values, of which some may be NaN."""
     finite = values[np.isfinite(values)]
-    return (
-        {"min": float(finite.min()), "max": float(finite.max())}
-        if len(finite)
-        else {"min": None, "max": None}
-    )
+    ends = (float(finite.min()), float(finite.max())) if len(finite) else (None, None)
+    return dict(zip(("min", "max"), ends, strict=True))
 
 
 def _shown(artifact: Artifact) -> Mapping[str, Json | Table]:

@@ -296,6 +296,19 @@ class TestBrokenRules:
         )
         assert why.endswith("it comes at 10 Hz and fps is 30; lower fps, or raise its tolerance_s")
 
+    def test_a_value_beyond_single_precision_is_none(self, tmp_path):
+        """Rows have float32, in which 1e39 would be infinite, and so would be all that is computed from it."""
+
+        def edited(one, time_s):
+            if one.topic != "/command" or not 1.0 < time_s < 1.5:
+                return one
+            return joint_state(one.log_time_ns, "/command", ["elbow", "wrist"], [0.0, -1e39])
+
+        messages = [edited(one, (one.log_time_ns - NOON_NS) / SECOND) for one in arm_messages(2.0)]
+        assert left_out(build(tmp_path, messages=messages)) == [
+            "action (command) has no value within 0.05 s of its frame at 1.067 s"
+        ]
+
     def test_joints_that_vanish(self, tmp_path):
         messages = [
             one
