@@ -53,6 +53,11 @@ class EpisodesParams:
     video: Encoding
     ranges: Path | None
 
+    @property
+    def holds_nearest(self) -> bool:
+        """True if a feature gets its nearest value, and holds one in a gap."""
+        return any((one.rule.at, one.rule.gap) == ("nearest", "hold") for one in self.features)
+
     @classmethod
     def of(cls, recipe: Recipe, rig: Rig) -> "EpisodesParams":
         """Return the parameters for a rig."""

@@ -374,8 +374,12 @@ def _all_kept(summary: JsonMapping, topics: Sequence[str]) -> Finding:
 
 LEROBOT_EPISODES = Asset(
     name="lerobot_episodes",
-    version=2,
-    changes={2: "ends an episode of a file of ranges before the frame at its end"},
+    version=3,
+    changes={
+        2: "ends an episode of a file of ranges before the frame at its end",
+        3: "holds the value before a gap, though the one after it is nearer",
+    },
+    spared={3: lambda use: not use.params.holds_nearest},
     libraries=(PYAV, "opencv-python-headless", "pyarrow"),
     title="This recording's episodes for the LeRobot dataset: rows, videos and statistics.",
     description="""Videos are encoded once; datasets are joined from them by copying packets. Episodes that break a rule of the recipe

@@ -4,8 +4,11 @@ import av
 import numpy as np
 import pytest
 
+from bagassets.assets.asset import Use
 from bagassets.engine.execute import BuildFailure
 from bagassets.formats.lerobot.frames import time_text
+from bagassets.formats.lerobot.parameters import EpisodesParams, EpisodesUse
+from bagassets.formats.lerobot.recording_part import LEROBOT_EPISODES
 from bagassets_tests.arm_recordings import (
     RECIPE,
     arm_messages,
@@ -278,6 +281,27 @@ class TestBrokenRules:
         if gap == "hold":
             assert shown[32:46] == [30] * 13 + [45]
             assert episode["held"] == {"observation.images.wrist": 13}
+
+    def test_what_is_held_is_the_image_before_even_if_the_next_is_nearer(self, tmp_path):
+        recipe = changed("{camera: CAM_WRIST}", "{camera: CAM_WRIST, at: nearest, gap: hold}")
+        artifact = build(
+            tmp_path, recipe, seconds=3.0, skip=lambda topic, time: topic == "/wrist" and 1 < time < 1.5
+        )
+        (episode,) = artifact.read_json("episodes.json")
+        shown = numbers(artifact, episode["videos"]["observation.images.wrist"]["file"])
+        assert shown[30:47] == [30] * 14 + [45, 45, 46]
+
+    @pytest.mark.parametrize(
+        ("rule", "version"),
+        [("at: nearest, gap: hold", 3), ("at: nearest", 2), ("gap: hold", 2), ("at: linear, gap: hold", 2)],
+    )
+    def test_only_what_holds_beside_the_nearest_is_made_again_after_the_upgrade(
+        self, tmp_path, rule, version
+    ):
+        recipe = changed("{signals: [command]}", f"{{signals: [command], {rule}}}")
+        settings = make_project(tmp_path, recipe)
+        params = EpisodesUse(params=EpisodesParams.of(settings, settings.rigs[0]), start_ns=0, end_ns=1)
+        assert LEROBOT_EPISODES.action(Use(params), None).version == version
 
     def test_an_action_that_begins_late(self, tmp_path):
         artifact = build(tmp_path, seconds=4.0, skip=lambda topic, time: topic == "/command" and time < 2)
