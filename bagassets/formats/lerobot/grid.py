@@ -40,9 +40,7 @@ class Picked:
 
     def cut(self, frames: int) -> "Picked":
         """Return that of the first frames."""
-        return Picked(
-            self.before[:frames], self.after[:frames], self.weight[:frames], self.has_value[:frames]
-        )
+        return Picked(*(one[:frames] for one in vars(self).values()))
 
     def held(self) -> "Picked":
         """Return it with the latest value before it for each frame that has none."""

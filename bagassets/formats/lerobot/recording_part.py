@@ -252,8 +252,16 @@ class _Maker:
                     levels[:] += statistics.histogram(statistics.thinned(image)[..., ::-1])
                 yield image
 
-        with span("video", channel=feature):
-            data = encode(images(), self._params.fps, settings)
+        import av  # noqa: PLC0415  (an extra, and 0.1 s)
+
+        try:
+            with span("video", channel=feature):
+                data = encode(images(), self._params.fps, settings)
+        except av.FFmpegError as err:
+            asked = f"{settings.codec} with preset {settings.preset} and crf {settings.crf}"
+            raise DatasetError(
+                f"{feature}: its video cannot be encoded as {asked} ({err.strerror}); correct lerobot.video in the recipe."
+            ) from err
         name = f"videos/{feature}/{number:06d}.mp4"
         out.write(name, data)
         height, width = even(camera.image(int(chosen[0])), settings.odd_size).shape[:2]

@@ -375,6 +375,17 @@ class TestBrokenRules:
         ):
             build(tmp_path, seconds=1.0, skip=lambda topic, _: topic == "/command")
 
+    @pytest.mark.parametrize(
+        ("codec", "preset"), [("h264", "placid"), ("av1", "veryfast")], ids=["no-preset", "that-of-h264"]
+    )
+    def test_a_preset_that_the_encoder_lacks_is_named_with_its_field(self, tmp_path, codec, preset):
+        recipe = RECIPE + f"  video: {{codec: {codec}, preset: '{preset}'}}\n"
+        with pytest.raises(
+            BuildFailure,
+            match=rf"observation\.images\.wrist: its video cannot be encoded as {codec} with preset {preset} .*lerobot\.video",
+        ):
+            build(tmp_path, recipe, seconds=0.2)
+
     def test_what_was_lost_is_counted(self, tmp_path):
         artifact = build(
             tmp_path,
