@@ -19,7 +19,7 @@ from bagassets_tests.arm_recordings import (
     write_arm,
 )
 from bagassets_tests.painted_numbers import number_in, painted
-from bagassets_tests.recorded_bags import NOON_NS, SECOND, text
+from bagassets_tests.recorded_bags import NOON_NS, SECOND, text, write_ros1
 from bagassets_tests.sample_drives import build_recordings
 
 
@@ -199,6 +199,17 @@ class TestCuts:
         assert left_out(build(tmp_path, recipe, messages=messages)) == [
             "no message of /task has a field message; they have data: correct `field`"
         ]
+
+    def test_a_text_in_another_encoding_is_named_with_its_topic(self, tmp_path):
+        (tmp_path / "bags").mkdir()
+        messages = [*arm_messages(0.5), text(NOON_NS + 1, "Push it.", "/task")]
+        path = write_ros1(tmp_path / "bags/drive.bag", sorted(messages, key=lambda one: one.log_time_ns))
+        path.write_bytes(path.read_bytes().replace(b"Push it.", "推红方块".encode("gbk")))
+        recipe = changed("task: Lift the cube.", "task: {topic: /task}")
+        with pytest.raises(
+            BuildFailure, match=r"/task, message 1: .* name another topic in lerobot, or repair"
+        ):
+            build_recordings(make_project(tmp_path, recipe))
 
     def test_a_file_that_does_not_name_the_recording_makes_no_episode(self, tmp_path):
         (tmp_path / "ranges.csv").write_text("recording,start_s,end_s\nother,0,1\n")
