@@ -398,7 +398,7 @@ class TestStep:
         }
         value = metadata["picture_birds_eye"].value
         artifact = built[2]["preview"].artifact
-        shown, large = re.fullmatch(r"\[!\[Bird's-eye view\]\((\S+)\)\]\((\S+)\)", value).groups()
+        shown, large = re.fullmatch(r'\[!\[\]\((\S+)\)\]\((\S+) "Bird&#x27;s-eye view"\)', value).groups()
         prefix = f"/bagassets/artifacts/{artifact.digest}/"
         for link in (shown, large):
             assert artifact.path(link.removeprefix(prefix)).is_file()
