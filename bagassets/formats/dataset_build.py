@@ -29,6 +29,7 @@ from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_base import DatasetSettings
 from bagassets.recipe.model_datasets import NamedDataset
 from bagassets.recipe.model_splits import Splits
+from bagassets.recordings.model import RecordingFiles
 from bagassets.store.canonical import digest_file, digest_json
 from bagassets.store.lease import in_use
 from bagassets.store.store import Store
@@ -295,7 +296,7 @@ def select_inputs(plan: Plan) -> DatasetInputs:
                 continue
             reason = None if bag.settled else _failure(bag, kind.part)
             if reason is not None:
-                failed[kind.name][key] = reason
+                failed[kind.name][key] = _without_root(reason, plan.discovery.recordings.get(key))
             elif key in plan.live and kind.part in recorded and "bag" in recorded:
                 parts[kind.name].append(Part(key, recorded["bag"], recorded[kind.part]))
     return DatasetInputs({name: tuple(each) for name, each in parts.items()}, skipped, failed, plan.ties)
@@ -407,6 +408,14 @@ def _failure(bag: BagPlan, part: str) -> str | None:
     if failed is None and part in bag.outdated:
         return f"its content has changed since its {part} was made; build it again."
     return failed
+
+
+def _without_root(reason: str, files: RecordingFiles | None) -> str:
+    """Return a reason with paths below the bag root, so that a lock is the same wherever the recordings lie."""
+    if files is None:
+        return reason
+    root = str(files.path).removesuffix(files.relative)
+    return reason.replace(root, "").removeprefix(f"{files.relative}: ")
 
 
 def build_dataset(
