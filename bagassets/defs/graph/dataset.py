@@ -17,6 +17,7 @@ from bagassets.defs.records.events import recorded_whole, recorded_wholes
 from bagassets.defs.records.fence import refuse_if_ended
 from bagassets.defs.records.instance_plan import plan_instance
 from bagassets.defs.records.naming import DATASET_INPUTS, Naming
+from bagassets.defs.records.partitions import range_policy
 from bagassets.defs.records.recorder import Made, Recorder
 from bagassets.defs.records.reporting import code_link, dataset_metadata, errors_explained, inputs_metadata
 from bagassets.defs.records.workspace import Workspace
@@ -124,6 +125,7 @@ def dataset_assets(recipe: Recipe, names: Naming) -> list[dg.AssetsDefinition]:
             description=about,
             code_version=version,
             metadata=code_link(make),
+            backfill_policy=range_policy(),
         )
         def made_once(context: dg.AssetExecutionContext) -> Iterator[dg.MaterializeResult[None]]:
             instance, workspace = context.instance, Workspace.of(context, names.workspace)
@@ -176,8 +178,7 @@ def make_dataset(
         permit()
         outcome = build_map(recipe, workspace.store, plan, inputs)
         metadata = {
-            "open": dg.MetadataValue.md(f"[Open the map]({page_link('map')})"),
-            "map": dg.MetadataValue.path(str(map_path(recipe))),
+            "map": dg.MetadataValue.md(page_link("map", map_path(recipe))),
             "cached": outcome.cached,
             **outcome.artifact.summary(),
         }
@@ -203,4 +204,4 @@ def write_report(instance: dg.DagsterInstance, workspace: Workspace, plan: Plan)
         write_page(report_path(workspace.recipe), report_page(replace(data, recordings=recordings)))
     except (BagAssetsError, OSError) as err:  # the dataset is as good without it
         return dg.MetadataValue.md(f"It could not be written: {markdown(str(err))}")
-    return dg.MetadataValue.md(f"[Open the report]({page_link('report')})")
+    return dg.MetadataValue.md(page_link("report", report_path(workspace.recipe)))

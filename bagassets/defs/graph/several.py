@@ -8,7 +8,7 @@ import logging
 import os
 import signal
 import traceback
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 
@@ -16,11 +16,12 @@ from bagassets.base.errors import BagAssetsError, RunEndedError, StoreError
 from bagassets.base.json_types import JsonObject
 from bagassets.base.quantities import count_text
 from bagassets.base.trace import name_process
-from bagassets.defs.graph.checks import check_recording
+from bagassets.defs.graph.checks import check_recording, run_dataset_checks
+from bagassets.defs.graph.dataset import dataset_is_current, make_dataset, record_inputs
 from bagassets.defs.graph.making import make_recording
 from bagassets.defs.records.databases import database_errors_explained
 from bagassets.defs.records.fence import run_has_ended
-from bagassets.defs.records.instance_plan import workspace_fingerprint
+from bagassets.defs.records.instance_plan import plan_instance, workspace_fingerprint
 from bagassets.defs.records.instances import open_instance, pack_instance
 from bagassets.defs.records.recorder import Recorder
 from bagassets.defs.records.run_step import RunStep
@@ -32,6 +33,7 @@ from bagassets.engine.unsettled import Unsettled
 from bagassets.forkserver.client import Client, ServerRefusedError
 from bagassets.forkserver.worker import note
 from bagassets.formats.checking import KeptVerdicts
+from bagassets.formats.dataset_build import dataset_code_versions, select_inputs
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.lease import HOLDERS, in_use
 
@@ -182,6 +184,28 @@ def _make_recording(
             recorder.record(made)
         recorder.record_checks(check_recording(recorder, recording, recorder.made, kept))
         unsettled.discard(key)
+
+
+def make_datasets(step: RunStep, workspace: Workspace, wanted: Collection[str], ended: Ended) -> None:
+    """Make those datasets of `wanted`, of all that is recorded, unless they are current; note in `ended` how that ends."""
+    instance, problems = step.instance, list[str]()
+    plan = plan_instance(instance, workspace)
+    inputs = select_inputs(plan)
+    record_inputs(instance, workspace, inputs)
+    if dataset_is_current(instance, workspace, inputs):
+        return
+    recorder = Recorder(instance, workspace, DATASET, step, wanted)
+    with noted(step, recorder, ended):
+        for asset in filter(wanted.__contains__, dataset_code_versions(workspace.recipe)):
+            try:
+                recorder.record(make_dataset(instance, workspace, plan, inputs, asset, step.run_id))
+                recorder.record_checks(run_dataset_checks(workspace, asset))
+            except RunEndedError:
+                raise
+            except BagAssetsError as err:  # the others may well succeed
+                problems.append(str(err))
+        if problems:
+            raise BagAssetsError(" ".join(problems))
 
 
 def failure_text(ended: Mapping[str, str | None]) -> str:
