@@ -58,7 +58,7 @@ def test_after_a_crash_the_next_build_gives_what_a_build_from_nothing_gives(proj
 @pytest.mark.once
 def test_a_change_that_fails_ends_in_a_sentence_and_the_next_build_is_right(project, scenario):
     chosen = random.Random(SEED).sample(list(failures(scenario)), 4)
-    found = {failure: fail(project, scenario, *failure) for failure in chosen}
+    found = {failure: fail(project, scenario, failure) for failure in chosen}
     assert {failure: problem for failure, problem in found.items() if problem} == {}
 
 
@@ -103,7 +103,7 @@ def test_whatever_happened_before_the_dataset_is_that_of_a_project_built_from_no
 @pytest.fixture
 def disk(tmp_path, monkeypatch):
     """A disk that records, and what it recorded."""
-    for name in ("os", "shutil", "_rename"):
+    for name in ("os", "shutil", "ioctl", "_rename"):
         monkeypatch.setattr(files, name, getattr(files, name))
     monkeypatch.setattr(files, "open", open, raising=False)
     (tmp_path / "top").mkdir()
