@@ -142,7 +142,7 @@ def database_errors_explained(place: str) -> Iterator[None]:
         if type(err.orig) is not sqlite3.DatabaseError:
             raise
         raise _damaged(_first_damaged(Path(place)), str(err.orig)) from err
-    except sqlite3.OperationalError as err:
+    except sqlite3.DatabaseError as err:
         # Of a file of our own in the state folder, opened without SQLAlchemy.
         raise StoreError(
             f"{place}: a database of this project cannot be used ({err}); free disk space, or fix the permissions of its "

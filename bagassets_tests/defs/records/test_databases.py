@@ -42,7 +42,8 @@ def home(tmp_path):
 def opened_home(tmp_path_factory):
     """The folder of one that was opened once."""
     folder = write_home(tmp_path_factory.mktemp("opened"))
-    open_instance(str(folder)).dispose()
+    with open_instance(str(folder)):
+        pass
     return folder
 
 
@@ -177,7 +178,7 @@ def test_a_database_that_holds_something_is_left_alone(home, leave):
 def test_databases_appear_whole_or_not_at_all(home):
     """What stands under the final name at any moment of their making is whole."""
     code = (
-        f"from bagassets.defs.records.instances import open_instance; open_instance({str(home)!r}).dispose()"
+        f"from bagassets.defs.records.instances import open_instance\nwith open_instance({str(home)!r}): pass"
     )
     process = subprocess.Popen([sys.executable, "-c", code])
     looks = 0
@@ -198,8 +199,8 @@ def test_databases_appear_whole_or_not_at_all(home):
 def test_many_that_open_a_new_instance_at_once_agree(home):
     # Each a partition of its own: Dagster's way to add one fails if another process adds the same in between.
     code = (
-        "import sys; from bagassets.defs.records.instances import open_instance; "
-        f"open_instance({str(home)!r}).add_dynamic_partitions('p', sys.argv[1:])"
+        "import sys\nfrom bagassets.defs.records.instances import open_instance\n"
+        f"with open_instance({str(home)!r}) as instance: instance.add_dynamic_partitions('p', sys.argv[1:])"
     )
     with ThreadPoolExecutor(3) as pool:
         ends = list(
@@ -252,8 +253,16 @@ def test_damage_within_a_file_is_named_when_it_is_met(home):
         _read_everything(home)
 
 
+def test_a_disk_that_fails_below_a_database_of_ours_is_a_sentence(home):
+    # What SQLite says of it depends on where it was reading.
+    for err in (sqlite3.DatabaseError("disk image is malformed"), sqlite3.OperationalError("disk I/O error")):
+        said = "a database of this project cannot be used"
+        with pytest.raises(StoreError, match=said), database_errors_explained(str(home)):
+            raise err
+
+
 def _read_everything(home):
-    with database_errors_explained(str(home)), open_instance(str(home)) as instance:
+    with open_instance(str(home)) as instance:
         instance.get_latest_materialization_event(dg.AssetKey("asset"))
         instance.event_log_storage.get_latest_storage_id_by_partition(
             dg.AssetKey("asset"), dg.DagsterEventType.ASSET_MATERIALIZATION
