@@ -10,6 +10,7 @@ is reported: it happens again in the run, which reports it.
 import gc
 import logging
 import os
+import sys
 import time
 from collections.abc import Collection, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -96,6 +97,8 @@ def make_ahead(args: JsonObject) -> None:
     make_new(recipe, args["bags"])
     os.nice(_LEAST_URGENT)  # the runs have begun
     if recipe.preview.has_map:
+        # Folium looks whether it is there, for tables that it could draw; that takes longer than the page.
+        sys.modules.setdefault("pandas", None)  # type: ignore[arg-type]  # Python's way to say that it is not
         from bagassets.formats.trajectory_map import map_shell_of  # noqa: PLC0415  (`make_first` must begin at once)
 
         with suppress(BagAssetsError, OSError):

@@ -20,9 +20,11 @@ from bagassets.engine.execute import execute
 from bagassets.engine.first_pass import first_pass, was_just_made
 from bagassets.forkserver.client import Client
 from bagassets.forkserver.server_files import ServerFiles
+from bagassets.formats.trajectory_map import SHELL, map_shell_of
 from bagassets.recipe import load_recipe
 from bagassets.recordings.digest import DigestIndex, recording_digest, recording_stat
 from bagassets.recordings.discover import discover
+from bagassets.report.map_shell import map_shell
 from bagassets.store.store import Store
 from bagassets_tests.in_process import build, make_project
 
@@ -238,6 +240,19 @@ def test_what_has_been_hashed_or_is_large_is_left_alone(project, monkeypatch):
     assert (steps.count("inventory"), steps.count("nuscenes_tables")) == (2, 1)
 
 
+def test_the_page_of_the_map_is_the_same_without_pandas(project):
+    project.write_text(project.read_text().replace("preview: {enabled: false}", "preview: {}"))
+    code = """
+import sys
+from bagassets.defs.builds.made_ahead import make_ahead
+make_ahead({"recipe": sys.argv[1], "bags": ["a.bag"]})
+assert "folium" in sys.modules and sys.modules["pandas"] is None
+"""
+    subprocess.run([sys.executable, "-c", code, str(project)], check=True)
+    made = map_shell_of(Store(load_recipe(project).store_path)).path(SHELL).read_text("utf-8")
+    assert made == map_shell()
+
+
 def test_none_is_begun_once_the_runs_begin(project, monkeypatch):
     monkeypatch.setattr(made_ahead, "_BEGIN_S", -1.0)
     make_new(load_recipe(project), [])
@@ -252,6 +267,7 @@ def test_the_page_of_the_map_is_made_when_a_processor_is_idle(project, monkeypat
     project.write_text(project.read_text().replace("preview: {enabled: false}", f"preview: {preview}"))
     niceness = []
     monkeypatch.setattr(os, "nice", niceness.append)
+    monkeypatch.setitem(sys.modules, "pandas", None)  # as this process is none of its own
     make_ahead({"recipe": str(project), "bags": ["a.bag"]})
     assert niceness == [19]
     made = steps_in_store(project)
