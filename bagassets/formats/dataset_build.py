@@ -9,13 +9,13 @@ from functools import cached_property
 from pathlib import Path
 
 from bagassets.assets.ego_poses import EGO_POSES
-from bagassets.assets.inventory import INVENTORY
 from bagassets.base.alike import told_once
 from bagassets.base.errors import BagAssetsError, DatasetError
 from bagassets.base.json_types import JsonObject
 from bagassets.base.trace import span
 from bagassets.engine.freshness.published import Publication
 from bagassets.engine.plan import BagPlan, Plan
+from bagassets.engine.planner import damage_of
 from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.engine.splits import Ties, deal
 from bagassets.formats import trajectory_map
@@ -304,9 +304,8 @@ def select_inputs(plan: Plan) -> DatasetInputs:
 
 def _damaged(plan: Plan, store: Store, parts: Iterable[Part]) -> dict[str, str]:
     """Return recording -> how much of it was read, of those that are damaged."""
-    found = ((part.key, plan.bags[part.key].current_artifact(store, INVENTORY.name)) for part in parts)
-    shares = ((key, one.summary().get("damage")) for key, one in found if one is not None)
-    return {key: share for key, share in shares if share is not None}
+    found = ((part.key, damage_of(plan.bags[part.key], store)) for part in parts)
+    return {key: share for key, share in found if share}
 
 
 def results_to_come(assets: RecordingAssets, plan: Plan, todo: Iterable[str], *, retry_failed: bool) -> str:

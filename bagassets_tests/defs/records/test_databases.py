@@ -18,6 +18,8 @@ from uuid import uuid4
 
 import dagster as dg
 import pytest
+from alembic.config import Config
+from alembic.script import ScriptDirectory
 from sqlalchemy import create_engine, text
 
 from bagassets.base.errors import StoreError
@@ -373,3 +375,25 @@ def test_only_databases_that_are_being_created_are_written_without_waiting_for_t
         assert synchronous(tmp_path / "new" / "a.db") == 0
         assert synchronous(tmp_path / "other" / "a.db") == usual
     assert synchronous(tmp_path / "new" / "a.db") == usual != 0
+
+
+def test_the_migrations_are_read_once_for_all_databases(tmp_path, monkeypatch):
+    folders, usual = [], ScriptDirectory.__init__
+
+    def made(folder, *args, **options):
+        folders.append(folder)
+        usual(folder, *args, **options)
+
+    monkeypatch.setattr(ScriptDirectory, "__init__", made)
+    make_whole(tmp_path)
+    (folder,) = folders
+    for name in DATABASES:
+        with closing(sqlite3.connect(tmp_path / name)) as connection:
+            assert connection.execute("SELECT * FROM alembic_version").fetchall() == [
+                (folder.get_current_head(),)
+            ]
+    config = Config()
+    config.set_main_option("script_location", folder.dir)
+    assert ScriptDirectory.from_config(config) is not ScriptDirectory.from_config(config), (
+        "but by others anew"
+    )
