@@ -161,7 +161,10 @@ class Graph:
             name: `bag`, `selection`, or an asset, even one that is only made along with another.
         """
         if name not in self._nodes:
-            self._nodes[name] = self._expanded(name)
+            node = self._expanded(name)
+            # A read that failed once must not cost a dataset this recording.
+            is_transient = node.error is not None and node.error.transient
+            self._nodes[name] = self._expanded(name) if is_transient else node
         return self._nodes[name]
 
     def nodes(self) -> Iterator[Node]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import dagster as dg
 
 from bagassets.defs.graph.dataset import dataset_states
-from bagassets.defs.records.databases import are_files, database_errors_explained
+from bagassets.defs.records.databases import are_files
 from bagassets.defs.records.events import all_assets, fetch_recorded, latest_ids, live_partitions
 from bagassets.defs.records.instance_plan import planner_of
 from bagassets.defs.records.instances import open_instance
@@ -215,7 +215,7 @@ def open_project(recipe_file: Path) -> Iterator[tuple[dg.DagsterInstance, Worksp
     require_writable(workspace.recipe.state)
     home = dagster_home(recipe_file.absolute(), workspace.recipe)
     os.environ["BAGASSETS_RECIPE"] = str(recipe_file.absolute())
-    with database_errors_explained(str(home)), open_instance(str(home)) as instance:
+    with open_instance(str(home)) as instance:
         if prefix := noted_prefix(instance, recipe_file):
             workspace = Workspace(recipe_file=workspace.recipe_file, key_prefix=list(prefix))
         yield instance, workspace

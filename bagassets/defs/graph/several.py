@@ -29,6 +29,7 @@ from bagassets.defs.records.workspace import Workspace
 from bagassets.defs.runs.exclusive import RecordingLock
 from bagassets.defs.runs.run_progress import note_begun, note_ended
 from bagassets.engine.batches import DATASET, Batch, batches
+from bagassets.engine.unexpected import disk_errors_explained
 from bagassets.engine.unsettled import Unsettled
 from bagassets.forkserver.client import Client, ServerRefusedError
 from bagassets.forkserver.worker import note
@@ -130,7 +131,7 @@ def make_part(args: JsonObject) -> None:
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that what is half made is removed
     run_id, *of_step = args["step"]
     name_process(f"worker: {count_text(len(args['batch']), 'recording')} of run {run_id[:8]}")
-    with database_errors_explained("this instance"), open_instance(args["instance"]) as instance:
+    with open_instance(args["instance"]) as instance:
         HOLDERS.name, HOLDERS.has_ended = run_id, partial(run_has_ended, instance)
         workspace = Workspace(recipe_file=args["recipe"], key_prefix=args["prefix"])
         step = RunStep(instance, run_id, *of_step)
@@ -154,7 +155,11 @@ def noted(step: RunStep, recorder: Recorder, ended: Ended) -> Iterator[None]:
     note_begun(*log)
     ended[key] = None
     try:
-        with recorder.giving_up(recorder.wanted):
+        with (
+            recorder.giving_up(recorder.wanted),
+            disk_errors_explained(key or "the dataset"),
+            database_errors_explained(step.instance.root_directory),
+        ):
             yield
     except RunEndedError:
         raise
