@@ -210,6 +210,11 @@ def test_unfinished_files_are_examined_by_their_names(tmp_path, sound):
     assert status == 3, output
     assert "it is packed by zstd" in output
     assert "it is cut off: of " in output
+    assert (
+        "What to do next\n  Builds take no such file; `--write COPY` makes a ROS 2 bag folder of what can be read, which"
+        in output
+    )
+    assert "recover" not in output
     assert 100 < messages_of(tmp_path / "copy").total() < truth("folder").total()
 
 
