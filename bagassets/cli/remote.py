@@ -90,7 +90,10 @@ def server_for(recipe: Path, options: BuildOptions, begun: ServerStart | None = 
     try:
         (begun or begin_server(recipe, state, options.bags, options.select)).wait()
     except BagAssetsError:
-        _loaded(recipe)  # if that is the reason, its own message says more
+        from bagassets.propose.project import dagster_home
+
+        # If one of the two is the reason, its own message says more.
+        dagster_home(recipe.absolute(), _loaded(recipe))
         raise
     return Client.ensure(server_spec(state, recipe))
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 
-_WIDTH_OF_LOGS = 120
+_WIDTH_OF_LOGS = 140
 _COLOURS = {"built": "green", "hit": "cyan", "failed": "bold red", "stopped": "yellow", "skipped": "dim",
             "not made": "yellow", "error": "bold red", "warn": "yellow"}  # fmt: skip
 

@@ -185,7 +185,8 @@ def find_one(path: Path) -> RecordingFiles:
         raise RecordingError(f"{path}: {_NO_STORAGE}.")
     if recording is None:
         raise RecordingError(
-            f"{path}: expected a bag; a ROS 2 bag folder holds metadata.yaml and .db3 or .mcap files."
+            f"{path}: expected a recording; this folder is none, as it lacks metadata.yaml, or .db3 or .mcap files; name one "
+            "that is in it."
         )
     return recording
 

@@ -212,12 +212,31 @@ def test_unfinished_files_are_examined_by_their_names(tmp_path, sound):
     assert 100 < messages_of(tmp_path / "copy").total() < truth("folder").total()
 
 
-def test_a_folder_of_recordings_is_not_said_to_be_a_lost_one(tmp_path, sound):
-    shutil.copy(sound["ros1"], tmp_path / "a.bag")
+@pytest.mark.parametrize(
+    "beside", [["a.bag"], ["a.bag", "b.mcap"], ["a.mcap", "b.mcap"], ["a.mcap", "tuesday/"]]
+)
+def test_a_folder_of_recordings_is_not_said_to_be_a_lost_one(tmp_path, sound, beside):
+    for name in beside:
+        if name.endswith("/"):
+            (tmp_path / name).mkdir()
+        else:
+            shutil.copy(sound["ros1" if name.endswith(".bag") else "mcap"], tmp_path / name)
     result = CliRunner().invoke(root, ["doctor", str(tmp_path)])
     assert result.exit_code == 1
-    assert "this folder is no recording" in str(result.exception)
+    assert "this folder is not one recording" in str(result.exception)
     assert "name one that is in it" in str(result.exception)
+
+
+@pytest.mark.parametrize("names", [["tuesday.mcap"], ["tuesday_0.mcap", "tuesday_1.mcap"]])
+def test_a_folder_that_lacks_its_metadata_is_said_to(tmp_path, sound, names):
+    folder = tmp_path / "tuesday"
+    folder.mkdir()
+    for name in names:
+        shutil.copy(sound["mcap"], folder / name)
+    status, output = doctor(folder)
+    assert status == 3
+    assert "What is wrong\n  its metadata.yaml is missing.\n" in output
+    assert f"{len(names) * truth('mcap').total()} messages can be read" in output
 
 
 def test_names_that_cannot_be_written_are_refused(tmp_path, sound):

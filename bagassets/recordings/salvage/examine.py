@@ -16,6 +16,7 @@ from bagassets.base.json_types import JsonObject
 from bagassets.recipe.model import Limits
 from bagassets.recordings.journals import journals_of
 from bagassets.recordings.mcap_index import end_of as end_of_mcap
+from bagassets.recordings.model import METADATA
 from bagassets.recordings.open import open_recording
 from bagassets.recordings.recording import Recording
 from bagassets.recordings.rosbag1 import SIZE
@@ -24,6 +25,7 @@ from bagassets.recordings.salvage.copy import write_copy
 from bagassets.recordings.salvage.damage_map import DamageMap
 from bagassets.recordings.salvage.folder import STORAGE
 from bagassets.recordings.salvage.open import open_salvaged
+from bagassets.recordings.series import candidates
 
 Verdict = Literal["sound", "mendable", "lost"]
 
@@ -74,11 +76,11 @@ def examine(path: Path) -> Examined:
     path = path.absolute()
     if not path.exists():
         raise RecordingError(f"{path}: no such file or folder.")
-    if path.is_dir() and not any(
-        one.match(name) for one in path.iterdir() for name in ("metadata.yaml", *STORAGE)
-    ):
+    lacks_metadata = path.is_dir() and not (path / METADATA).exists()
+    if lacks_metadata and not _has_one_drive(path):
         raise RecordingError(
-            f"{path}: this folder is no recording, which has a .db3 or .mcap file; name one that is in it."
+            f"{path}: this folder is not one recording, which has {METADATA}, or nothing but the .db3 or .mcap files of one "
+            "drive; name one that is in it."
         )
     behind = [*_behind_end(path)]
     try:
@@ -96,7 +98,7 @@ def examine(path: Path) -> Examined:
     except RecordingError as err:
         if err.transient:
             raise
-        problem = str(err)
+        problem = f"{path}: its {METADATA} is missing." if lacks_metadata else str(err)
     try:
         with open_salvaged(path) as recording:
             counts, missing = _read(recording)
@@ -109,6 +111,14 @@ def examine(path: Path) -> Examined:
         if err.transient:
             raise
     return Examined(path, "lost", problem, {}, None)
+
+
+def _has_one_drive(folder: Path) -> bool:
+    """Return whether the storage files in a folder are those of one recording, by their names, and no other is beside them."""
+    storage = {one.name.removesuffix(ZSTD) for one in folder.iterdir() if any(map(one.match, STORAGE))}
+    if any(one.is_dir() or one.suffix == ".bag" for one in folder.iterdir()):
+        return False
+    return len(storage) == 1 or [set(one.numbers) for one in candidates(storage)] == [storage]
 
 
 def _read(recording: Recording) -> tuple[Counter[str], dict[str, int]]:
