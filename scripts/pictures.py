@@ -67,7 +67,7 @@ def draw_lidar_over_camera(dataset: Dataset, camera: str, lidar: str, width: int
     model = CameraModel("none", image["width"], image["height"], fx, fy, cx, cy)
     points = np.asarray(read_lidar_file(dataset.dataroot / cloud["filename"])[:, :3], dtype=np.float64)
     picture = lidar_over_camera(
-        read_image(dataset.dataroot / image["filename"]).astype(np.uint8),
+        read_image(dataset.dataroot / image["filename"]),
         dataset.global_SE3_sensor(cloud).transform_points(points),
         View(model, dataset.global_SE3_sensor(image)),
         width=width,

@@ -92,8 +92,7 @@ def server_for(recipe: Path, options: BuildOptions, begun: ServerStart | None = 
     except BagAssetsError:
         from bagassets.propose.project import dagster_home
 
-        # If one of the two is the reason, its own message says more.
-        dagster_home(recipe.absolute(), _loaded(recipe))
+        dagster_home(recipe.absolute(), _loaded(recipe))  # what is wrong with these says more
         raise
     return Client.ensure(server_spec(state, recipe))
 

@@ -126,8 +126,7 @@ def _print(pending: "PendingWork", own: "OwnProject", *, show_all: bool) -> None
             rows = _alike(rows)
         # No state loses a letter: where the terminal is narrower, it continues lines itself.
         console.print(_table(rows, short=console.width < _WIDE), crop=False)
-    if len(listed) < len(bags):
-        number = len(bags) - len(listed)
+    if number := len(bags) - len(listed):
         console.print(f"{number} more {'is' if number == 1 else 'are'} fresh or skipped; --all lists all.")
     for line in _reasons(pending, listed):
         print_lines(console, line)

@@ -99,8 +99,7 @@ def _print_once(
         if one.kind and one.kind[0] in _COLOURS:
             console.print(f"[{_COLOURS[one.kind[0]]}]{one.kind[0]}[/] ", end="")
         print_lines(console, line(one))
-    more = sum(len(one.names) for one in told[most:])
-    if more:
+    if more := sum(len(one.names) for one in told[most:]):
         console.print(f"{more} more; {rest}.")
 
 

@@ -185,8 +185,7 @@ def find_one(path: Path) -> RecordingFiles:
         raise RecordingError(f"{path}: {_NO_STORAGE}.")
     if recording is None:
         raise RecordingError(
-            f"{path}: expected a recording; this folder is none, as it lacks metadata.yaml, or .db3 or .mcap files; name one "
-            "that is in it."
+            f"{path}: this is no ROS 2 bag folder (metadata.yaml with .db3 or .mcap files); name a recording in it."
         )
     return recording
 

@@ -3,7 +3,7 @@
 from bisect import bisect_left
 from functools import cache, partial
 from pathlib import Path
-from typing import cast
+from typing import Any
 
 import cv2
 import numpy as np
@@ -13,7 +13,6 @@ from bagassets.base.errors import DatasetError
 from bagassets.geometry.se3 import Floats
 
 Image = NDArray[np.uint8]
-AnyBits = NDArray[np.uint8] | NDArray[np.uint16]
 Colour = tuple[int, int, int]
 
 # Blue, green, red, as OpenCV has them.
@@ -47,7 +46,7 @@ def blank(width: int, height: int) -> Image:
     return np.broadcast_to(row, (height, width, 3)).copy()
 
 
-def read_image(path: Path) -> AnyBits:
+def read_image(path: Path) -> NDArray[Any]:
     """Return an image file as (H, W, 3) BGR, of 8 or 16 bits; of grey ones all three are equal.
 
     Raises:
@@ -56,19 +55,19 @@ def read_image(path: Path) -> AnyBits:
     image = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
     if image is None:
         raise DatasetError(f"{path}: this image cannot be read; build again to replace it.")
-    return cast("AnyBits", image)
+    return np.asarray(image)
 
 
-def within(levels: tuple[int, int], image: AnyBits) -> Image:
+def within(levels: tuple[int, int], image: NDArray[Any]) -> Image:
     """Return an image of 16 bits with 8: of the levels the lower is dark grey, the upper white; 0, no depth, is black."""
     low, high = levels
     shares = np.clip((np.arange(1 << 16) - low) / max(high - low, 1), 0.0, 1.0)
     shown = np.rint(_NEAREST_GREY + (255 - _NEAREST_GREY) * shares).astype(np.uint8)
     shown[0] = 0
-    return shown[image]
+    return np.asarray(shown[image])
 
 
-def read_reduced(path: Path, width: int, least_width: int) -> AnyBits:
+def read_reduced(path: Path, width: int, least_width: int) -> NDArray[Any]:
     """Return an image file as `read_image` does; a JPEG of at least twice `least_width` at half, a quarter or an eighth of its size.
 
     That is several times faster.
@@ -84,8 +83,7 @@ def read_reduced(path: Path, width: int, least_width: int) -> AnyBits:
     flag = next((flag for factor, flag in _REDUCED if width // factor >= least_width), None)
     small = cv2.imread(str(path), flag) if flag is not None and path.suffix == ".jpg" else None
     # An image that its EXIF turns upright may be less wide than its header says.
-    is_wide = small is not None and small.shape[1] >= least_width
-    return cast("Image", small) if is_wide else read_image(path)
+    return np.asarray(small) if small is not None and small.shape[1] >= least_width else read_image(path)
 
 
 def scaled_to(image: Image, width: int) -> Image:

@@ -4,13 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bagassets.assets.lidar_file import read_lidar_file
-from bagassets.assets.pictures.canvas import AnyBits, Image, read_image, read_reduced, within
+from bagassets.assets.pictures.canvas import Image, read_image, read_reduced, within
 from bagassets.base.columns import numbers
 from bagassets.base.json_types import JsonMapping
 from bagassets.geometry.calibration import CameraLens
@@ -21,7 +21,6 @@ from bagassets.store.artifact import Artifact
 
 NEAREST_M = 0.5
 _DARK_PERCENT, _WHITE_PERCENT = 1, 99
-_MOST = (1 << 16) - 1
 
 
 @dataclass(frozen=True)
@@ -142,8 +141,8 @@ class CameraImages(_Readings):
         """Return an image, smaller if it is much wider than `least_width`; see `read_reduced`."""
         return self._shown(read_reduced(self.path(image), int(self.widths[image]), least_width))
 
-    def _shown(self, image: AnyBits) -> Image:
-        return cast("Image", image) if image.dtype == np.uint8 else within(self.levels or (0, _MOST), image)
+    def _shown(self, image: NDArray[Any]) -> Image:
+        return image if image.dtype == np.uint8 else within(self.levels or (0, 65_535), image)
 
     @cached_property
     def levels(self) -> tuple[int, int] | None:

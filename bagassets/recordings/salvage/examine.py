@@ -79,8 +79,7 @@ def examine(path: Path) -> Examined:
     lacks_metadata = path.is_dir() and not (path / METADATA).exists()
     if lacks_metadata and not _has_one_drive(path):
         raise RecordingError(
-            f"{path}: this folder is not one recording, which has {METADATA}, or nothing but the .db3 or .mcap files of one "
-            "drive; name one that is in it."
+            f"{path}: this folder is not one recording (no {METADATA}, or several drives); name one that is in it."
         )
     behind = [*_behind_end(path)]
     try:
