@@ -84,7 +84,8 @@ def replicate(recipe_file: Path, copies: int) -> int:
         parts = [(recipe_file, part) for part in _batches(made, _AT_A_TIME)]
         for part in pool.map(_make_parts, parts):
             changed |= part
-    with open_project(recipe_file) as (instance, workspace):
+    with open_project(recipe_file) as workspace:
+        instance = workspace.instance
         _index(recipe.state, [recipe.bags.root / copy.key for copy in made], changed)
         tables = _tables(instance)
         for copy in range(1, copies + 1):
@@ -92,7 +93,7 @@ def replicate(recipe_file: Path, copies: int) -> int:
             for one in made[number * (copy - 1) : number * copy]:
                 texts |= {one.original: one.key, **changed[one.key]}
             _copy_records(tables, texts, copy)
-        add_partitions(instance, workspace.names, [one.key for one in made])
+        add_partitions(workspace.records, [one.key for one in made])
         _go_on_counting(tables.values())
     return number * (copies + 1)
 
@@ -104,8 +105,8 @@ def add_unbuilt(recipe_file: Path, number: int) -> None:
     keys = [f"u{index:07}.bag" for index in range(number)]
     for key in keys:
         _copy_file(original.path, bags.root / key)
-    with open_project(recipe_file) as (instance, workspace):
-        add_partitions(instance, workspace.names, keys)
+    with open_project(recipe_file) as workspace:
+        add_partitions(workspace.records, keys)
 
 
 # --- recordings and artifacts ------------------------------------------------------------

@@ -49,8 +49,8 @@ def check(recipe: Path, bags: tuple[str, ...], as_json: bool) -> int:
     from bagassets.formats.checking import check_bags, check_datasets
 
     try:
-        with planning_shown() as on_planned, open_project(recipe) as (instance, workspace):
-            pending = find_pending_work(instance, workspace, BuildOptions(bags=bags), on_planned=on_planned)
+        with planning_shown() as on_planned, open_project(recipe) as workspace:
+            pending = find_pending_work(workspace, BuildOptions(bags=bags), on_planned=on_planned)
     except SelectionError as err:
         raise click.UsageError(str(err)) from err
     loaded, store = workspace.recipe, workspace.store

@@ -235,10 +235,15 @@ class Planner:
         They are those whose plan would say so (`BagPlan.touched`).
         """
         found = {}
+        same = {
+            key
+            for key, (entry, now) in self._last.items()
+            if (entry.fingerprint.files, entry.fingerprint.bag) == (now.files, now.bag)
+        }
         changed = [
             key
             for key in self.discovery.recordings
-            if key in self.registered and key not in self.kept and not self._has_same_files(key)
+            if key in self.registered and key not in self.kept and key not in same
         ]
         for some in _batches(changed):
             for key, records in self.fetch({"bag": self.storage_ids["bag"]}, some).items():
@@ -262,14 +267,6 @@ class Planner:
                 ids if key in self.registered else {},
             )
         return found
-
-    def _has_same_files(self, key: str) -> bool:
-        """Return whether the files of a recording, and the record of `bag`, are those of its last plan."""
-        if key not in self._last:
-            return False
-        entry, now = self._last[key]
-        last = entry.fingerprint
-        return (last.files, last.bag) == (now.files, now.bag)
 
     def _unchanged(self) -> dict[str, BagPlan]:
         """Return the last plans of the recordings that have not changed since."""

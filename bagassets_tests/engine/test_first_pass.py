@@ -14,7 +14,7 @@ import zstandard
 from bagassets.base.errors import BagAssetsError, ChangedWhileReadError
 from bagassets.defs.builds.made_ahead import make_first
 from bagassets.defs.builds.pending_work import open_project
-from bagassets.defs.records.events import recorded_partition
+from bagassets.defs.records.events import Records
 from bagassets.defs.records.naming import Naming
 from bagassets.engine.execute import execute
 from bagassets.engine.first_pass import first_pass
@@ -146,8 +146,9 @@ def test_a_cold_build_reads_a_recording_twice(tmp_path, monkeypatch, name, diges
     report, _ = build(recipe, monkeypatch)
     assert report.counts()["built"] == 1
     assert 1.6 < disk.times <= 2.05
-    with open_project(recipe) as (instance, _):
-        assert recorded_partition(instance, Naming("test"), "inventory", name).cached is False
+    with open_project(recipe) as workspace:
+        instance = workspace.instance
+        assert Records(instance, Naming("test")).of("inventory", name).cached is False
 
 
 @pytest.mark.parametrize(

@@ -37,19 +37,19 @@ def batch_job(names: Naming) -> dg.JobDefinition:
         description=__doc__,
     )
     def build_each(context: dg.OpExecutionContext) -> None:
-        instance, workspace = context.instance, Workspace.of(context, names.workspace)
+        workspace = Workspace.of(context, names.workspace)
         lock: RecordingLock = getattr(context.resources, names.lock)
         batch: Batch = context.op_config["recordings"]
         recordings, step = {key: batch[key] for key in batch if key != DATASET}, RunStep.of(context)
         with errors_explained():
             ended = dict(make_each(step, workspace, lock, recordings))
         if DATASET in batch:
-            plan = plan_instance(instance, workspace)
+            plan = plan_instance(workspace)
             inputs = select_inputs(plan)
-            record_inputs(instance, workspace, inputs)
-            if not dataset_is_current(instance, workspace, inputs):
-                recorder = Recorder(instance, workspace, DATASET, step, batch[DATASET])
-                with noted(step, recorder, ended):
+            record_inputs(workspace, inputs)
+            if not dataset_is_current(workspace, inputs):
+                recorder = Recorder(workspace, DATASET, step, batch[DATASET])
+                with noted(recorder, ended):
                     _make_datasets(recorder, plan, inputs)
         if problem := failure_text(ended):
             raise dg.Failure(problem, allow_retries=False)
@@ -66,12 +66,12 @@ def batch_job(names: Naming) -> dg.JobDefinition:
 
 
 def _make_datasets(recorder: Recorder, plan: Plan, inputs: DatasetInputs) -> None:
-    instance, workspace, problems = recorder.instance, recorder.workspace, []
+    workspace, problems = recorder.workspace, []
     for asset in dataset_code_versions(workspace.recipe):
         if asset not in recorder.wanted:
             continue
         try:
-            recorder.record(make_dataset(instance, workspace, plan, inputs, asset, recorder.run_id))
+            recorder.record(make_dataset(workspace, plan, inputs, asset, recorder.step.run_id))
             recorder.record_checks(run_dataset_checks(workspace, asset))
         except RunEndedError:
             raise

@@ -1,6 +1,6 @@
 """The resource that assets and users' own steps share: recipe, store and recordings."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Self, TypeVar
@@ -10,7 +10,7 @@ from pydantic import Field, PrivateAttr
 
 from bagassets.base.errors import BagAssetsError, RecordingError, StoreError
 from bagassets.base.fingerprints import recipe_fingerprint
-from bagassets.defs.records.events import recorded_partition
+from bagassets.defs.records.events import Records
 from bagassets.defs.records.naming import AssetName, Naming
 from bagassets.defs.records.projects import note_instance, note_project
 from bagassets.engine.recording_assets import RecordingAssets
@@ -39,12 +39,34 @@ class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get
     _store: Store | None = PrivateAttr(default=None)
     _recipe_fingerprint: str = PrivateAttr(default="")
     _found_in_run: tuple[str, Any] | None = PrivateAttr(default=None)
+    _instance: dg.DagsterInstance | None = PrivateAttr(default=None)
 
     @classmethod
     def of(cls, context: Any, resource_key: str) -> Self:
-        """Return the one that a step, a check or a sensor was given."""
+        """Return the one that a step, a check or a sensor was given, on its instance."""
         workspace: Self = getattr(context.resources, resource_key)
-        return workspace
+        return workspace.on(context.instance)
+
+    def on(self, instance: dg.DagsterInstance | None) -> Self:
+        """Return it as the project that has its records in an instance."""
+        self._instance = instance
+        return self
+
+    def below(self, prefix: Sequence[str]) -> Self:
+        """Return the project of the same recipe, in the same instance, below another prefix, and with the recipe as it is now."""
+        return type(self)(recipe_file=self.recipe_file, key_prefix=list(prefix)).on(self._instance)
+
+    @property
+    def instance(self) -> dg.DagsterInstance:
+        """The instance that has its records."""
+        if self._instance is None:
+            raise TypeError("a workspace without an instance has no records")
+        return self._instance
+
+    @property
+    def records(self) -> Records:
+        """What its instance has on record of it."""
+        return Records(self.instance, self.names)
 
     def setup_for_execution(self, context: dg.InitResourceContext) -> None:
         """Note that the instance has this project; what to do if there is another, sensors and builds say."""
@@ -143,7 +165,7 @@ class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get
             StoreError: the asset is not materialized or was skipped, or its artifact is not in the store.
         """
         key, names = context.partition_key, self.names
-        recorded = recorded_partition(context.instance, names, asset, key)
+        recorded = Records(context.instance, names).of(asset, key)
         if recorded is None or recorded.is_skip:
             name = names.key(asset).to_user_string()
             problem = (
