@@ -235,16 +235,11 @@ def walk(recipe_file: Path) -> float:
     write_project(recipe_file.parent, RECIPE)
     timed(["build", "--recipe", str(recipe_file)], "built in")
     with open_project(recipe_file) as workspace:
-        instance = workspace.instance
-        recordings = workspace.discover().recordings
-        names = workspace.names
-        recorded = Records(instance, names).fetch(
-            Records(instance, names).latest_ids(all_assets()), recordings
-        )
+        recordings, records = workspace.discover().recordings, workspace.records
+        recorded = records.fetch(records.latest_ids(all_assets()), recordings)
 
         def plan(key: str) -> BagPlan:
-            known = workspace.assets, workspace.store, recordings[key], recorded[key], workspace.index
-            return plan_recording(recorded_graph(*known))
+            return plan_recording(recorded_graph(workspace.assets, recordings[key], recorded[key]))
 
         if not all(plan(key).settled for key in recordings):
             sys.exit("the recordings should be fresh after a build")

@@ -161,8 +161,8 @@ def _dry_run(recipe: Path, options: "BuildOptions", *, check: bool, as_json: boo
         moved = expected_moves(pending, workspace.recipe) if pending.asked.datasets else {}
         # Recordings that will be built will also be checked again.
         done = [pending.plan.bags[key] for key in sorted(pending.asked.chosen - pending.todo.keys())]
-        remarks = tuple(remarks_on_record(workspace.recipe, workspace.store, pending.plan.discovery, done))
-        again = made_again(workspace.assets, workspace.store, pending.plan, pending.todo, options.jobs)
+        remarks = tuple(remarks_on_record(workspace.assets, pending.plan.discovery, done))
+        again = made_again(workspace.assets, pending.plan, pending.todo, options.jobs)
         empty = why_empty(workspace.recipe, recipe, workspace.store, pending.asked.datasets)
     if as_json:
         echo_json(dry_run_json(pending, surveyed, moved, remarks))

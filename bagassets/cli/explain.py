@@ -97,9 +97,7 @@ def explain(bag: str | None, asset: str | None, recipe: Path, as_json: bool) -> 
             value, lines = _of_own(own.assets[asset], key, own.states[asset][key], own.evidence[asset][key])
         else:
             recorded_of_key = workspace.records.of_recording(keys[0])
-            graph = recorded_graph(
-                workspace.assets, workspace.store, recordings[keys[0]], recorded_of_key, workspace.index
-            )
+            graph = recorded_graph(workspace.assets, recordings[keys[0]], recorded_of_key)
             value = explain_asset(graph, asset)
             lines = [*_lines(value)]
     if as_json:

@@ -47,7 +47,7 @@ def report(recipe: Path, output: Path | None, no_checks: bool, as_json: bool) ->
         plan = planner_of(workspace).plan(on_planned)
     checked = None if no_checks else plan.discovery
     with bar_shown("Reading recordings", len(plan.bags)) as on_read:
-        data = report_data(workspace.recipe, workspace.store, plan, checked, on_read)
+        data = report_data(workspace.assets, plan, checked, on_read)
     if as_json:
         echo_json(report_json(data))
         return

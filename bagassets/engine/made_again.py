@@ -14,12 +14,11 @@ _MOST_COMPARED = 20
 _RUN_S = 1.0  # what a run takes beside its work
 
 
-def made_again(assets: RecordingAssets, store: Store, plan: Plan, todo: Batch, jobs: int) -> str:
+def made_again(assets: RecordingAssets, plan: Plan, todo: Batch, jobs: int) -> str:
     """Return a line about the assets whose version was raised since they were recorded, then one about each; "" without any.
 
     Args:
-        assets: the assets of a recording, with their versions.
-        store: has the time that actions took.
+        assets: the assets of a recording, with their versions; the store has the time that actions took.
         plan: states of all recordings.
         todo: recording that needs a run -> the assets that the run is about.
         jobs: recordings built at the same time.
@@ -43,7 +42,7 @@ def made_again(assets: RecordingAssets, store: Store, plan: Plan, todo: Batch, j
         return ""
     what = "; ".join(f"{one.text} of {one.title}" for one in told_once(told, fewest=2))
     compared = list(found)[:: max(1, len(found) // _MOST_COMPARED)]
-    took_s = sum(_took_s(store, [recorded[key][name] for name in found[key]]) for key in compared)
+    took_s = sum(_took_s(assets.store, [recorded[key][name] for name in found[key]]) for key in compared)
     sizes = {key: plan.discovery.recordings[key].size for key in todo}
     share = sum(1 + sizes[key] for key in compared) / sum(1 + sizes[key] for key in found)
     all_s = (took_s / share + len(batches(todo, sizes, jobs)) * _RUN_S) / jobs

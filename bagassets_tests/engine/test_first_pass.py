@@ -22,14 +22,13 @@ from bagassets.engine.graph import Graph
 from bagassets.formats.catalogue import recording_assets
 from bagassets.recipe import load_recipe
 from bagassets.recordings import decompress, digest, rosbag2
-from bagassets.recordings.digest import DigestIndex, recording_digest, recording_stat
+from bagassets.recordings.digest import recording_digest, recording_stat
 from bagassets.recordings.discover import discover
 from bagassets.recordings.pack import PackedRecording
 from bagassets.recordings.recording import Recording
 from bagassets.sample.drive import Target, write_recordings
 from bagassets.sample.recipe import sample_recipe
 from bagassets.store import canonical
-from bagassets.store.store import Store
 from bagassets_tests.in_process import build, make_project
 
 pytestmark = pytest.mark.once
@@ -127,11 +126,10 @@ def one_of(recipe_file):
 def passed(recipe_file):
     """Make the first pass over the only recording; return its result, and what a graph needs."""
     recipe = load_recipe(recipe_file)
-    assets, store = recording_assets(recipe), Store(recipe.store_path)
-    recording = one_of(recipe_file)
+    assets, recording = recording_assets(recipe), one_of(recipe_file)
     stat = recording_stat(recording)
-    made = first_pass(recipe, store, recording, stat, DigestIndex.of(recipe))
-    return made, Graph(assets, store, recording, made.digest.digest, stat)
+    made = first_pass(assets, recording, stat)
+    return made, Graph(assets, recording, made.digest.digest, stat)
 
 
 @pytest.mark.parametrize("name", TARGETS)

@@ -45,7 +45,8 @@ def said(tmp_path):
         todo = dict.fromkeys(plan, ("bag", *assets.names))
         found = {key: RecordingFiles(key, key, tmp_path / key, "ros1", (), sizes, 0) for key in plan}
         planned = Plan(plan, {}, (), recorded=recorded, discovery=Discovery(found, []))
-        return made_again(assets, store or Actions(), planned, todo, jobs)
+        assets.store = store or Actions()
+        return made_again(assets, planned, todo, jobs)
 
     return of
 

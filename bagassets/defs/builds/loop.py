@@ -212,16 +212,16 @@ class BuildLoop:
         Raises:
             StoreError: there is much too little disk space.
         """
-        now, assets, store = self.now, self.workspace.assets, self.workspace.store
+        now, assets = self.now, self.workspace.assets
         sizes = {key: one.size for key, one in now.plan.discovery.recordings.items()}
         said = [
             f"{names_text(keys)}: joined into {whole}, as its parts."
             for whole, keys in now.plan.joined.items()
         ]
-        said.append(made_again(assets, store, now.plan, now.todo, self.options.jobs))
-        needed = space_needed(now.plan, sizes, now.todo, store, assets)
+        said.append(made_again(assets, now.plan, now.todo, self.options.jobs))
+        needed = space_needed(now.plan, sizes, now.todo, assets)
         if needed is not None:
-            folders = folders_written(store.root, assets.recipe)
+            folders = folders_written(assets.store.root, assets.recipe)
             said.append(require_disk_space(needed, folders, ignore=self.options.ignore_disk_space))
         message = "\n".join(filter(None, said))
         return Event("planned", sizes={key: sizes[key] for key in now.todo}, message=message)

@@ -38,7 +38,6 @@ from bagassets.formats.dataset_build import split_on_disk
 from bagassets.formats.dataset_integrity import remove_changed_sources
 from bagassets.formats.report_data import report_path
 from bagassets.recipe import load_recipe
-from bagassets.store.store import Store
 
 
 def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) -> BuildReport:
@@ -109,6 +108,5 @@ def build_project_in_worker(args: JsonObject) -> JsonObject:
     recipe_file = Path(args["recipe"])
     options = BuildOptions.from_json(args["options"])
     report = build_project(recipe_file, options, lambda event: note({"build": asdict(event)}))
-    recipe = load_recipe(recipe_file)
-    rows = summary_rows(report, Store(recipe.store_path), recording_assets(recipe), most=args["most"])
+    rows = summary_rows(report, recording_assets(load_recipe(recipe_file)), most=args["most"])
     return {**report.as_json(), "summary": [row.as_json() for row in rows]}

@@ -113,9 +113,9 @@ def left_over(build: BuildLoop, report: BuildReport) -> tuple[Remark, ...]:
 
 def checked_remarks(build: BuildLoop) -> list[Remark]:
     """Return what quick checks find in the recordings that the build was asked for."""
-    workspace, plan = build.workspace, build.now.plan
+    plan = build.now.plan
     bags = [bag for key, bag in sorted(plan.bags.items()) if key in build.before.asked.chosen]
-    return [*remarks_on_record(workspace.recipe, workspace.store, plan.discovery, bags)]
+    return [*remarks_on_record(build.workspace.assets, plan.discovery, bags)]
 
 
 # --- recordings --------------------------------------------------------------------------

@@ -165,7 +165,7 @@ def make_dataset(workspace: Workspace, plan: Plan, inputs: DatasetInputs, asset:
     )
     if not isinstance(dataset, Dataset):
         permit()
-        outcome = build_map(recipe, workspace.store, plan, inputs)
+        outcome = build_map(workspace.assets, plan, inputs)
         metadata = {
             "open": dg.MetadataValue.md(f"[Open the map]({page_link('map')})"),
             "map": dg.MetadataValue.path(str(map_path(recipe))),
@@ -185,7 +185,7 @@ def write_report(workspace: Workspace, plan: Plan) -> dg.MarkdownMetadataValue:
     if len(plan.bags) > MOST_REPORTED:
         return dg.MetadataValue.md(f"`bagassets report` writes it (more than {MOST_REPORTED} recordings)")
     try:
-        data = report_data(workspace.recipe, workspace.store, plan)
+        data = report_data(workspace.assets, plan)
         problems, passed = findings_on_record(workspace)
         recordings = [
             replace(one, problems=problems.get(one.key, ()), checks_passed=passed.get(one.key, 0))

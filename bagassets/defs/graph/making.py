@@ -45,12 +45,12 @@ def read_bag(recorder: Recorder, recording: RecordingFiles) -> tuple[Recorded, M
     stat, made_along = recording_stat(recording), ""
     if INVENTORY.name in recorder.wanted:
         with readings_noted(recorder.step, recording.key):
-            first = first_pass(workspace.recipe, workspace.store, recording, stat, workspace.index)
+            first = first_pass(workspace.assets, recording, stat)
         if first.inventory is not None and not first.inventory.cached:
             made_along = first.inventory.action_digest
         digest = first.digest
     else:
-        digest = recording_digest(recording, workspace.index)
+        digest = recording_digest(recording, workspace.assets.index)
     # On record, as the step that makes the inventory may be another process.
     metadata = bag_metadata(recording, stat, digest) | ({MADE_ALONG: made_along} if made_along else {})
     made = Made("bag", digest.digest, BAG_CODE_VERSION, metadata, {})
@@ -95,7 +95,7 @@ def make_recording(recorder: Recorder, recording: RecordingFiles, assets: Collec
     # Of assets that an older version recorded, it is not known.
     content = "" if "" in contents else bag.data_version if len(contents) == 1 else SEVERAL
     source = recording, bag.data_version, bag.stat
-    graph = Graph(project, workspace.store, *source, wanted=wanted, given=given, failures=failures)
+    graph = Graph(project, *source, wanted=wanted, given=given, failures=failures)
     with readings_noted(recorder.step, key):
         for result in execute(graph):
             if isinstance(result, Skipped):

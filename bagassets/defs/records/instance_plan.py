@@ -42,15 +42,13 @@ def planner_of(
     with uncollected():
         return Planner(
             workspace.assets,
-            workspace.store,
             found,
             records.live() if live is None else live,
-            workspace.index,
             workspace_fingerprint(workspace),
             records.latest_ids(all_assets()) if ids is None else ids,
             records.fetch,
             kept,
-            partial(quick_findings, workspace.recipe, workspace.store, found),
+            partial(quick_findings, workspace.assets, found),
             thorough=thorough,
         )
 

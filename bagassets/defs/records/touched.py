@@ -84,7 +84,7 @@ def _read(
 
     Several are read at a time; now and then `on_event` is told how far all are.
     """
-    index, store = workspace.index, workspace.store
+    assets = workspace.assets
     size, read = sum(one.size for one in touched), 0
     mutex, stopped = Lock(), Flag()
     ended: SimpleQueue[Future[_Read]] = SimpleQueue()
@@ -98,8 +98,8 @@ def _read(
 
     def digest_of(recording: RecordingFiles) -> _Read:
         began, stat = time.monotonic(), recording_stat(recording)
-        with only_reader(store, recording, stat):
-            digest = recording_digest(recording, index, between=note)
+        with only_reader(assets.store, recording, stat):
+            digest = recording_digest(recording, assets.index, between=note)
         return stat, digest, time.monotonic() - began
 
     # If all processors may be used, more are read at a time than there are: recordings of one size then end together,

@@ -16,7 +16,6 @@ from bagassets.defs.records.projects import note_instance, note_project
 from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.formats.catalogue import recording_assets
 from bagassets.recipe import Recipe, load_recipe, where_in
-from bagassets.recordings.digest import DigestIndex
 from bagassets.recordings.discover import Discovery, discover
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.artifact import Artifact
@@ -36,7 +35,6 @@ class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get
     key_prefix: list[str] = Field(default=[])
     _recipe: Recipe | None = PrivateAttr(default=None)
     _assets: RecordingAssets | None = PrivateAttr(default=None)
-    _store: Store | None = PrivateAttr(default=None)
     _recipe_fingerprint: str = PrivateAttr(default="")
     _found_in_run: tuple[str, Any] | None = PrivateAttr(default=None)
     _instance: dg.DagsterInstance | None = PrivateAttr(default=None)
@@ -91,9 +89,10 @@ class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get
 
     @property
     def assets(self) -> RecordingAssets:
-        """The assets of a recording under this recipe."""
+        """The assets of a recording under this recipe; the project is noted as a user of their store."""
         if self._assets is None:
             self._assets = recording_assets(self.recipe)
+            note_user(self._assets.store.root, Path(self.recipe_file))
         return self._assets
 
     @property
@@ -103,16 +102,8 @@ class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get
 
     @property
     def store(self) -> Store:
-        """The artifact store, in which this project is noted as a user."""
-        if self._store is None:
-            self._store = Store(self.recipe.store_path)
-            note_user(self._store.root, Path(self.recipe_file))
-        return self._store
-
-    @property
-    def index(self) -> DigestIndex:
-        """Digests of recordings whose file system has no extended attributes."""
-        return DigestIndex.of(self.recipe)
+        """The artifact store."""
+        return self.assets.store
 
     def discover(self) -> Discovery:
         """Look for recordings below the bag root (file names and sizes only).

@@ -159,7 +159,7 @@ def test_what_others_change_before_a_build_ends_is_seen_as_by_a_look_at_everythi
             return look_on(self, *args, everything=False)
         for change in (_nothing, _replace_what_was_built, _damage, _record, _replace, _add, _remove):
             looked.clear()
-            change(tmp_path / "bags", self._instance, self._workspace)
+            change(tmp_path / "bags", self.workspace.instance, self.workspace)
             found = look_on(self, *args)
             seen[change] = len(looked)
             whole = look(self)

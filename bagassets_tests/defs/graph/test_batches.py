@@ -196,18 +196,18 @@ def test_what_a_batch_was_checked_for_is_not_checked_again(project, monkeypatch)
     build(project, monkeypatch, jobs=1)
     real, checked = checking.check_bag, []
 
-    def check_bag(recipe, store, discovery, bag, **options):
+    def check_bag(assets, discovery, bag, **options):
         checked.append(bag.key)
-        return real(recipe, store, discovery, bag, **options)
+        return real(assets, discovery, bag, **options)
 
     def look():
         with pending_work.open_project(project) as workspace:
-            plan, given = planner_of(workspace).plan(), (workspace.recipe, workspace.store)
+            plan, assets = planner_of(workspace).plan(), workspace.assets
             checked.clear()  # planning makes quick checks
-            found = dict(checking.check_bags(*given, plan, plan.bags.values()))
+            found = dict(checking.check_bags(assets, plan, plan.bags.values()))
         asked = [*checked]
         for key, verdicts in found.items():
-            fresh = real(*given, plan.discovery, plan.bags[key])
+            fresh = real(assets, plan.discovery, plan.bags[key])
             assert json.dumps([one.as_json() for one in verdicts]) == json.dumps(
                 [one.as_json() for one in fresh]
             )

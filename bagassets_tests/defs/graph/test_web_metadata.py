@@ -107,7 +107,7 @@ def test_the_report_is_there_as_soon_as_its_link_is(made, monkeypatch):
 def test_the_report_has_what_checks_found_when_they_ran(made):
     _, instance, workspace = made
     planned = plan_instance(workspace.on(instance))
-    verdicts = list(check_bag(workspace.recipe, workspace.store, planned.discovery, planned.bags[KEY]))
+    verdicts = list(check_bag(workspace.assets, planned.discovery, planned.bags[KEY]))
     problems, passed = (of[KEY] for of in findings_on_record(workspace.on(instance)))
     failed = [one for one in verdicts if not one.finding.passed]
     assert passed == len(verdicts) - len(failed)

@@ -17,11 +17,11 @@ from bagassets.engine import planner
 from bagassets.engine.choose import SelectionError
 from bagassets.engine.first_pass import first_pass
 from bagassets.engine.freshness.plan_cache import PlanCache
+from bagassets.formats.catalogue import recording_assets
 from bagassets.recipe import load_recipe
 from bagassets.recordings import digest
 from bagassets.recordings.digest import DigestIndex
 from bagassets.recordings.discover import discover
-from bagassets.store.store import Store
 from bagassets_tests.in_process import build, make_project, states, survey
 from bagassets_tests.small_drive import write_drive
 
@@ -196,7 +196,7 @@ def test_one_that_is_hashed_ahead_of_the_build_is_not_hashed_again(built, monkey
 
     def ahead():
         stat = digest.recording_stat(recording)
-        first_pass(recipe, Store(recipe.store_path), recording, stat, DigestIndex.of(recipe))
+        first_pass(recording_assets(recipe), recording, stat)
 
     monkeypatch.setattr(digest, "digest_file", noted)
     other = threading.Thread(target=ahead)
