@@ -129,7 +129,7 @@ class Place:
         digest = recording_digest(recording, index)
         stat = recording_stat(recording)
         self.after_digest()
-        graph = Graph(recording_assets(recipe), store, recording, digest.digest, stat)
+        graph = Graph(recording_assets(recipe), recording, digest.digest, stat)
         faces = {asset.name: asset.face for asset in known_assets()}
         made, part = {}, None
         try:

@@ -6,6 +6,7 @@ A new server imports Dagster once, for all builds until it ends; if the build ra
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -158,7 +159,7 @@ def build_on_server(
     """
     if job is None:
         try:
-            job = submit_build(client, recipe, options.as_json(), most)
+            job = submit_build(client, recipe, asdict(options), most)
         except ServerRefusedError:
             return None
     with deferred_interrupts() as interrupt:

@@ -74,12 +74,11 @@ def status(recipe: Path, bags: tuple[str, ...], show_all: bool, as_json: bool) -
     from bagassets.formats.emptiness import left_behind
 
     try:
-        with planning_shown() as on_planned, open_project(recipe) as (instance, known_as):
-            options = BuildOptions(bags=bags)
+        with planning_shown() as on_planned, open_project(recipe) as known_as:
             project = load_own(known_as)
             workspace = project.workspace
-            pending = find_pending_work(instance, workspace, options, on_planned=on_planned)
-            own = project.survey(instance, pending, options)
+            pending = find_pending_work(workspace, BuildOptions(bags=bags), on_planned=on_planned)
+            own = project.survey(pending)
     except SelectionError as err:
         raise click.UsageError(str(err)) from err
     problems = [*problems_of(workspace.recipe), *left_behind(workspace.recipe)]

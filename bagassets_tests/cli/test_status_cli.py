@@ -14,7 +14,7 @@ from bagassets.cli import summary
 from bagassets.cli.explain import _action_lines
 from bagassets.cli.main import root
 from bagassets.cli.summary import print_summary
-from bagassets.defs.records.events import all_assets, event_database, latest_ids
+from bagassets.defs.records.events import Records, all_assets, event_database
 from bagassets.defs.records.instances import open_instance
 from bagassets.defs.records.naming import Naming
 from bagassets.engine.build_report import BuildReport
@@ -153,7 +153,10 @@ def test_reasons_lead_back_to_what_changed_first(edited):
 
 def test_a_dry_run_runs_nothing_and_shows_what_would(edited):
     with open_instance(str(edited.parent)) as instance:
-        before = latest_ids(instance, Naming("test"), all_assets()), event_database(instance).stat().st_size
+        before = (
+            Records(instance, Naming("test")).latest_ids(all_assets()),
+            event_database(instance).stat().st_size,
+        )
     done = run("build", "--dry-run", recipe=edited)
     assert done.exit_code == ALL_WELL
     lines = [line.split() for line in done.stdout.splitlines()]
@@ -166,7 +169,7 @@ def test_a_dry_run_runs_nothing_and_shows_what_would(edited):
     assert list(value["recordings"]) == [GOOD, SHORT]  # that skips are of this recipe is recorded, too
     with open_instance(str(edited.parent)) as instance:
         assert (
-            latest_ids(instance, Naming("test"), all_assets()),
+            Records(instance, Naming("test")).latest_ids(all_assets()),
             event_database(instance).stat().st_size,
         ) == before
 

@@ -146,7 +146,7 @@ def test_what_failed_before_salvage_existed_is_tried_once_more_and_then_no_more(
 
     def state(recipe):
         recording = discover(recipe.bags).recordings["a.bag"]
-        return Graph.of(recording_assets(recipe), Store(recipe.store_path), recording).states()["inventory"]
+        return Graph.of(recording_assets(recipe), recording).states()["inventory"]
 
     assert state(refusing).state == "failed"
     recipe = project(tmp_path)
