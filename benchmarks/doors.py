@@ -10,7 +10,7 @@ with what the command makes: files of the datasets, states, what the web UI show
 With `--tiny`, all recordings are fine and as small as can be, and a door that takes longer than the limit is left then: how
 long it would have taken follows from the recordings that it made meanwhile. Beside the doors stands what runs cost in plain
 Dagster: assets that do nothing, in a backfill of as many partitions as there are recordings, with Dagster's own settings.
-`--json` replaces what the file has of the same kind, and keeps the rest.
+`--json` replaces what the file has of the same kind, with `--doors` of the same doors, and keeps the rest.
 """
 
 import argparse
@@ -32,6 +32,7 @@ import dagster as dg  # noqa: TID251  (asks for its records, as a user's script 
 from sqlalchemy import text
 
 from bagassets.defs.builds.pending_work import find_pending_work, open_project
+from bagassets.defs.records.events import Records
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.records.partitions import add_partitions
 from bagassets.engine.build_report import BuildOptions
@@ -143,8 +144,9 @@ class Door:
     def appear(self, *, register: bool = True) -> Began:
         """Have all recordings appear at once, and register them if asked to; return when that was."""
         if register:
-            with open_project(self.recipe) as (instance, _):
-                add_partitions(instance, Naming("test"), self.keys)
+            with open_project(self.recipe) as workspace:
+                instance = workspace.instance
+                add_partitions(Records(instance, Naming("test")), self.keys)
         self.bags.rmdir()
         self.away.rename(self.bags)
         return time.monotonic(), cpu_s_so_far()
@@ -180,6 +182,11 @@ def main() -> None:
     print(tiny_table(figures) if options.tiny else doors_table(figures), flush=True)
     if options.json is not None:
         kept = json.loads(options.json.read_text("utf-8")) if options.json.exists() else {}
+        if options.doors is not None and kind in kept:
+            all_found = {**kept[kind]["doors"], **found}
+            figures[kind]["doors"] = {
+                name: all_found[name] for name in (TINY if options.tiny else ALL) if name in all_found
+            }
         options.json.write_text(json.dumps({**kept, **figures}, indent=1) + "\n", "utf-8")
 
 
@@ -257,7 +264,8 @@ def measure(
             came.differs = [part for part, value in expected.items() if result[part] != value]
             came.datasets = _digest(result["dataset"])
             came.made = len(result["shown"]["nuscenes_tables"]["made"])
-            with open_project(recipe) as (instance, _):
+            with open_project(recipe) as workspace:
+                instance = workspace.instance
                 came.runs, came.events = _runs(instance), _events(instance)
         found[name] = asdict(came)
         print(f"{name}: {found[name]}", flush=True)
@@ -346,6 +354,14 @@ def by_materialize(door: Door) -> Found:
     return _found(began, by_hand=len(door.keys) + 1)
 
 
+def by_range(door: Door) -> Found:
+    """Run `dagster asset materialize` once, for all recordings from the first to the last and the datasets."""
+    began = door.appear(register=False)
+    common = [BIN / "dagster", "asset", "materialize", "-m", "bagassets.definitions", "--select", "*"]
+    _run(door, [*common, "--partition-range", f"{door.keys[0]}...{door.keys[-1]}"])
+    return _found(began)
+
+
 def by_dg(door: Door) -> Found:
     """Run `dg launch` for each recording, and for the datasets."""
     began = door.appear(register=False)
@@ -386,6 +402,7 @@ ALL = {
     "*Materialize all* in `bagassets ui`, beside the sensor": beside_sensor,
     "*Materialize all* in `dagster dev`": by_dagster_dev,
     "`dagster asset materialize`, each, and the datasets": by_materialize,
+    "`dagster asset materialize`, a range": by_range,
     **({DG: by_dg} if (BIN / "dg").exists() else {}),
     PLAIN: by_plain_dagster,
 }
@@ -468,10 +485,11 @@ def _is_done(door: Door) -> bool:
         for status in dg.DagsterRunStatus
         if status.value in ("QUEUED", "NOT_STARTED", "STARTING", "STARTED")
     ]
-    with open_project(door.recipe) as (instance, workspace):
+    with open_project(door.recipe) as workspace:
+        instance = workspace.instance
         if instance.get_runs_count(dg.RunsFilter(statuses=busy)):
             return False
-        pending = find_pending_work(instance, workspace, BuildOptions())
+        pending = find_pending_work(workspace, BuildOptions())
         bags = pending.plan.bags
         return (
             bags.keys() == set(door.keys)

@@ -1,6 +1,7 @@
 """The output of `bagassets build --dry-run` and `--check`: what would run, what may run, and why."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from bagassets.base.alike import names_text, told_once
@@ -110,6 +111,6 @@ def dry_run_json(
         "failed": pending.failed,
         "removed": list(pending.plan.removed),
         "moved": {key: list(splits) for key, splits in moved.items()},
-        "remarks": [remark.as_json() for remark in remarks],
+        "remarks": [asdict(remark) for remark in remarks],
         **own.as_json(),
     }

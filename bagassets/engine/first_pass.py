@@ -4,7 +4,8 @@ Both read all of it. One after the other they would read it from the disk twice,
 on a network. The action of an inventory names the digest, so it is recorded once this is known.
 """
 
-from collections.abc import Iterator
+import json
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,10 +16,9 @@ from bagassets.base.files import remove, write_atomically
 from bagassets.base.trace import span
 from bagassets.engine.inputs import RecordingInputs
 from bagassets.engine.process import keep_freed_memory
-from bagassets.engine.source import MessageSource
-from bagassets.recipe.model import Recipe
+from bagassets.engine.recording_assets import RecordingAssets
+from bagassets.engine.source import MessageSource, Progress, progress_told, tell_progress
 from bagassets.recordings.digest import (
-    DigestIndex,
     HashedAlong,
     RecordingDigest,
     RecordingStat,
@@ -47,17 +47,22 @@ class FirstPass:
     inventory: Outcome | None = None
 
 
-def first_pass(
-    recipe: Recipe, store: Store, recording: RecordingFiles, stat: RecordingStat, index: DigestIndex
-) -> FirstPass:
-    """Do what `read_first` does; if another process is at the same recording, wait for it."""
-    with only_reader(store, recording, stat):
-        return read_first(recipe, store, recording, stat, index)
+def first_pass(assets: RecordingAssets, recording: RecordingFiles, stat: RecordingStat) -> FirstPass:
+    """Do what `read_first` does; if another process is at the same recording, wait for it, and tell how far that is."""
+    file, told = _reading_file(assets.recipe.state, recording), b""
+
+    def relay() -> None:
+        nonlocal told
+        with suppress(OSError, ValueError, TypeError):
+            if (said := file.read_bytes()) != told:
+                told = said
+                tell_progress(Progress(**json.loads(said)))
+
+    with only_reader(assets.store, recording, stat, relay):
+        return read_first(assets, recording, stat)
 
 
-def read_first(
-    recipe: Recipe, store: Store, recording: RecordingFiles, stat: RecordingStat, index: DigestIndex
-) -> FirstPass:
+def read_first(assets: RecordingAssets, recording: RecordingFiles, stat: RecordingStat) -> FirstPass:
     """Return the digest of a recording; if it has to be hashed, make its inventory in the same pass.
 
     A recording of which content of the same size is on record was most likely touched only, and is just hashed. An inventory
@@ -65,36 +70,39 @@ def read_first(
     again there, and is reported.
 
     Args:
-        recipe: the recipe.
-        store: where the inventory goes.
+        assets: the assets of recordings, where the inventory goes, and the digest.
         recording: its files.
         stat: their current sizes and times.
-        index: the project's index of digests.
 
     Raises:
         RecordingError: a file cannot be read.
         ChangedWhileReadError: a file changed while it was hashed.
         StoreError: the index cannot be written.
     """
+    index = assets.index
     rows = [(index.row(path), stat) for path, stat in stat_files(recording)]
     is_touched = all(row is not None and row.size == stat.st_size for row, stat in rows)
     if is_touched or stored_digest(recording, index) is not None:
         return FirstPass(recording_digest(recording, index))
     keep_freed_memory()
     with HashedAlong(recording, index) as along:
-        return _with_inventory(recipe, store, recording, stat, along)
+        return _with_inventory(assets, recording, stat, along)
 
 
 @contextmanager
-def only_reader(store: Store, recording: RecordingFiles, stat: RecordingStat) -> Iterator[None]:
+def only_reader(
+    store: Store, recording: RecordingFiles, stat: RecordingStat, on_wait: Callable[[], None] = lambda: None
+) -> Iterator[None]:
     """Wait until no other process hashes a recording, and keep others from it; afterwards its digest may be on record."""
-    with in_use(store.root), action_lock(store.root, digest_json([str(recording.path), stat.as_json()])):
+    lock = digest_json([str(recording.path), stat.as_json()])
+    with in_use(store.root), action_lock(store.root, lock, on_wait):
         yield
 
 
 def _with_inventory(
-    recipe: Recipe, store: Store, recording: RecordingFiles, stat: RecordingStat, along: HashedAlong
+    assets: RecordingAssets, recording: RecordingFiles, stat: RecordingStat, along: HashedAlong
 ) -> FirstPass:
+    recipe, store = assets.recipe, assets.store
     definitions, what = recipe.bags.message_definitions, "hash and inventory"
     source = MessageSource(recording, stat, definitions, recipe.limits, along.follow, what)
     inputs = RecordingInputs(store, recording, "", source)
@@ -125,10 +133,35 @@ def _with_inventory(
 # --- what was made before its run --------------------------------------------------------
 
 
+@contextmanager
+def reading_left(state: Path, recording: RecordingFiles) -> Iterator[None]:
+    """Leave how far reading has come in this block where `first_pass` looks that waits for it."""
+    file = _reading_file(state, recording)
+
+    def leave(reading: Progress) -> None:
+        write_atomically(file, json.dumps(vars(reading)).encode(), folders=True)
+
+    try:
+        with progress_told(leave):
+            yield
+    finally:
+        with suppress(OSError):
+            remove(file)
+
+
+def _reading_file(state: Path, recording: RecordingFiles) -> Path:
+    return state / _AHEAD / f"{digest_json(str(recording.path))}.reading"
+
+
 def note_made(state: Path, action_digest: str) -> None:
     """Note that an action was run ahead of the run that records it, so that this does not call its result an old one."""
     with suppress(OSError):
         write_atomically(state / _AHEAD / action_digest, b"", folders=True)
+
+
+def ahead_of_run(key: str) -> str:
+    """Return what stands for all of a recording in such notes."""
+    return digest_json(["recording", key])
 
 
 def was_just_made(state: Path, action_digest: str) -> bool:

@@ -10,18 +10,20 @@ from bagassets.assets.inventory import INVENTORY
 from bagassets.base.errors import BagAssetsError
 from bagassets.cli.main import root
 from bagassets.engine.graph import Graph
+from bagassets.engine.plan import BagPlan
+from bagassets.formats import dataset_build
 from bagassets.formats.catalogue import recording_assets
 from bagassets.formats.dataset_lock import load_lock
 from bagassets.propose.project import write_project
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Bags
 from bagassets.recordings.discover import discover
-from bagassets.store.integrity import check_store
 from bagassets.store.store import Store
 from bagassets_tests import in_process
 from bagassets_tests.nuscenes_checks import check_dataset
 from bagassets_tests.recorded_bags import NOON_NS, text, write_ros1
 from bagassets_tests.small_drive import RECIPE, write_drive
+from bagassets_tests.store_check import check_store
 from bagassets_tests.whole.test_end_to_end import build_of
 
 pytestmark = pytest.mark.once
@@ -144,7 +146,7 @@ def test_what_failed_before_salvage_existed_is_tried_once_more_and_then_no_more(
 
     def state(recipe):
         recording = discover(recipe.bags).recordings["a.bag"]
-        return Graph.of(recording_assets(recipe), Store(recipe.store_path), recording).states()["inventory"]
+        return Graph.of(recording_assets(recipe), recording).states()["inventory"]
 
     assert state(refusing).state == "failed"
     recipe = project(tmp_path)
@@ -243,3 +245,17 @@ def test_a_whole_build_tells_of_the_damage_everywhere(tmp_path, drives, monkeypa
     page = tmp_path / "report.html"
     CliRunner().invoke(root, ["report", "--recipe", str(tmp_path / "recipe.yaml"), "--output", str(page)])
     assert "lost, in damaged parts of the recording" in page.read_text()
+    # A dataset that is made again says the same, without a look at what has not changed.
+    known = dataset_build._damaged
+
+    def damaged(*of):
+        with monkeypatch.context() as patched:
+            patched.setattr(BagPlan, "current_artifact", None)
+            return known(*of)
+
+    monkeypatch.setattr(dataset_build, "_damaged", damaged)
+    (recipe.bags.root / "whole.mcap").unlink()
+    in_process.build(tmp_path / "recipe.yaml", monkeypatch)
+    anew = load_lock(recipe.nuscenes.output).value
+    assert anew != lock
+    assert anew["damaged"] == lock["damaged"]

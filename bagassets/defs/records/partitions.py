@@ -5,8 +5,10 @@ A recording on disk that is not registered yet is registered when a run asks for
 
 from collections.abc import Collection, Iterable, Sequence
 from collections.abc import Set as AbstractSet
+from contextlib import suppress
 from difflib import get_close_matches
 
+import click
 import dagster as dg
 from dagster import partition_loading_context
 from sqlalchemy import and_, delete
@@ -22,7 +24,7 @@ from bagassets.defs.dagster_private import (
     SqlEventLogStorage,
 )
 from bagassets.defs.records.batches import PARTITION_TAG, recordings_of
-from bagassets.defs.records.events import all_assets, in_batches
+from bagassets.defs.records.events import Records, all_assets, in_batches
 from bagassets.defs.records.naming import Naming
 from bagassets.engine.batches import DATASET
 from bagassets.recipe.model import Bags
@@ -36,6 +38,20 @@ _UNFINISHED = [
 ]
 ACTIVE = [*_UNFINISHED, dg.DagsterRunStatus.CANCELING]
 """States of runs that have not ended."""
+
+
+class PartitionError(RecordingError, click.ClickException):
+    """Partitions that a run cannot be about; commands of Dagster's end with the sentence and without a traceback."""
+
+
+def range_policy() -> dg.BackfillPolicy | None:
+    """Return the policy without which `dagster asset materialize` and `dg launch` refuse a range; None if this is neither.
+
+    They execute a range as one run, whatever would launch it.
+    """
+    context = click.get_current_context(silent=True)
+    is_range = context is not None and context.params.get("partition_range")
+    return dg.BackfillPolicy.single_run() if is_range else None
 
 
 def recording_partitions(bags: Bags, names: Naming) -> dg.DynamicPartitionsDefinition:
@@ -63,10 +79,10 @@ class RecordingPartitions(dg.DynamicPartitionsDefinition):
     __eq__ = dg.DynamicPartitionsDefinition.__eq__
 
     def validate_partition_key(self, partition_key: str, context: PartitionLoadingContext) -> None:
-        """Accept a registered key, and register one whose recording is on disk.
+        """Accept a registered key, and register one whose recording is on disk; of a range, all others, too.
 
         Raises:
-            RecordingError: there is no such recording.
+            PartitionError: there is no such recording.
         """
         store = context.dynamic_partitions_store
         with partition_loading_context(new_ctx=context):
@@ -76,19 +92,19 @@ class RecordingPartitions(dg.DynamicPartitionsDefinition):
             return
         found = discover(self.bags)
         if partition_key not in found.recordings:
-            raise RecordingError(_no_such_recording(partition_key, self.bags, found))
-        _register(store, str(self.name), [partition_key])
+            raise PartitionError(_no_such_recording(partition_key, self.bags, found))
+        _register(store, str(self.name), list(found.recordings) if range_policy() else [partition_key])
 
     def get_partition_keys_in_range(self, partition_key_range: dg.PartitionKeyRange) -> Sequence[str]:
         """Return the keys of a range, in the order in which they were registered.
 
         Raises:
-            RecordingError: its end was registered before its start, so Dagster would make nothing, and say nothing.
+            PartitionError: its end was registered before its start, so Dagster would make nothing, and say nothing.
         """
         found = super().get_partition_keys_in_range(partition_key_range)
         if not found:
             start, end = partition_key_range.start, partition_key_range.end
-            raise RecordingError(
+            raise PartitionError(
                 f"{start}...{end}: {end} was registered before {start}, so there is nothing in this range; write {end}...{start}."
             )
         return found
@@ -107,39 +123,36 @@ def _no_such_recording(key: str, bags: Bags, found: Discovery) -> str:
     return f"{key}: no recording with this partition key below {bags.root}; {hint}"
 
 
-def active_runs(
-    instance: dg.DagsterInstance, names: Naming, datasets: Iterable[str]
-) -> dict[str, tuple[str, ...]]:
+def active_runs(records: Records, datasets: Iterable[str]) -> dict[str, tuple[str, ...]]:
     """Return run id -> partition keys, and `DATASET` if it makes one of `datasets`, for runs that have not ended."""
-    once, keys_of = frozenset(datasets), recordings_of(instance, names)
+    once, keys_of = frozenset(datasets), recordings_of(records)
     active: dict[str, tuple[str, ...]] = {}
-    for run in instance.get_runs(filters=dg.RunsFilter(statuses=ACTIVE)):
+    for run in records.instance.get_runs(filters=dg.RunsFilter(statuses=ACTIVE)):
         if keys := keys_of(run):
             active[run.run_id] = keys
-        elif run.asset_selection and names.is_about(run, once):
+        elif run.asset_selection and records.names.is_about(run, once):
             active[run.run_id] = (DATASET,)
     return active
 
 
-def add_partitions(instance: dg.DagsterInstance, names: Naming, keys: Sequence[str]) -> None:
+def add_partitions(records: Records, keys: Sequence[str]) -> None:
     """Register recordings; keys that are registered already are kept."""
-    for batch in in_batches(keys):
-        _register(instance, names.partitions, batch)
+    _register(records.instance, records.names.partitions, keys)
 
 
-def _register(instance: dg.DagsterInstance, partitions: str, keys: list[str]) -> None:
+def _register(instance: dg.DagsterInstance, partitions: str, keys: Sequence[str]) -> None:
     """Register partition keys, also while another process registers some of them.
 
     Dagster looks which of them are missing, then inserts those; in SQLite that fails if somebody was faster. Each time
     that happens one key more is known.
     """
-    for _ in keys:
-        try:
-            instance.add_dynamic_partitions(partitions, keys)
-        except IntegrityError:
-            continue
-        return
-    instance.add_dynamic_partitions(partitions, keys)
+    for batch in in_batches(keys):
+        for _ in batch:
+            with suppress(IntegrityError):
+                instance.add_dynamic_partitions(partitions, batch)
+                break
+        else:
+            instance.add_dynamic_partitions(partitions, batch)
 
 
 def held_by_backfills(instance: dg.DagsterInstance, keys: AbstractSet[str]) -> dict[str, str]:
@@ -159,8 +172,9 @@ def held_by_backfills(instance: dg.DagsterInstance, keys: AbstractSet[str]) -> d
     return held
 
 
-def remove_partitions(instance: dg.DagsterInstance, names: Naming, keys: Collection[str]) -> None:
+def remove_partitions(records: Records, keys: Collection[str]) -> None:
     """Cancel the runs of recordings that are gone, then delete their partitions."""
+    instance, names = records.instance, records.names
     gone, assets = frozenset(keys), frozenset(all_assets())
     for run in instance.get_runs(dg.RunsFilter(statuses=_UNFINISHED)) if gone else ():
         key = run.tags.get(PARTITION_TAG)
