@@ -91,10 +91,10 @@ def decode_video_packet(message: Message) -> VideoPacket:
 
 
 def decoder_version(where: str) -> str:
-    """Return what decodes video, for the keys of actions; wheels of PyAV bring their own ffmpeg.
+    """Return what decodes and encodes video, for the keys of actions; wheels of PyAV bring their own ffmpeg.
 
     Args:
-        where: what has video, for the error.
+        where: what has video, or will have, for the error.
 
     Raises:
         DecodeError: it is not installed.
@@ -103,7 +103,8 @@ def decoder_version(where: str) -> str:
         return f"av {version('av')}"
     except PackageNotFoundError:
         raise DecodeError(
-            f"{where}: PyAV decodes its video, and is not installed; `pip install 'bagassets[video]'`."
+            f"{where}: video needs PyAV, which is not installed here; install it with `pip install 'bagassets[video]'`, in every "
+            "environment that builds."
         ) from None
 
 

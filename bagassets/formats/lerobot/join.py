@@ -272,7 +272,6 @@ class Join:
 
 def _matrix(column: pa.ChunkedArray, width: int) -> NDArray[np.float32]:
     """Return a column of numbers, or of lists of equal length, as (N, D)."""
-    chunks = column.chunks
-    flat = [chunk.flatten() if width > 1 else chunk for chunk in chunks]
+    flat = [chunk.flatten() if width > 1 else chunk for chunk in column.chunks]
     values = np.concatenate([one.to_numpy(zero_copy_only=False) for one in flat])
     return values.reshape(-1, width)

@@ -7,10 +7,11 @@ from bagassets.assets.asset import Facts, Use, inlined, omitted
 from bagassets.assets.frames import FRAMES
 from bagassets.assets.signals import SIGNALS
 from bagassets.base.errors import DatasetError
+from bagassets.decode.video import decoder_version
 from bagassets.formats.lerobot.frames import Rule
 from bagassets.formats.lerobot.ranges import Span, by_file
 from bagassets.formats.lerobot.settings import Cuts, Encoding, LeRobot, TaskTopic
-from bagassets.formats.lerobot.video import require_pyav, with_defaults
+from bagassets.formats.lerobot.video import with_defaults
 from bagassets.recipe.model import Recipe, Rig
 
 USUAL_TOLERANCE_FRAMES = 1.5
@@ -102,11 +103,11 @@ def use(params: EpisodesParams, facts: Facts) -> dict[str, Use[EpisodesUse] | Ex
     """Return what a recording's episodes depend on.
 
     Raises:
-        PluginError: PyAV is not installed.
+        DecodeError: PyAV is not installed.
         DatasetError: the recording lacks a signal or a camera of a feature, or a topic; the file of ranges cannot be read.
     """
     if any(one.camera for one in params.features):
-        require_pyav()
+        decoder_version("lerobot.features")
     inventory, cuts = facts.inventory, params.cuts
     inputs, found = {}, {asset: facts.channels(asset) for asset in (SIGNALS.name, FRAMES.name)}
     wanted = [(one.name, SIGNALS.name, name) for one in params.features for name in one.signals]

@@ -104,7 +104,4 @@ def of_images(levels: NDArray[np.int64], count: int) -> Statistics:
 
 def added(histograms: Iterable[Sequence[Sequence[int]]]) -> NDArray[np.int64]:
     """Return the sum of histograms, (3, 256) each."""
-    total = np.zeros((3, LEVELS), dtype=np.int64)
-    for one in histograms:
-        total += np.asarray(one, dtype=np.int64)
-    return total
+    return sum((np.asarray(one, dtype=np.int64) for one in histograms), np.zeros((3, LEVELS), dtype=np.int64))

@@ -7,14 +7,13 @@ What would pick another algorithm by the processor is switched off: x264 has `cp
 import io
 import os
 from collections.abc import Iterable, Sequence
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bagassets.base.errors import DatasetError, PluginError
+from bagassets.base.errors import DatasetError
 from bagassets.formats.lerobot.settings import Encoding
 
 PYAV = "av"
@@ -34,21 +33,6 @@ def with_defaults(settings: Encoding) -> Encoding:
     """Return the settings of an encoder with the quality and the preset that are usual for its codec where they give none."""
     _, _, _, preset, crf = _ENCODERS[settings.codec]
     return settings.model_copy(update={"crf": settings.crf or crf, "preset": settings.preset or preset})
-
-
-def require_pyav() -> None:
-    """Refuse to encode where PyAV is not installed.
-
-    Raises:
-        PluginError: it is not.
-    """
-    try:
-        version(PYAV)
-    except PackageNotFoundError:
-        raise PluginError(
-            "videos are encoded with PyAV, which is not installed here; install it with `pip install 'bagassets[video]'`, in every "
-            "environment that builds."
-        ) from None
 
 
 def even(image: NDArray[np.uint8], odd_size: str) -> NDArray[np.uint8]:

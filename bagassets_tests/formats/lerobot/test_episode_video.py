@@ -11,7 +11,7 @@ import av
 import numpy as np
 import pytest
 
-from bagassets.base.errors import DatasetError, PluginError
+from bagassets.base.errors import DatasetError
 from bagassets.formats.lerobot import video
 from bagassets.formats.lerobot.settings import Encoding
 from bagassets.store.canonical import digest_bytes
@@ -127,11 +127,6 @@ class TestEncoding:
         one, other = painted(1), painted(2)
         (tmp_path / "x.mp4").write_bytes(video.encode([one, one, other, other, other], 30, H264))
         assert [number_in(image) for _, image in decoded(tmp_path / "x.mp4")] == [1, 1, 2, 2, 2]
-
-    def test_without_pyav_a_sentence_says_what_to_install(self, monkeypatch):
-        monkeypatch.setattr(video, "PYAV", "a-distribution-that-is-not-there")
-        with pytest.raises(PluginError, match=r"pip install 'bagassets\[video\]'"):
-            video.require_pyav()
 
 
 class TestSameBytes:

@@ -1,10 +1,13 @@
 """The episodes of one recording: against the truth of its messages, and what becomes of recordings that break a rule."""
 
+from importlib.metadata import PackageNotFoundError
+
 import av
 import numpy as np
 import pytest
 
 from bagassets.assets.asset import Use
+from bagassets.decode import video
 from bagassets.engine.execute import BuildFailure
 from bagassets.formats.lerobot.frames import time_text
 from bagassets.formats.lerobot.parameters import EpisodesParams, EpisodesUse
@@ -396,6 +399,16 @@ class TestBrokenRules:
             match=rf"observation\.images\.wrist: its video cannot be encoded as {codec} with preset {preset} .*lerobot\.video",
         ):
             build(tmp_path, recipe, seconds=0.2)
+
+    def test_without_pyav_a_sentence_says_what_to_install(self, tmp_path, monkeypatch):
+        def nothing(_name):
+            raise PackageNotFoundError
+
+        monkeypatch.setattr(video, "version", nothing)
+        with pytest.raises(
+            BuildFailure, match=r"lerobot\.features: video needs PyAV.*`pip install 'bagassets\[video\]'`"
+        ):
+            build(tmp_path, seconds=1.0)
 
     def test_what_was_lost_is_counted(self, tmp_path):
         artifact = build(
