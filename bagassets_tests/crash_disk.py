@@ -4,7 +4,8 @@ A journalling file system keeps the order of most changes to folders, but the by
 although its name is not: the file is then empty, full of zeros, or torn. Others lose single changes of folders, too. (Pillai
 et al., "All file systems are not created equal", OSDI 2014, call this the abstract persistence model.)
 
-Databases are written by SQLite, not by us: they are taken as they were at that moment, or before their last commit.
+Databases are written by SQLite, not by us: they are taken as they were at that moment, or without Dagster's last commit, which
+a loss of power may take although files that were written later are there.
 """
 
 import contextlib
@@ -12,6 +13,7 @@ import errno
 import io
 import os
 import shutil
+import struct
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -130,7 +132,7 @@ def torn(data, how):
     return {"empty": b"", "zeros": bytes(len(data)), "half": data[: len(data) // 2], "whole": data}[how]
 
 
-def crashed(recording, number, *, how="whole", lost=(), dice=None, is_before_commit=False):
+def crashed(recording, number, *, how="whole", lost=(), dice=None, without=""):
     """The tree after a crash before change `number`.
 
     Args:
@@ -139,7 +141,8 @@ def crashed(recording, number, *, how="whole", lost=(), dice=None, is_before_com
         how: what is left of new files: `whole`, `empty`, `zeros`, `half`, or `any`, by dice.
         lost: numbers of changes that are lost, with all that rests on them.
         dice: for `any`.
-        is_before_commit: the databases are as before their last commit.
+        without: `Dagster`: without the last commit to its databases; `all`: they and the caches are as before the last that
+            was written to any of them.
     """
     tree = recording.base
     lost = _not_synced(recording.changes[:number], lost)
@@ -155,17 +158,40 @@ def crashed(recording, number, *, how="whole", lost=(), dice=None, is_before_com
             node.data = torn(
                 node.data, dice.choice(["empty", "zeros", "half", "whole"]) if how == "any" else how
             )
-    database = recording.databases[number]
-    if is_before_commit:
-        database = next((one for one in reversed(recording.databases[:number]) if one != database), database)
     _forget_databases(tree)
-    for path, data in database.items():
+    for path, data in databases_at(recording, number, without).items():
         folder = tree
         for name in Path(path).parent.parts:
             folder = folder.entries.setdefault(name, Node(mode=0o755))
         # Who looks at its times finds them changed, as it was written to.
         folder.entries[Path(path).name] = Node(data)
     return tree
+
+
+def databases_at(recording, number, without=""):
+    """Path -> bytes of the databases before change `number`, as `crashed` has them."""
+    now, before = recording.databases[number], reversed(recording.databases[:number])
+    if without == "all":
+        return next((one for one in before if one != now), now)
+    if without != "Dagster":
+        return now
+    return {
+        path: without_last_commit(data) if path.endswith(".db-wal") else data for path, data in now.items()
+    }
+
+
+def without_last_commit(log):
+    """A write-ahead log of SQLite without the last commit in it (https://sqlite.org/fileformat2.html#walformat)."""
+    page_bytes, salts = struct.unpack_from(">8xI4x8s", log) if len(log) >= 32 else (0, b"")
+    ends, at = [32], 32
+    while len(log) - at >= 24 + page_bytes > 24:
+        pages, salts_of_frame = struct.unpack_from(">4xI8s", log, at)
+        if salts_of_frame != salts:
+            break  # of a log that was begun anew, the rest is older
+        at += 24 + page_bytes
+        if pages:
+            ends.append(at)
+    return log[: ends[-2]] if len(ends) > 1 else log
 
 
 def _not_synced(changes, lost):
@@ -237,15 +263,20 @@ def databases(root, state):
     return found
 
 
+def _paths_below(folder):
+    return [f"{one}/{name}" for one, _, names in os.walk(folder) for name in names]
+
+
 class Disk:
     """Stands in for the `os` of `bagassets.base.files`: records changes, lets one fail, or ends the process before one.
 
     Attributes:
         count: number of changes so far.
+        links: `hard`, `reflinks` or `copies`: what files of a dataset may be.
     """
 
-    def __init__(self, root, *, recording=None, fails_at=None, error=errno.EIO, dies_at=None, no_links=False):
-        self.root, self.recording, self.no_links = str(root), recording, no_links
+    def __init__(self, root, *, recording=None, fails_at=None, error=errno.EIO, dies_at=None, links="hard"):
+        self.root, self.recording, self.links = str(root), recording, links
         self.fails_at, self.error, self.dies_at = fails_at, error, dies_at
         self.count = 0
         self._open = {}
@@ -258,6 +289,10 @@ class Disk:
         files.os = files.shutil = self
         files.open = self.open_writer
         self._rename, files._rename = files._rename, self.exchange
+        if self.links == "reflinks":
+            files.ioctl = self.clone
+        if self.recording is not None:
+            self._ours = {os.stat(path).st_ino for path in _paths_below(self.root)}
         return self
 
     def _change(self, kind, paths, do, data=b"", mode=0o644):
@@ -265,6 +300,8 @@ class Disk:
         if not texts[-1].startswith(self.root):
             return do()
         names = tuple(os.path.relpath(text, self.root) for text in texts)
+        if self.recording is not None and kind in ("move", "exchange") and os.path.isdir(texts[0]):
+            self._take_in(texts[0])
         if self.recording is not None and kind != "write more":
             self.recording.databases.append(databases(Path(self.root), ".bagassets"))
         self.count += 1
@@ -279,8 +316,16 @@ class Disk:
             for name in {*names, *map(os.path.dirname, names)} - {""}:
                 with contextlib.suppress(FileNotFoundError):
                     stats[name] = stat_of(f"{self.root}/{name}")
+                    self._ours.add(stats[name][1])
             self.recording.changes.append(Change(kind, names, data, mode, stats))
         return done
+
+    def _take_in(self, folder):
+        """Record the files in a folder that others wrote, such as PyAV, before it gets its name."""
+        for path in sorted(_paths_below(folder)):
+            stat = os.stat(path)
+            if stat.st_ino not in self._ours and not path.endswith(_DATABASE):
+                self._change("write", [path], lambda: None, Path(path).read_bytes(), stat.st_mode & 0o777)
 
     # --- single changes ---
 
@@ -302,11 +347,19 @@ class Disk:
         return True
 
     def link(self, one, other):
-        if self.no_links and "/store/" not in str(other):
+        if self.links != "hard" and "/store/" not in str(other):
             raise OSError(errno.EXDEV, os.strerror(errno.EXDEV), str(other))
         self._change("link", [one, other], lambda: os.link(one, other))
 
+    def clone(self, target, request, source):
+        """Stands in for the `ioctl` that makes a reflink, of which a crash may leave anything, as of a copy."""
+        paths = [os.readlink(f"/proc/self/fd/{one}") for one in (source, target)]
+        assert request == files.FICLONE
+        self._change("write more", [paths[1]], lambda: shutil.copyfile(*paths))
+
     def unlink(self, path):
+        if self.recording is not None and os.stat(path, follow_symlinks=False).st_nlink == 1:
+            self._ours.discard(os.stat(path, follow_symlinks=False).st_ino)
         self._change("remove", [path], lambda: os.unlink(path))
 
     def rmdir(self, path):
@@ -377,6 +430,9 @@ class _Raw(io.RawIOBase):
 
     def writable(self):
         return True
+
+    def fileno(self):
+        return self._descriptor
 
     def write(self, data):
         return self._disk.write(self._descriptor, bytes(data))

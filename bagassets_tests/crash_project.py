@@ -23,7 +23,7 @@ import pytest
 
 from bagassets.base import fingerprints
 from bagassets.base.errors import BagAssetsError
-from bagassets.cli.main import main
+from bagassets.cli.main import main, text_of_refusal
 from bagassets.engine.freshness import decide
 from bagassets.formats import after_crash
 from bagassets.formats.dataset_integrity import find_damage
@@ -31,15 +31,29 @@ from bagassets.propose.project import write_project
 from bagassets.recipe import load_recipe
 from bagassets.store.integrity import check_store
 from bagassets.store.store import Store
-from bagassets_tests.crash_disk import Disk, Node, Recording, crashed, databases, lay_out, take
+from bagassets_tests import arm_recordings, failing_reads
+from bagassets_tests.crash_disk import (
+    Disk,
+    Node,
+    Recording,
+    crashed,
+    databases,
+    databases_at,
+    lay_out,
+    take,
+)
 from bagassets_tests.in_process import QUICK, build, load_definitions
+from bagassets_tests.recorded_bags import write_mcap
 from bagassets_tests.small_drive import write_drive
 
 STATE, DATASET, OTHER = ".bagassets", "dataset/nuscenes", "restored"
+LEROBOT = "dataset/lerobot"
 TREES = (STATE, "dataset", OTHER)
 RECIPE = QUICK.replace("min_length_s: 0.5", "min_length_s: 0.05")
 EDITED = RECIPE.replace("min_length_s: 0.05", "min_length_s: 0.05, keyframe_hz: 4")
+RECIPES = {DATASET: RECIPE.format(name="test", root="bags"), LEROBOT: arm_recordings.RECIPE}
 _WORTH_IMPORTING = {
+    "av",
     "bagassets",
     "cv2",
     "dagster",
@@ -106,27 +120,33 @@ def import_what_was_needed():
 
 
 class Project:
-    """A project in a folder, with a pool of recordings beside it.
+    """A project in a folder, with a pool of recordings beside it: of a vehicle, or of an arm.
 
     Attributes:
         folder: its folder.
+        dataset: its dataset, below that; `LEROBOT` for one of an arm.
     """
 
     def __init__(self, folder):
+        self.dataset = DATASET
         self.folder, self.pool = folder / "project", folder / "pool"
         self.recipe_file = self.folder / "recipe.yaml"
         self._clock_s = 1_700_000_000
         for number in range(6):
-            write_drive(self.pool / f"{number}.mcap", "mcap", duration_s=0.3 + 0.1 * number)
+            write_drive(self.pool / DATASET / f"{number}.mcap", "mcap", duration_s=0.3 + 0.1 * number)
+            (self.pool / LEROBOT).mkdir(parents=True, exist_ok=True)
+            messages = arm_recordings.arm_messages(0.2 + 0.1 * number, first=100 * number)
+            write_mcap(self.pool / LEROBOT / f"{number}.mcap", messages)
         self.start_anew()
-        os.environ["BAGASSETS_RECIPE"] = str(self.recipe_file)
-        load_definitions(self.recipe_file)
 
-    def start_anew(self):
+    def start_anew(self, dataset=DATASET):
         """Make the project without recordings, and nothing built."""
+        self.dataset = dataset
         shutil.rmtree(self.folder, ignore_errors=True)
         (self.folder / "bags").mkdir(parents=True)
-        write_project(self.folder, RECIPE.format(name="test", root="bags"))
+        write_project(self.folder, RECIPES[dataset])
+        os.environ["BAGASSETS_RECIPE"] = str(self.recipe_file)
+        load_definitions(self.recipe_file)
 
     def clear(self):
         """Remove all that was made, but neither recordings nor recipe."""
@@ -145,7 +165,7 @@ class Project:
         """Put a recording of the pool below the bag root, with a time that no file had before."""
         self._clock_s += 10
         path = self.folder / "bags" / f"{name}.mcap"
-        shutil.copyfile(self.pool / f"{number}.mcap", path)
+        shutil.copyfile(self.pool / self.dataset / f"{number}.mcap", path)
         os.utime(path, (self._clock_s, self._clock_s))
 
     def touch(self, name):
@@ -185,14 +205,14 @@ class Project:
     # --- what there is ---
 
     def keep_lock(self):
-        (lock,) = (self.folder / DATASET).glob("*/dataset.lock.json")
+        (lock,) = (self.folder / self.dataset).glob("*/dataset.lock.json")
         kept = self.folder / STATE / "kept-locks"
         kept.mkdir(exist_ok=True)
         shutil.copyfile(lock, kept / "first.lock.json")
 
-    def files_in(self, name=DATASET):
-        """Name -> digest of everything in a dataset, folders included."""
-        root = self.folder / name
+    def files_in(self, name=None):
+        """Name -> digest of everything in a dataset, folders included; by default in the one that is built."""
+        root = self.folder / (name or self.dataset)
         return {
             path.relative_to(root).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
             if path.is_file()
@@ -259,56 +279,65 @@ class Scenario:
         recording: its changes.
         expected: the dataset of a project that was built from nothing.
         restored: the same of the restored one; None if there is none.
-        no_links: the dataset is on a file system of its own, so that files are copied.
+        links: what files of the dataset may be; see `Disk`.
+        dataset: which one the project makes.
     """
 
     command: str
     recording: Recording
     expected: dict[str, str]
     restored: dict[str, str] | None = None
-    no_links: bool = False
+    links: str = "hard"
+    dataset: str = DATASET
 
 
-SCENARIOS = ("first build", "change", "change, copies", "removal", "gc", "restore")
+SCENARIOS = (
+    "first build", "change", "change, copies", "change, reflinks", "removal", "gc", "restore",
+    "LeRobot: first build", "LeRobot: change", "LeRobot: removal",
+)  # fmt: skip
 
 
 def recorded(project, name):
     """Record a command in a project made for it; the project stays as the command found it, but for its trees."""
-    project.start_anew()
+    dataset, what = (
+        (LEROBOT, name.removeprefix("LeRobot: ")) if name.startswith("LeRobot") else (DATASET, name)
+    )
+    what, _, links = what.partition(", ")
+    links, restored = links or "hard", None
+    project.start_anew(dataset)
     project.put("a", 0)
-    no_links, restored = name.endswith("copies"), None
-    if name != "first build":
+    if what != "first build":
         project.put("b", 1)
-        assert _built(project, no_links) == ""
+        assert _built(project, links) == ""
         project.keep_lock()
         restored = project.files_in()
-    if name.startswith(("change", "gc")):
+    if what in ("change", "gc"):
         project.put("b", 2)
-    if name == "gc":
+    if what == "gc":
         assert _built(project) == ""
-    if name == "removal":
+    if what == "removal":
         project.take_away("b")
-    command = {"gc": "gc", "restore": "restore"}.get(name, "build")
+    command = {"gc": "gc", "restore": "restore"}.get(what, "build")
     base = take(project.folder, TREES)
-    recording = forked(_record, project, command, base, no_links)
+    recording = forked(_record, project, command, base, links)
     recording.base = base
     project.clear()
-    assert _built(project, no_links) == ""
+    assert _built(project, links) == ""
     expected = project.files_in()
-    return Scenario(command, recording, expected, restored if name in ("gc", "restore") else None, no_links)
+    return Scenario(command, recording, expected, restored if command != "build" else None, links, dataset)
 
 
-def _built(project, no_links=False):
+def _built(project, links="hard"):
     def run():
-        Disk(project.folder, no_links=no_links).install()
+        Disk(project.folder, links=links).install()
         return project.build()
 
     return forked(run)
 
 
-def _record(project, command, base, no_links):
+def _record(project, command, base, links):
     recording = Recording(None)
-    Disk(project.folder, recording=recording, no_links=no_links).install()
+    Disk(project.folder, recording=recording, links=links).install()
     problem = getattr(project, command)()
     assert problem == "", problem
     recording.databases.append(databases(project.folder, STATE))
@@ -324,7 +353,7 @@ class Crash:
         power: True for a loss of power, after which the machine boots again; else a kill.
         how: what is left of new files.
         lost: changes that are lost.
-        is_before_commit: databases are as before their last commit.
+        without: whose last commit is lost; see `crashed`.
         seed: of the dice.
     """
 
@@ -332,21 +361,31 @@ class Crash:
     power: bool = False
     how: str = "whole"
     lost: tuple[int, ...] = ()
-    is_before_commit: bool = False
+    without: str = ""
     seed: int = 0
 
 
 def crashes(scenario, seed=0):
     """Yield all crashes of a scenario: killed before each change; and without power, new files empty, full of zeros, torn in the
-    middle, or any of these, and once with one of the last changes lost."""
-    dice = random.Random(seed)
-    for number in range(len(scenario.recording.changes) + 1):
-        yield Crash(number)
-        for how in ("empty", "zeros", "half", "any"):
-            yield Crash(number, True, how, (), dice.random() < 0.3, dice.randrange(1 << 30))
+    middle, or any of these, and once with one of the last changes lost; each with and without the last commit of Dagster, and
+    then by dice without that of the caches."""
+    dice, recording = random.Random(seed), scenario.recording
+    for number in range(len(recording.changes) + 1):
+        now = recording.databases[number]
+        withouts = [""] + [dice.choice(["Dagster", "all"])] * (
+            databases_at(recording, number, "Dagster") != now
+        )
+        is_between = number == 0 or now != recording.databases[number - 1]
+        for without in withouts[
+            : 1 + is_between
+        ]:  # else the last commit was there before the last change of a file
+            yield Crash(number, without=without and "Dagster")
+        for how, without in product(("empty", "zeros", "half", "any"), withouts):
+            yield Crash(number, True, how, (), without, dice.randrange(1 << 30))
         if number:
             lost = (dice.randrange(max(0, number - 12), number),)
-            yield Crash(number, True, "any", lost, dice.random() < 0.3, dice.randrange(1 << 30))
+            for without in withouts:
+                yield Crash(number, True, "any", lost, without, dice.randrange(1 << 30))
 
 
 def replay(project, scenario, crash):
@@ -355,13 +394,12 @@ def replay(project, scenario, crash):
     def run():
         dice = random.Random(crash.seed)
         tree = crashed(
-            scenario.recording, crash.number, how=crash.how, lost=crash.lost, dice=dice,
-            is_before_commit=crash.is_before_commit,
-        )  # fmt: skip
+            scenario.recording, crash.number, how=crash.how, lost=crash.lost, dice=dice, without=crash.without
+        )
         project.lay_out(tree)
         if crash.power:
             boot_again()
-        Disk(project.folder, no_links=scenario.no_links).install()
+        Disk(project.folder, links=scenario.links).install()
         return project.judge(scenario.expected, scenario.restored)
 
     return _answer_of(run)
@@ -374,7 +412,7 @@ def failures(scenario):
     yield from product(range(1, total + 1), (errno.EIO, errno.ENOSPC))
 
 
-def fail(project, scenario, number, error):
+def fail(project, scenario, failure):
     """Have a change fail, once; return what is wrong with how the command ended, or with the next build.
 
     Returns:
@@ -383,16 +421,67 @@ def fail(project, scenario, number, error):
 
     def run():
         project.lay_out(scenario.recording.base)
-        disk = Disk(project.folder, fails_at=number, error=error, no_links=scenario.no_links).install()
-        try:
-            said = getattr(project, scenario.command)()
-        except BagAssetsError as err:
-            said = str(err)
-        is_puzzling = any(word in said for word in ("Traceback", "defect", "was not made for", "unexpected"))
-        return disk.failed, f"{disk.failed}: {said}" if is_puzzling else ""
+        number, error = failure
+        disk = Disk(project.folder, fails_at=number, error=error, links=scenario.links).install()
+        said = _said_by(project, scenario)
+        return disk.failed, _puzzling(said)
 
+    return _then_built(project, scenario, run)
+
+
+def reads(project, scenario):
+    """Yield the number of each read of a command."""
+
+    def run():
+        project.lay_out(scenario.recording.base)
+        Disk(project.folder, links=scenario.links).install()
+        failing_reads.begin(project.folder)
+        _said_by(project, scenario)
+        return failing_reads.number()
+
+    yield from range(1, forked(run) + 1)
+
+
+def fail_read(project, scenario, number):
+    """Have a read fail, once; return what is wrong, as `fail` does: a command that says nothing must have done all."""
+
+    def run():
+        project.lay_out(scenario.recording.base)
+        Disk(project.folder, links=scenario.links).install()
+        failing_reads.begin(project.folder, number)
+        said = _said_by(project, scenario)
+        failed = failing_reads.failed()
+        failing_reads.begin("/nowhere")
+        if said or scenario.command == "gc":
+            return failed, _puzzling(said)
+        found, expected = project.files_in(), scenario.expected
+        if scenario.command == "restore":
+            found, expected = project.files_in(OTHER), scenario.restored
+        differing = differing_in(found, expected)
+        return failed, f"nothing was said, and the dataset differs in {differing}" if differing else ""
+
+    return _then_built(project, scenario, run)
+
+
+def _said_by(project, scenario):
+    """Run the command; return what it says, which is a sentence if `main` makes one of it."""
+    try:
+        return getattr(project, scenario.command)()
+    except BagAssetsError as err:
+        return str(err)
+    except OSError as err:
+        return text_of_refusal(err) or traceback.format_exc()
+
+
+def _puzzling(said):
+    """Return what a command said if no user could know what to do then."""
+    words = ("Traceback", "defect", "was not made for", "unexpected", "Error:")
+    return said if any(word in said for word in words) else ""
+
+
+def _then_built(project, scenario, run):
     def build_again():
-        Disk(project.folder, no_links=scenario.no_links).install()
+        Disk(project.folder, links=scenario.links).install()
         return project.judge(scenario.expected, scenario.restored, leaves_rests=True)
 
     found = _answer_of(run)
@@ -400,7 +489,7 @@ def fail(project, scenario, number, error):
         return found
     failed, problem = found
     if not failed or problem:
-        return problem if failed else None
+        return f"{failed}: {problem}" if failed else None
     problem = _answer_of(build_again)
     return problem and f"after {failed}: {problem}"
 

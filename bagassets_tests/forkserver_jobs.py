@@ -22,6 +22,10 @@ def preload(modules):
         __import__(module)
 
 
+def killed(_modules):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
 STEPS_DONE = []
 
 

@@ -201,7 +201,7 @@ def _reaches(url: str, task: Task, way: Sequence[str], width: int, height: int) 
 
 def _click(browser: "Browser", text: str) -> None:
     """Click what shows a text, and let the page settle."""
-    said = r"(e.innerText || e.placeholder || '').trim().replace(/ \(\d+\)$/, '')"
+    said = r"(e.innerText || e.placeholder || e.title || '').trim().replace(/ \(\d+\)$/, '')"
     shown = f"{said} === {json.dumps(text)} && {_ON_SCREEN}(e) && {_CLICKABLE}(e)"
     found = " || ".join(
         f"[...document.querySelectorAll('{kinds}')].filter(e => {shown}).at({which})"

@@ -2,11 +2,11 @@
 
 The commands of `bagassets_tests/crash_project.py` are recorded, change by change of files. After a crash before each change, with
 what may be left then (killed; without power: new files empty, full of zeros, torn in the middle, any of these, and a change
-lost), a build must end well, then `verify` must find nothing and the dataset be that of a project built from nothing. The same
-after each change failed once, with EIO and with ENOSPC, where the command must end in a sentence; and after histories of three
-steps::
+lost; all with and without the last commit of Dagster's database), a build must end well, then `verify` must find nothing and
+the dataset be that of a project built from nothing. The same after each change failed once, with EIO and with ENOSPC, and after
+each read failed once, with EIO, where the command must end in a sentence; and after histories of three steps::
 
-    make crash                                   # all of them: an hour on two quiet cores
+    make crash                                   # all of them: some hours on two quiet cores
     python -m benchmarks.crash --share 0.05      # a sample
     python -m benchmarks.crash --only history
     python -m benchmarks.crash --command removal --json benchmarks/results/crash.json   # this one again, into these results
@@ -35,7 +35,8 @@ from benchmarks.common import ROOT, machine, markdown
 __all__ = ["crash_table"]
 
 _CODE = "bagassets_tests.crash_project"  # imported when it is needed, as it imports Dagster
-_PARTS = ("crash", "failure", "history")
+_failing_reads: Any = import_module("bagassets_tests.failing_reads")
+_PARTS = ("crash", "failure", "read", "history")
 _EACH = 25
 
 Try = tuple[str, str, str]
@@ -56,6 +57,9 @@ def main() -> int:
     )
     parser.add_argument("--json", type=Path, help="write the figures here")
     options = parser.parse_args()
+    if options.only in (None, "read") and not _failing_reads.is_loaded():
+        with tempfile.TemporaryDirectory() as name:
+            return int(_failing_reads.run_with(Path(name), ["-m", "benchmarks.crash", *sys.argv[1:]]))
     import_module(_CODE)  # workers are forked with it
     begun, tries, problems = time.monotonic(), Counter[tuple[str, str]](), list[str]()
     good = Counter[tuple[str, str]]()
@@ -123,15 +127,16 @@ def _work(
                 continue
             scenario = code.recorded(project, command)
             code.import_what_was_needed()
-            if options.only != "failure":
-                for crash in mine(code.crashes(scenario, options.seed)):
-                    problem = code.replay(project, scenario, crash)
-                    answer(("crash", command, problem and f"{crash}: {problem}"))
-            if options.only != "crash":
-                for failure in mine(code.failures(scenario)):
-                    problem = code.fail(project, scenario, *failure)
+            tried = {
+                "crash": (code.crashes(scenario, options.seed), code.replay),
+                "failure": (code.failures(scenario), code.fail),
+                "read": (code.reads(project, scenario), code.fail_read),
+            }
+            for part, (all_of_it, run) in tried.items():
+                for one in mine(all_of_it) if options.only in (None, part) else ():
+                    problem = run(project, scenario, one)
                     if problem is not None:
-                        answer(("failure", command, problem and f"{failure}: {problem}"))
+                        answer((part, command, problem and f"{one}: {problem}"))
         if options.only in (None, "history") and options.command is None:
             histories = code.Histories(folder)
             for steps in mine(product(code.STEPS, repeat=3)):
@@ -154,7 +159,9 @@ def _with_again(before: dict[str, Any], found: dict[str, Any], command: str) -> 
 
 def crash_table(found: dict[str, Any]) -> str:
     """Return the results as a table in Markdown, and where they are from."""
-    names = {"crash": "crashes", "failure": "changes of files that fail once", "history": "histories"}
+    names = {
+        "crash": "crashes", "failure": "changes of files that fail once", "read": "reads that fail once", "history": "histories",
+    }  # fmt: skip
     rows = [(f"{names.get(part, part)}: {command}", *numbers) for part, command, *numbers in found["tried"]]
     share = "all there are" if found["share"] == 1 else f"{100 * found['share']:g} % of all, by chance"
     where = f"On {found['date']}, commit {found['commit']}: {share}, with seed {found['seed']}"

@@ -4,8 +4,8 @@
 
 Ours reads and decodes the images from the store, encodes, computes statistics and joins; the library's `add_frame` and
 `save_episode` are given the decoded images in memory. Both encode with the same codec, quality, preset and key frames.
-Then our encoder beside a bare loop of PyAV, how long a frame at random takes to read, and one more recording in a dataset of
-many. lerobot is that of `make test-lerobot`, or of the environment that BAGASSETS_LEROBOT_PYTHON names.
+Then our encoder beside a bare loop of PyAV, how long a frame at random takes to read, how many episodes could have packets of a
+camera copied, and one more recording in a dataset of many. lerobot is that of `make test-lerobot`, or of the environment that BAGASSETS_LEROBOT_PYTHON names.
 """
 
 import argparse
@@ -26,6 +26,7 @@ from bagassets.formats.assembly import assemble
 from bagassets.formats.format import Part
 from bagassets.formats.lerobot import video
 from bagassets.formats.lerobot.format import LEROBOT
+from bagassets.formats.lerobot.grid import grid_ns, pick
 from bagassets.formats.lerobot.settings import Encoding
 from bagassets.recipe.model_splits import Splits
 from bagassets.recordings.digest import recording_digest, recording_stat
@@ -40,6 +41,9 @@ _arm: Any = import_module("bagassets_tests.arm_recordings")
 _recording_build: Any = import_module("bagassets_tests.recording_build")
 SIZE = (480, 640)
 CAMERA = "observation.images.wrist"
+# Exactly 30, that of NTSC, and of two public recordings of cameras of 30 Hz: the shutter of a PR2 (jsk_demos), and H.264 in
+# messages (915 in 29.92 s, CabrilloRoboticsClub/cabrillo_rov_2023).
+RATES_HZ = (30.0, 29.97, 29.41, 30.55)
 SETTINGS = {"av1": ("libsvtav1", 30, "12"), "h264": ("h264", 30, "medium")}
 _THEIRS = """
 import json, sys, time, warnings
@@ -142,6 +146,7 @@ def measure(folder: Path, options: argparse.Namespace) -> dict[str, Any]:
             **_encoders(files[0], codec, crf, preset, options.trials),
         }
     found["random_frame_ms"] = _random_frames(folder / "seek.mp4", files[0])
+    found["copyable"] = copyable()
     found["one_more"] = _one_more(recipe, parts, folder / "many", options.episodes)
     return found
 
@@ -258,6 +263,27 @@ def _encoders(files: list[str], codec: str, crf: int, preset: str, trials: int) 
     return {"encoder_s": ours, "bare_s": bare}
 
 
+def copyable() -> dict[str, dict[str, float]]:
+    """Return rate of a camera in Hz -> packets from key frame to key frame -> share of episodes that could have its packets as they are.
+
+    Of 1,000 episodes of 10 s at 30 fps that begin at any time in 10 minutes of it, those whose frames show consecutive pictures
+    from a key frame on. Stamps jitter by 0.5 ms.
+    """
+    found: dict[str, dict[str, float]] = {}
+    random = np.random.default_rng(0)
+    for rate_hz in RATES_HZ:
+        number = int(600 * rate_hz)
+        stamps_ns = ((np.arange(number) / rate_hz + random.normal(0, 0.0005, number)) * 1e9).astype(np.int64)
+        firsts = []
+        for start_ns in random.integers(0, 590 * 10**9, 1000).tolist():
+            times_ns = grid_ns(start_ns, start_ns + 10 * 10**9, 30)
+            shown = pick(stamps_ns, times_ns, "nearest", 50_000_000).before
+            firsts.append(int(shown[0]) if (np.diff(shown) == 1).all() else -1)
+        shares = {str(gop): sum(one >= 0 and one % gop == 0 for one in firsts) / 1000 for gop in (1, 30)}
+        found[f"{rate_hz:g}"] = shares
+    return found
+
+
 def _files(folder: Path) -> set[tuple[int, int]]:
     """Return what tells the videos in a folder apart from others, even if an inode is used again."""
     return {(one.st_ino, one.st_mtime_ns) for one in (path.stat() for path in folder.rglob("*.mp4"))}
@@ -308,12 +334,24 @@ def lerobot_table(found: dict[str, Any]) -> str:
         "encoder / bare PyAV",
     ]
     more, seeks = found["one_more"], found["random_frame_ms"]
-    return markdown(header, rows) + (
-        f"\nJoining {more['episodes']:,} episodes of {found['seconds']:g} s takes {more['first_s']:.1f} s. One recording more costs, beyond its "
-        f"own encoding, {more['end_s']:.1f} s at the end and {more['middle_s']:.1f} s in the middle, and writes {more['end_files']} and "
-        f"{more['middle_files']} of {more['files']} videos.\n\n"
-        f"A frame at random is read in {seeks['2']:.1f} ms where every second frame is a key frame, in {seeks['30']:.1f} ms where one is a "
-        f"second apart, and in {seeks['120']:.1f} ms where four seconds are between them.\n"
+    return (
+        markdown(header, rows)
+        + (
+            f"\nJoining {more['episodes']:,} episodes of {found['seconds']:g} s takes {more['first_s']:.1f} s. One recording more costs, beyond its "
+            f"own encoding, {more['end_s']:.1f} s at the end and {more['middle_s']:.1f} s in the middle, and writes {more['end_files']} and "
+            f"{more['middle_files']} of {more['files']} videos.\n\n"
+            f"A frame at random is read in {seeks['2']:.1f} ms where every second frame is a key frame, in {seeks['30']:.1f} ms where one is a "
+            f"second apart, and in {seeks['120']:.1f} ms where four seconds are between them.\n\n"
+            "Of episodes of 10 s at 30 frames a second, so many show consecutive packets of a camera from a key frame on. The last two "
+            "rates are those of cameras of nominally 30 Hz in public recordings.\n\n"
+        )
+        + markdown(
+            ["a camera of", "if all are key frames", "if one a second is"],
+            [
+                [f"{rate} Hz", *(f"{share:.0%}" for share in one.values())]
+                for rate, one in found["copyable"].items()
+            ],
+        )
     )
 
 

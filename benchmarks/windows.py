@@ -42,7 +42,7 @@ _PARTITION = "/assets/{}?view=partitions&partition=2026-11-28_ring_road_north_00
 PAGES = {
     "nuscenes_dataset": ("/assets/nuscenes_dataset?view=overview", "cannot be read"),
     "dataset_inputs": ("/assets/dataset_inputs?view=overview", "cannot be read"),
-    "trajectory_map": ("/assets/trajectory_map?view=overview", "Open the map"),
+    "trajectory_map": ("/assets/trajectory_map?view=overview", "trajectory_map.html"),
     "inventory": ("/assets/inventory?view=overview", "contents"),
     "calibration": (_PARTITION.format("calibration"), "mounting"),
     "frames": ("/assets/frames?view=events", "content_digest"),

@@ -138,10 +138,10 @@ class Browser:
             self.call("Input.dispatchMouseEvent", type=kind, x=box[0], y=box[1], button="left", clickCount=1)
 
     def click_text(self, text: str, selector: str = "a, button, [role=button], [role=tab]") -> None:
-        """Click the first element of `selector` whose text is `text`."""
+        """Click the first element of `selector` whose text, or title without one, is `text`."""
         self.click(
             f"[...document.querySelectorAll({json.dumps(selector)})]"
-            f".find(e => e.innerText.trim() === {json.dumps(text)})"
+            f".find(e => (e.innerText.trim() || e.title) === {json.dumps(text)})"
         )
 
     def box(self, script: str, margin: float = 0.0) -> dict[str, float]:

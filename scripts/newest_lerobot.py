@@ -37,7 +37,8 @@ WRITERS: dict[str, set[str]] = {
     "video": set(),
 }
 _PACKAGES = ["lerobot[dataset]", "accelerate"]
-_WITHOUT_CUDA = ["--extra-index-url", "https://download.pytorch.org/whl/cpu"]
+# Where that index cannot be reached, trying it again for each package takes many minutes.
+_WITHOUT_CUDA = ["--retries", "0", "--extra-index-url", "https://download.pytorch.org/whl/cpu"]
 _TOLD = """
 import json, sys
 from importlib.metadata import version

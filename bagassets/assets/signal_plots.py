@@ -41,19 +41,13 @@ def make(use: Use[PlotParams], inputs: Inputs, out: ArtifactWriter) -> Summary:
     """Draw the pictures, all over the time of all signals; return the summary."""
     signals = inputs.channels(SIGNALS.name)
     tables = {name: artifact.read_table(TABLE) for name, artifact in sorted(signals.items())}
-    spans = [table.column(STAMP).to_numpy()[[0, -1]] for table in tables.values()]
-    span_ns = (
-        (int(min(first for first, _ in spans)), int(max(last for _, last in spans))) if spans else (0, 0)
-    )
+    ends = [int(table.column(STAMP).to_numpy()[end]) for table in tables.values() for end in (0, -1)]
+    span_ns = min(ends, default=0), max(ends, default=0)
     for name, table in tables.items():
         facts = signals[name].read_json(SIGNAL_FACTS)
         title = f"{name} ({facts['topic']})" + (f", {facts['unit']}" if facts["unit"] else "")
         stamps_ns = table.column(STAMP).to_numpy()
-        elements = {
-            element: np.asarray(table.column(element).to_numpy(), np.float64)
-            for element in table.column_names
-            if element != STAMP
-        }
+        elements = {one: table.column(one).to_numpy().astype(np.float64) for one in table.column_names[1:]}
         whole, small = (
             signal_plot(title, stamps_ns, elements, span_ns, width)
             for width in (use.params.width, INLINE_WIDTH_PX)

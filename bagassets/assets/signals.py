@@ -13,7 +13,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from bagassets.assets.asset import Asset, Facts, Use, inlined, omitted, uses_of
-from bagassets.assets.channel import Counts, losses, written
+from bagassets.assets.channel import Counts, losses, settings_of, written
 from bagassets.assets.face import Face, Table
 from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.quality.channel_rules import channels_complete
@@ -65,20 +65,11 @@ class SignalsParams:
     @classmethod
     def of(cls, recipe: Recipe, rig: Rig) -> "SignalsParams":
         """Return the parameters of a rig."""
-        return cls(
-            {
-                name: SignalSettings(
-                    topic=signal.topic,
-                    fields=signal.fields,
-                    names=signal.names,
-                    unit=signal.unit,
-                    factor=signal.factor,
-                    clock=signal.clock or recipe.clock_of(rig),
-                    lost_messages=recipe.limits.lost_messages,
-                )
-                for name, signal in sorted(rig.signals.items())
-            }
-        )
+        signals = {}
+        for name, one in sorted(rig.signals.items()):
+            own = {"fields": one.fields, "factor": one.factor, "clock": one.clock or recipe.clock_of(rig)}
+            signals[name] = settings_of(SignalSettings, {**dict(recipe.limits), **dict(one), **own})
+        return cls(signals)
 
 
 @dataclass(frozen=True)
@@ -310,11 +301,8 @@ class SignalExtractor:
 def _span_of(values: NDArray[np.float64]) -> JsonObject:
     """Return the smallest and the largest of values, of which some may be NaN."""
     finite = values[np.isfinite(values)]
-    return (
-        {"min": float(finite.min()), "max": float(finite.max())}
-        if len(finite)
-        else {"min": None, "max": None}
-    )
+    ends = (float(finite.min()), float(finite.max())) if len(finite) else (None, None)
+    return dict(zip(("min", "max"), ends, strict=True))
 
 
 def _shown(artifact: Artifact) -> Mapping[str, Json | Table]:

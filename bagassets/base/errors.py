@@ -89,6 +89,12 @@ class ScratchError(RecordingError):
     transient = True
 
 
+class DiskError(RecordingError):
+    """A recording cannot be read since its disk, or the way to it, fails; that says nothing of the recording."""
+
+    transient = True
+
+
 class DecodeError(BagAssetsError):
     """One message cannot be decoded; steps count it as lost, up to the recipe's limit."""
 

@@ -3,7 +3,7 @@
 What others may see is complete or not there at all: it is written beside its final path, and moved there when complete.
 Nothing is synced to disk: whoever reads a file must notice if a power loss tore it.
 
-Every change goes through the `os`, `shutil` and `open` of this module, which tests replace: by ones that record the
+Every change goes through the `os`, `shutil`, `open` and `ioctl` of this module, which tests replace: by ones that record the
 changes, to replay some of them as a crash would leave them, or that fail at one (docs/reliability.md).
 """
 
@@ -13,10 +13,12 @@ import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from fcntl import ioctl
 from pathlib import Path
 from typing import BinaryIO
 
 _NO_HARD_LINK = {errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EACCES, errno.EMLINK}
+FICLONE = 0x40049409  # linux/fs.h: make a file share the blocks of another
 # Linux: arguments of renameat2, and its errors on file systems that cannot do what the flag says.
 _AT_FDCWD = -100
 _RENAME_NOREPLACE, _RENAME_EXCHANGE = 1, 2
@@ -54,6 +56,16 @@ def writer(path: AnyPath) -> BinaryIO:
 def copy(source: AnyPath, target: AnyPath) -> None:
     """Copy the bytes of a file to where nobody looks yet."""
     shutil.copyfile(source, target)
+
+
+def clone(source: AnyPath, target: AnyPath) -> bool:
+    """Make a reflink where nobody looks yet; return False, with an empty file there, if the file system cannot."""
+    with Path(source).open("rb") as original, writer(target) as copied:
+        try:
+            ioctl(copied.fileno(), FICLONE, original.fileno())
+        except OSError:
+            return False
+    return True
 
 
 def link(source: AnyPath, target: AnyPath) -> None:

@@ -127,16 +127,23 @@ def main(args: Sequence[str] | None = None, *, handed_over: "HandedOver | None" 
         status = status_of_unwritten(err)
         if status is not None:
             return status
-        if err.errno not in _REFUSALS or err.filename is None:
+        text = text_of_refusal(err)
+        if text is None:
             return _crashed(err, arguments)
-        echo(
-            f"error: {err.filename}: {err.strerror}; name another path, or fix this one and try again.",
-            err=True,
-        )
+        echo(f"error: {text}", err=True)
         return ExitStatus.FAILED
     except Exception as err:  # noqa: BLE001  (a defect; its traceback goes to a file)
         return _crashed(err, arguments)
     return result if isinstance(result, int) else 0
+
+
+def text_of_refusal(err: OSError) -> str | None:
+    """Return a sentence about an error that a path given by the user, or the disk, can cause; None if it is a defect."""
+    if err.errno == EIO and err.filename is None:  # of a file that was open
+        return f"a file cannot be read or written ({err.strerror}); check the disks of project, store and recordings."
+    if err.errno not in _REFUSALS or err.filename is None:
+        return None
+    return f"{err.filename}: {err.strerror}; name another path, or fix this one and try again."
 
 
 def _crashed(err: Exception, arguments: list[str]) -> int:

@@ -68,7 +68,8 @@ class LinesProgress(SilentProgress):
             took = now - self._since.pop(event.key, now)
             place = f"{self._ended}/{self._total} " if event.key else ""
             # The summary says why it failed.
-            echo(f"{event.kind:<8} {place}{event.key or 'dataset'} ({took:.1f} s)", err=self._err)
+            ahead = f", {event.message}" if event.kind == "done" and event.message else ""
+            echo(f"{event.kind:<8} {place}{event.key or 'dataset'} ({took:.1f} s{ahead})", err=self._err)
 
 
 class LiveProgress(SilentProgress):

@@ -60,7 +60,7 @@ class Event:
             dataset (with an empty key); in between `where`, when its launcher says where it waits or is executed, or
             its run how far it has come. `own` before runs of the user's own assets, whose keys then say what is made.
         key: partition key.
-        message: why it failed, where it is, what is planned, or how far planning or reading is.
+        message: why it failed, where it is, what is planned, how far planning or reading is, or that it was made ahead.
         sizes: for `planned`, recording that needs a run -> bytes; for `own`, one entry for each run.
         share: for `where`, how much of the recording the present pass has read, 0 to 1, if its run says so.
     """

@@ -4,7 +4,8 @@ Both read all of it. One after the other they would read it from the disk twice,
 on a network. The action of an inventory names the digest, so it is recorded once this is known.
 """
 
-from collections.abc import Iterator
+import json
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,7 +17,7 @@ from bagassets.base.trace import span
 from bagassets.engine.inputs import RecordingInputs
 from bagassets.engine.process import keep_freed_memory
 from bagassets.engine.recording_assets import RecordingAssets
-from bagassets.engine.source import MessageSource
+from bagassets.engine.source import MessageSource, Progress, progress_told, tell_progress
 from bagassets.recordings.digest import (
     HashedAlong,
     RecordingDigest,
@@ -47,8 +48,17 @@ class FirstPass:
 
 
 def first_pass(assets: RecordingAssets, recording: RecordingFiles, stat: RecordingStat) -> FirstPass:
-    """Do what `read_first` does; if another process is at the same recording, wait for it."""
-    with only_reader(assets.store, recording, stat):
+    """Do what `read_first` does; if another process is at the same recording, wait for it, and tell how far that is."""
+    file, told = _reading_file(assets.recipe.state, recording), b""
+
+    def relay() -> None:
+        nonlocal told
+        with suppress(OSError, ValueError, TypeError):
+            if (said := file.read_bytes()) != told:
+                told = said
+                tell_progress(Progress(**json.loads(said)))
+
+    with only_reader(assets.store, recording, stat, relay):
         return read_first(assets, recording, stat)
 
 
@@ -80,9 +90,12 @@ def read_first(assets: RecordingAssets, recording: RecordingFiles, stat: Recordi
 
 
 @contextmanager
-def only_reader(store: Store, recording: RecordingFiles, stat: RecordingStat) -> Iterator[None]:
+def only_reader(
+    store: Store, recording: RecordingFiles, stat: RecordingStat, on_wait: Callable[[], None] = lambda: None
+) -> Iterator[None]:
     """Wait until no other process hashes a recording, and keep others from it; afterwards its digest may be on record."""
-    with in_use(store.root), action_lock(store.root, digest_json([str(recording.path), stat.as_json()])):
+    lock = digest_json([str(recording.path), stat.as_json()])
+    with in_use(store.root), action_lock(store.root, lock, on_wait):
         yield
 
 
@@ -120,10 +133,35 @@ def _with_inventory(
 # --- what was made before its run --------------------------------------------------------
 
 
+@contextmanager
+def reading_left(state: Path, recording: RecordingFiles) -> Iterator[None]:
+    """Leave how far reading has come in this block where `first_pass` looks that waits for it."""
+    file = _reading_file(state, recording)
+
+    def leave(reading: Progress) -> None:
+        write_atomically(file, json.dumps(vars(reading)).encode(), folders=True)
+
+    try:
+        with progress_told(leave):
+            yield
+    finally:
+        with suppress(OSError):
+            remove(file)
+
+
+def _reading_file(state: Path, recording: RecordingFiles) -> Path:
+    return state / _AHEAD / f"{digest_json(str(recording.path))}.reading"
+
+
 def note_made(state: Path, action_digest: str) -> None:
     """Note that an action was run ahead of the run that records it, so that this does not call its result an old one."""
     with suppress(OSError):
         write_atomically(state / _AHEAD / action_digest, b"", folders=True)
+
+
+def ahead_of_run(key: str) -> str:
+    """Return what stands for all of a recording in such notes."""
+    return digest_json(["recording", key])
 
 
 def was_just_made(state: Path, action_digest: str) -> bool:

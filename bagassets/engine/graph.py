@@ -158,21 +158,12 @@ class Graph:
         Args:
             name: `bag`, `selection`, or an asset, even one that is only made along with another.
         """
-        if name in self._nodes:
-            return self._nodes[name]
-        node = Node(name, name)
-        if name == BAG:
-            node.waits_for = None if self.digest is not None else "its content"
-        elif name == SELECTION:
-            self._expand_selection(node)
-        elif self.makes(name):
-            self._expand(node, self.assets[name])
-        elif name in self.given:
-            node.artifact = self.given[name]
-        else:
-            node.error = not_materialized(self.recording.key, name, self.failures.get(name))
-        self._nodes[name] = node
-        return node
+        if name not in self._nodes:
+            node = self._expanded(name)
+            # A read that failed once must not cost a dataset this recording.
+            is_transient = node.error is not None and node.error.transient
+            self._nodes[name] = self._expanded(name) if is_transient else node
+        return self._nodes[name]
 
     def nodes(self) -> Iterator[Node]:
         """Yield the nodes that can have artifacts: each asset after its channels, then those made along with it."""
@@ -216,6 +207,20 @@ class Graph:
         self._nodes = {name: one for name, one in self._nodes.items() if one.waits_for is None}
 
     # --- expansion -----------------------------------------------------------------------
+
+    def _expanded(self, name: str) -> Node:
+        node = Node(name, name)
+        if name == BAG:
+            node.waits_for = None if self.digest is not None else "its content"
+        elif name == SELECTION:
+            self._expand_selection(node)
+        elif self.makes(name):
+            self._expand(node, self.assets[name])
+        elif name in self.given:
+            node.artifact = self.given[name]
+        else:
+            node.error = not_materialized(self.recording.key, name, self.failures.get(name))
+        return node
 
     def _expand_selection(self, node: Node) -> None:
         inventory = self.node(INVENTORY.name)

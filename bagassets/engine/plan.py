@@ -100,6 +100,7 @@ class BagPlan:
             not known, or it is known to be. So a settled recording is never one.
         outdated: assets whose record is of other content than the record of `bag`; none if it is settled.
         findings: severity, check and problem of what quick checks found in it; None if they have not been run.
+        damage: how much of it was read, if it is damaged, else ""; None if nobody has looked.
     """
 
     key: str
@@ -112,6 +113,7 @@ class BagPlan:
     touched: bool = False
     outdated: frozenset[str] = frozenset()
     findings: tuple[tuple[str, str, str], ...] | None = field(default=None, compare=False)
+    damage: str | None = field(default=None, compare=False)
 
     @property
     def names(self) -> Collection[str]:
@@ -192,20 +194,18 @@ class BagPlan:
     def as_row(self) -> bytes:
         """Return a settled plan without its key as lines of JSON: what is asked of 100,000 at a time, and the rest."""
         rest = [self.assets, self.format, self.channels, sorted(self.optional), self.rig]
-        lines = [self.skipped, [*self.assets], self.recorded, self.findings, rest]
+        lines = [self.skipped, [*self.assets], self.recorded, self.damage, self.findings, rest]
         return b"\n".join(json.dumps(one, separators=(",", ":")).encode() for one in lines)
 
     @classmethod
     def from_row(cls, key: str, row: bytes) -> "BagPlan":
         """Inverse of `as_row`."""
-        _, _, recorded, found, (states, file_format, channels, optional, rig) = map(
-            json.loads, row.split(b"\n")
-        )
+        _, _, recorded, damage, found, rest = map(json.loads, row.split(b"\n"))
+        states, file_format, channels, optional, rig = rest
         assets = {name: AssetState(*state) for name, state in states.items()}
         findings = None if found is None else tuple(map(tuple, found))
-        return BagPlan(
-            key, assets, file_format, recorded, tuple(channels), frozenset(optional), rig, findings=findings
-        )
+        facts = file_format, recorded, tuple(channels), frozenset(optional), rig
+        return BagPlan(key, assets, *facts, findings=findings, damage=damage)
 
 
 def _line(number: int) -> Any:  # noqa: ANN401  (of whatever type)
@@ -232,7 +232,7 @@ class KeptPlan(BagPlan):
 
     row: bytes
     made: bytes
-    skipped, names, recorded = map(_line, range(3))
+    skipped, names, recorded, damage = map(_line, range(4))
     assets, format, channels, optional, rig = map(
         _of_rest, ("assets", "format", "channels", "optional", "rig")
     )
@@ -252,7 +252,7 @@ class KeptPlan(BagPlan):
     @property
     def findings(self) -> tuple[tuple[str, str, str], ...] | None:
         """See `BagPlan`."""
-        found = json.loads(self.row.split(b"\n", 4)[3])
+        found = json.loads(self.row.split(b"\n", 5)[4])
         return None if found is None else tuple(map(tuple, found))
 
     @property

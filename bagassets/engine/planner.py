@@ -6,9 +6,12 @@ thousands of them can be planned.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
+from bagassets.assets.inventory import INVENTORY
 from bagassets.base.alike import names_text
+from bagassets.base.errors import StoreError
 from bagassets.base.garbage import uncollected
 from bagassets.engine.freshness.plan_cache import PlanCache, RecordingFingerprint, recording_fingerprint
 from bagassets.engine.graph import Graph
@@ -201,11 +204,7 @@ class Planner:
             if on_planned is not None and len(changed) > AT_A_TIME:
                 on_planned(examined, len(changed))
         settled = {key: bags[key] for key in self._fingerprints.keys() - unchanged if bags[key].settled}
-        bags |= {
-            key: replace(bag, findings=self.check(bag))
-            for key, bag in settled.items()
-            if bag.findings is None
-        }
+        bags |= {key: self._looked_into(bag) for key, bag in settled.items() if bag.findings is None}
         settled = {key: bags[key] for key in settled}
         self._cache.save(
             {key: (self._fingerprints[key], bag.as_row(), bag.artifacts) for key, bag in settled.items()},
@@ -218,6 +217,13 @@ class Planner:
         asked = {**found.asked, **ties.disputed(self.assets.recipe.splits)}
         seen_from = found, self.registered, self.storage_ids, self.project
         return Plan(ordered, dict(found.excluded), removed, ties, asked, recorded, *seen_from)
+
+    def _looked_into(self, bag: BagPlan) -> BagPlan:
+        """Return the plan of a recording with nothing to do, with what is kept with it."""
+        bag = replace(bag, findings=self.check(bag))
+        with suppress(StoreError):  # whoever needs it reports that
+            return replace(bag, damage=damage_of(bag, self.assets.store))
+        return bag
 
     def touched(self) -> dict[str, Recorded]:
         """Return the recordings of which only the time changed, as far as can be told without reading -> record of `bag`.
@@ -300,6 +306,14 @@ class Planner:
                 if is_same and self._cache.holds(entry):
                     found[key] = last
         return found
+
+
+def damage_of(bag: BagPlan, store: Store) -> str:
+    """Return how much of a recording was read, if it is damaged, else ""; nothing is read of one whose plan was kept."""
+    if bag.damage is not None:
+        return bag.damage
+    inventory = bag.current_artifact(store, INVENTORY.name)
+    return "" if inventory is None else inventory.summary().get("damage", "")
 
 
 def _batches(keys: list[str]) -> Iterator[list[str]]:

@@ -132,6 +132,14 @@ def progress_told(tell: Tell) -> Iterator[None]:
         _TELL.set(before)
 
 
+def tell_progress(reading: Progress) -> None:
+    """Tell whoever wants to be told."""
+    told = _TELL.get()
+    if told is not None:
+        with suppress(Exception):
+            told(reading)
+
+
 def followed(recording: RecordingFiles, what: str, on_read: OnRead | None) -> OnRead | None:
     """Return what a reader is to call for each read: `on_read`, and now and then whoever wants to be told.
 

@@ -2,6 +2,8 @@
 
 import errno
 import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from bagassets.base.errors import (
@@ -15,6 +17,28 @@ from bagassets.base.errors import (
 _OPENCV_NO_MEMORY = -4  # cv2.Error.StsNoMem, as `cv2.error.code`
 _DISK_FAILS = {errno.EDQUOT, errno.EIO, errno.ENOSPC, errno.EROFS, errno.ESTALE}
 _PACKAGE = Path(__file__).parents[1]
+
+
+@contextmanager
+def disk_errors_explained(what: str) -> Iterator[None]:
+    """Turn errors of a disk into ones that say what cannot be made.
+
+    Raises:
+        StoreError: the disk fails, or is full.
+    """
+    try:
+        yield
+    except OSError as err:
+        if err.errno not in _DISK_FAILS:
+            raise
+        raise _disk_failure(err, what) from err
+
+
+def _disk_failure(err: OSError, what: str) -> StoreError:
+    place = "" if err.filename is None else f"{err.filename}: "  # reads of an open file do not name it
+    return StoreError(
+        f"{place}{what} cannot be made ({err.strerror}); free disk space, or check the disk, and build again."
+    )
 
 
 def explained_error(err: Exception, path: Path, what: str) -> BagAssetsError:
@@ -32,10 +56,8 @@ def explained_error(err: Exception, path: Path, what: str) -> BagAssetsError:
             f"{path}: {what} ran out of memory; nothing of it is on record. Build again with fewer recordings at a time "
             "(--jobs), or on a machine with more memory."
         )
-    if isinstance(err, OSError) and err.errno in _DISK_FAILS and err.filename is not None:
-        return StoreError(
-            f"{err.filename}: {what} of {path} cannot be made ({err.strerror}); free disk space, or check the disk, and build again."
-        )
+    if isinstance(err, OSError) and err.errno in _DISK_FAILS:
+        return _disk_failure(err, f"{what} of {path}")
     place = "a library"
     for frame in traceback.extract_tb(err.__traceback__):
         if frame.filename.startswith(str(_PACKAGE)):  # the last one of ours

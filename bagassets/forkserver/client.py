@@ -277,10 +277,22 @@ class ServerStart:
                 reason = f"it took longer than {self._timeout_s:.0f} s"
                 raise BagAssetsError(*_cannot_start(self._files, reason)) from err
         if code not in {0, SOURCE_CHANGED}:
-            raise BagAssetsError(*_cannot_start(self._files, f"it ended with exit code {code}"))
+            # Of a killed server, its starter returns what fits into a byte.
+            reason = _how_it_ended(code - 256 if code > 128 else code)
+            raise BagAssetsError(*_cannot_start(self._files, reason))
+
+
+def _how_it_ended(code: int) -> str:
+    """Return a clause about an exit code, which is negative if a signal ended the process."""
+    from signal import SIGKILL, strsignal
+
+    if code == -SIGKILL:
+        return "it was killed by SIGKILL, maybe because the system ran out of memory"
+    return f"it was ended by a signal ({strsignal(-code)})" if code < 0 else f"it ended with exit code {code}"
 
 
 def _cannot_start(files: ServerFiles, reason: str) -> list[str]:
-    lines = last_lines(files.log)
-    title = f"the fork server cannot start: {reason}. The last lines of {files.log}:"
-    return [title, *(f"  {line}" for line in lines)] if lines else [f"{title} it is empty; is the disk full?"]
+    title, lines = f"the fork server cannot start: {reason}", last_lines(files.log)
+    if not lines:
+        return [f"{title}; it wrote nothing to {files.log}. Is memory or disk space short?"]
+    return [f"{title}. The last lines of {files.log}:", *(f"  {line}" for line in lines)]

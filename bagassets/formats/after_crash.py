@@ -10,6 +10,7 @@ may have come first.
 import json
 import math
 import os
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -24,6 +25,7 @@ from bagassets.formats.dataset_build import dataset_code_versions
 from bagassets.formats.report_data import report_path
 from bagassets.recipe.model import Recipe
 from bagassets.store.artifact import MANIFEST, Artifact
+from bagassets.store.collect import remove_leftovers
 from bagassets.store.integrity import artifact_damage
 from bagassets.store.store import Store
 
@@ -48,6 +50,7 @@ def noted_build(recipe: Recipe, recipe_file: Path) -> Iterator[list[str]]:
         repaired = repair_last_writes(recipe, until_s)
     process = json.dumps(ProcessId.current().as_json())
     builds.begin(process, recipe_file, over=killed)
+    remove_leftovers(Store(recipe.store_path), time.time())
     try:
         yield repaired
     finally:

@@ -9,13 +9,13 @@ from functools import cached_property
 from pathlib import Path
 
 from bagassets.assets.ego_poses import EGO_POSES
-from bagassets.assets.inventory import INVENTORY
 from bagassets.base.alike import told_once
 from bagassets.base.errors import BagAssetsError, DatasetError
 from bagassets.base.json_types import JsonObject
 from bagassets.base.trace import span
 from bagassets.engine.freshness.published import Publication
 from bagassets.engine.plan import BagPlan, Plan
+from bagassets.engine.planner import damage_of
 from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.engine.splits import Ties, deal
 from bagassets.formats import trajectory_map
@@ -29,6 +29,7 @@ from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_base import DatasetSettings
 from bagassets.recipe.model_datasets import NamedDataset
 from bagassets.recipe.model_splits import Splits
+from bagassets.recordings.model import RecordingFiles
 from bagassets.store.canonical import digest_file, digest_json
 from bagassets.store.lease import in_use
 from bagassets.store.store import Store
@@ -295,7 +296,7 @@ def select_inputs(plan: Plan) -> DatasetInputs:
                 continue
             reason = None if bag.settled else _failure(bag, kind.part)
             if reason is not None:
-                failed[kind.name][key] = reason
+                failed[kind.name][key] = _without_root(reason, plan.discovery.recordings.get(key))
             elif key in plan.live and kind.part in recorded and "bag" in recorded:
                 parts[kind.name].append(Part(key, recorded["bag"], recorded[kind.part]))
     return DatasetInputs({name: tuple(each) for name, each in parts.items()}, skipped, failed, plan.ties)
@@ -303,9 +304,8 @@ def select_inputs(plan: Plan) -> DatasetInputs:
 
 def _damaged(plan: Plan, store: Store, parts: Iterable[Part]) -> dict[str, str]:
     """Return recording -> how much of it was read, of those that are damaged."""
-    found = ((part.key, plan.bags[part.key].current_artifact(store, INVENTORY.name)) for part in parts)
-    shares = ((key, one.summary().get("damage")) for key, one in found if one is not None)
-    return {key: share for key, share in shares if share is not None}
+    found = ((part.key, damage_of(plan.bags[part.key], store)) for part in parts)
+    return {key: share for key, share in found if share}
 
 
 def results_to_come(assets: RecordingAssets, plan: Plan, todo: Iterable[str], *, retry_failed: bool) -> str:
@@ -407,6 +407,14 @@ def _failure(bag: BagPlan, part: str) -> str | None:
     if failed is None and part in bag.outdated:
         return f"its content has changed since its {part} was made; build it again."
     return failed
+
+
+def _without_root(reason: str, files: RecordingFiles | None) -> str:
+    """Return a reason with paths below the bag root, so that a lock is the same wherever the recordings lie."""
+    if files is None:
+        return reason
+    root = str(files.path).removesuffix(files.relative)
+    return reason.replace(root, "").removeprefix(f"{files.relative}: ")
 
 
 def build_dataset(

@@ -5,13 +5,11 @@ import filecmp
 import os
 from collections import Counter
 from contextlib import suppress
-from fcntl import ioctl
 from pathlib import Path
 
 from bagassets.base import files
 from bagassets.base.errors import DatasetError
 
-FICLONE = 0x40049409  # linux/fs.h: make a file share the blocks of another
 # Hard links do not cross file systems; some file systems have none, or limit their number per file.
 _NO_HARD_LINK = {errno.EXDEV, errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EACCES}
 
@@ -102,7 +100,7 @@ class Linker:
         if os.path.lexists(target):
             return "kept"
         with files.replacing(Path(target), self._scratch) as temporary:
-            if _clone(source, temporary):
+            if files.clone(source, temporary):
                 return "cloned"
             files.copy(source, temporary)
             return "copied"
@@ -114,13 +112,3 @@ def _same_content(source: str, target: str) -> bool:
         return Path(source).samefile(target) or filecmp.cmp(source, target, shallow=False)
     except FileNotFoundError:
         return False
-
-
-def _clone(source: str, target: Path) -> bool:
-    """Make a reflink; return False if the file system cannot."""
-    with Path(source).open("rb") as original, target.open("wb") as clone:
-        try:
-            ioctl(clone.fileno(), FICLONE, original.fileno())
-        except OSError:
-            return False
-    return True

@@ -2,9 +2,12 @@
 
 import re
 import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
+from errno import EIO, ENODEV, ENXIO, ESTALE, ETIMEDOUT
 from pathlib import Path
 
-from bagassets.base.errors import RecordingError
+from bagassets.base.errors import DiskError, RecordingError
 
 _ADVICE = {
     ".bag": "expected a finished ROS 1 bag; try `rosbag reindex` on a copy, or copy it again from where it was recorded",
@@ -39,6 +42,8 @@ _REASONS = (
     (r"unexpected|[Ee]nd ?[Oo]f ?[Ff]ile|[Tt]runcated|Got only|cut off|incomplete", "it ends too early, or is damaged"),
 )  # fmt: skip
 NO_BEGINNING = "it does not begin as such a file does"
+# Of disks and file servers; on damaged bytes libraries raise others.
+_OF_DISKS = {EIO, ENODEV, ENXIO, ESTALE, ETIMEDOUT}
 _CONTRADICTS = "its bytes contradict each other"
 
 
@@ -74,6 +79,7 @@ def unreadable(path: Path, err: BaseException) -> RecordingError:
     On damaged bytes libraries raise anything: errors of their own, of databases and decompressors, bare
     assertions, failed lookups. Their texts are for programmers; raise this error from the original one.
     """
+    refuse_failing_disk(path, err)
     begins_as = _begins_as(path)
     if begins_as not in {None, suffix_of(path)}:
         return RecordingError(
@@ -86,12 +92,38 @@ def unreadable(path: Path, err: BaseException) -> RecordingError:
     return RecordingError(f"{path}: it cannot be read ({reason}); {advice}.")
 
 
+def refuse_failing_disk(path: Path, err: BaseException) -> None:
+    """Raise DiskError if an error comes from a disk that cannot be read, not from what was read."""
+    one: BaseException | None = err
+    while one is not None:
+        name = getattr(one, "sqlite_errorname", "")
+        if (isinstance(one, OSError) and one.errno in _OF_DISKS) or name == "SQLITE_IOERR_READ":
+            raise DiskError(
+                f"{path}: it cannot be read ({one}); check its disk or file server, and try again."
+            ) from err
+        one = one.__cause__ or one.__context__
+
+
+@contextmanager
+def damage_passed_over(path: Path) -> Iterator[None]:
+    """Leave the block where bytes of a file are damaged, whatever that leads to.
+
+    Raises:
+        DiskError: it is the disk that fails.
+    """
+    try:
+        yield
+    except Exception as err:  # noqa: BLE001  (whatever damaged bytes lead to)
+        refuse_failing_disk(path, err)
+
+
 def _begins_as(path: Path) -> str | None:
     """Return the suffix that goes with how a file begins, or None if no recording begins like that, or it is not a file."""
     try:
         with path.open("rb") as file:
             head = file.read(16)
-    except OSError:
+    except OSError as err:
+        refuse_failing_disk(path, err)
         return None
     return next((suffix for suffix, (magic, _) in _BEGINNINGS.items() if head.startswith(magic)), None)
 

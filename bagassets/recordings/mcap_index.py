@@ -17,7 +17,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, McapRecord, Schema, Statistics
 from mcap.stream_reader import MAGIC_SIZE, StreamReader, read_magic
 
-from bagassets.recordings.damage import DamageError
+from bagassets.recordings.damage import DamageError, refuse_failing_disk
 from bagassets.recordings.mcap_chunk import RECORD_HEADER, chunk_head, load_chunk, records_in
 from bagassets.recordings.sizes import Sizes
 
@@ -129,8 +129,8 @@ def _summary_start(file: BinaryIO, size: int) -> int:
         start = _start_in_footer(file, end_of(file, whole))
     except DamageError:
         what = "it is cut short"
-    except Exception:  # noqa: BLE001, S110  (whatever damaged bytes lead to: `what` says it)
-        pass
+    except Exception as err:  # noqa: BLE001  (whatever damaged bytes lead to: `what` says it)
+        refuse_failing_disk(Path(file.name), err)
     if start is not None:
         return start
     raise DamageError(f"{what}: of its {size} bytes, the records up to byte {whole} are whole")

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bagassets.base.cache import Cache, Changes
-from bagassets.base.errors import BagAssetsError
+from bagassets.base.errors import BagAssetsError, DiskError
 from bagassets.base.fingerprints import PlanNeeded
 from bagassets.recipe.model import Bags, Limits
 from bagassets.recordings.damage import refuse_pointer, unreadable
@@ -112,8 +112,11 @@ def _tried(path: Path, look: Callable[[Path], _Facts]) -> _Facts:
         reason = str(err).removeprefix(f"{path}: ").rstrip(".")
         return ForNow(reason) if err.transient else reason
     except Exception as err:  # noqa: BLE001  (whatever the libraries raise on damaged bytes)
-        sentence = str(unreadable(path, err))
-        return sentence.rpartition(": it cannot be read (")[2].partition(");")[0]
+        try:
+            refused = unreadable(path, err)
+        except DiskError as failing:
+            return ForNow(str(failing))
+        return str(refused).rpartition(": it cannot be read (")[2].partition(");")[0]
 
 
 def _facts(path: Path) -> _Facts:

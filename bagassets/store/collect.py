@@ -121,9 +121,7 @@ def collect(store: Store, garbage: Collection[Garbage], now_s: float) -> Collect
         files.sync_folder(folder)  # a crash must leave no record without its artifact
     removed = [entry for entry in forgotten if _remove(store, entry)]
     collected = Collected(removed, len(garbage) - len(removed), leftovers=remove_dead_locks(store.root))
-    for folder in _leftovers(store, now_s):
-        files.remove_all(folder)
-        collected.leftovers += 1
+    collected.leftovers += remove_leftovers(store, now_s)
     for path in (store.root / "actions").glob("*/.*"):  # records that killed processes did not finish
         with suppress(FileNotFoundError):
             if now_s - path.stat().st_mtime > _UNRECORDED_S:
@@ -217,17 +215,18 @@ def records_in(store: Store) -> Iterator[Record]:
             yield Record(path, str(action["step"]), str(record["artifact"]), inputs, path.stat().st_mtime)
 
 
-def _leftovers(store: Store, now_s: float) -> Iterator[Path]:
-    """Yield temporary folders of dead processes, and those of other machines that are a day old."""
-    host = socket.gethostname()
+def remove_leftovers(store: Store, now_s: float) -> int:
+    """Remove temporary folders of dead processes, and those of other machines that are a day old; return their number."""
+    host, number = socket.gethostname(), 0
     for path in (store.root / "tmp").glob("*"):
         of_host, _, rest = path.name.rpartition("-")[0].rpartition("-")
-        with suppress(FileNotFoundError):
-            if of_host == host and rest.isdecimal():
-                if not _is_alive(int(rest)) and now_s - _newest_s(path) > _DEAD_S:
-                    yield path
-            elif now_s - _newest_s(path) > _UNRECORDED_S:
-                yield path
+        is_ours = of_host == host and rest.isdecimal()
+        with suppress(OSError):  # it is gone, or of somebody whose files we may not see
+            least_s = _DEAD_S if is_ours else _UNRECORDED_S
+            if not (is_ours and _is_alive(int(rest))) and now_s - _newest_s(path) > least_s:
+                files.remove_all(path)
+                number += 1
+    return number
 
 
 def _newest_s(folder: Path) -> float:

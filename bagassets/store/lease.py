@@ -112,19 +112,19 @@ _MUTEX = threading.Lock()
 
 
 @contextmanager
-def action_lock(root: Path, action_digest: str) -> Iterator[None]:
+def action_lock(root: Path, action_digest: str, on_wait: Callable[[], None] = lambda: None) -> Iterator[None]:
     """Hold the lock of an action in the store in `root`, once no other process holds it that is worth waiting for.
 
     It is one more name of the lease of its holder, so that no file has to be made for it, and nobody waits for a process
     that died. It only saves work: where the file system has no locks or no hard links, or the folder cannot be written,
-    two processes make the same artifact.
+    two processes make the same artifact. `on_wait` is called each second of waiting.
     """
     path, is_held = root / _ACTIONS / f"{action_digest}.lock", False
     with ExitStack() as stack:
         with suppress(OSError, StoreError):
             lease = stack.enter_context(in_use(root))
             files.make_folder(path.parent)
-            is_held = _linked(lease, path)
+            is_held = _linked(lease, path, on_wait)
         try:
             yield
         finally:
@@ -133,7 +133,7 @@ def action_lock(root: Path, action_digest: str) -> Iterator[None]:
                     files.remove(path)  # whoever waits for it sees that; whoever comes now finds the artifact
 
 
-def _linked(lease: Path, path: Path) -> bool:
+def _linked(lease: Path, path: Path, on_wait: Callable[[], None]) -> bool:
     """Wait for a lock; return False if its holder was given up.
 
     Raises:
@@ -149,9 +149,10 @@ def _linked(lease: Path, path: Path) -> bool:
                 if other.is_in_place:
                     files.remove(path)
                 continue
-            if HOLDERS.has_ended is not None and time.monotonic() - looked_s > _LOOK_S:
+            if time.monotonic() - looked_s > _LOOK_S:
                 looked_s = time.monotonic()
-                if (holder := other.read()) and HOLDERS.has_ended(holder):
+                on_wait()
+                if HOLDERS.has_ended is not None and (holder := other.read()) and HOLDERS.has_ended(holder):
                     return False
         time.sleep(_POLL_S)
 

@@ -214,8 +214,8 @@ class TestChannels:
         [
             ({"written": 98}, "CAM_FRONT: 100 messages were read, but 98 written, 0 merged and 1 lost"),
             (
-                {"written": 0, "lost": {"too short": 100}},
-                "CAM_FRONT: 100 messages were read, but no file was written",
+                {"written": 0, "lost": {"it is cut off": 100}},
+                "CAM_FRONT: 100 messages were read, but no file was written because it is cut off",
             ),
             (
                 {"written": 95, "lost": {"a": 2, "b": 3}},
@@ -239,7 +239,7 @@ class TestChannels:
             ),
             (
                 {"written": 0, "lost": {"incomplete revolution": 100}},
-                "CAM_FRONT: 100 packets were read, but no file was written",
+                "CAM_FRONT: 100 packets were read, but no file was written because they belong to incomplete revolutions",
             ),
         ],
     )

@@ -227,11 +227,13 @@ def test_without_a_terminal_progress_is_plain_lines(capsys):
         show(Event("failed", "a", "a.bag: broken."))
         show(Event("started"))
         show(Event("done"))
+        show(Event("done", "b", "made ahead"))
     lines = capsys.readouterr().err.splitlines()
     assert lines[0] == "2 recordings need a run."
     # The sentence stands in the summary that follows, where it is read.
     assert re.fullmatch(r"failed   1/2 a \(\d\.\d s\)", lines[2])
     assert lines[4].startswith("done     dataset")
+    assert re.fullmatch(r"done     2/2 b \(\d\.\d s, made ahead\)", lines[5])
 
 
 def test_a_log_says_once_that_it_takes_long_to_plan_and_to_read(capsys):

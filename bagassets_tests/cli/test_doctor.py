@@ -4,6 +4,7 @@ import json
 import random
 import shutil
 from collections import Counter
+from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
@@ -212,12 +213,40 @@ def test_unfinished_files_are_examined_by_their_names(tmp_path, sound):
     assert 100 < messages_of(tmp_path / "copy").total() < truth("folder").total()
 
 
-def test_a_folder_of_recordings_is_not_said_to_be_a_lost_one(tmp_path, sound):
-    shutil.copy(sound["ros1"], tmp_path / "a.bag")
-    result = CliRunner().invoke(root, ["doctor", str(tmp_path)])
+@pytest.mark.parametrize(
+    ("names", "said"),
+    [
+        (["a.bag"], "but holds some: a.bag; name one of them"),
+        (["b.db3", "a.db3"], "but holds some: a.db3, b.db3; name one of them"),
+        (
+            ["run_0.mcap", "run_1.mcap", "walk_0.mcap"],
+            "but holds some: run_0.mcap, run_1.mcap, walk_0.mcap; name",
+        ),
+        (["a_0.db3", "x.bag.active"], "but holds some: a_0.db3, x.bag.active; name one of them"),
+        (["notes.txt"], "which has a .db3 or .mcap file; name one that is in it"),
+    ],
+)
+def test_a_folder_of_recordings_is_not_said_to_be_a_lost_one(tmp_path, sound, names, said):
+    sources = {".bag": sound["ros1"], ".db3": storage_of(sound["folder"]), ".mcap": sound["mcap zstd"]}
+    for name in names:
+        shutil.copy(sources.get(Path(name).suffix, sound["ros1"]), tmp_path / name)
+    result = CliRunner().invoke(root, ["doctor", str(tmp_path), "--write", str(tmp_path / "copy")])
     assert result.exit_code == 1
-    assert "this folder is no recording" in str(result.exception)
-    assert "name one that is in it" in str(result.exception)
+    assert f"{tmp_path}: this folder is no recording, {said}" in str(result.exception)
+    assert not (tmp_path / "copy").exists(), (
+        "recordings that have nothing to do with each other are not joined"
+    )
+
+
+def test_a_folder_whose_metadata_are_lost_is_one_recording_with_all_its_parts(tmp_path, sound):
+    path = tmp_path / "a"
+    shutil.copytree(sound["folder split"], path)
+    (path / "metadata.yaml").unlink()
+    status, output = doctor(path, "--json")
+    assert status == 3
+    found = json.loads(output)
+    assert found["verdict"] == "mendable"
+    assert sum(one["messages"] for one in found["topics"].values()) == truth("folder split").total()
 
 
 def test_names_that_cannot_be_written_are_refused(tmp_path, sound):

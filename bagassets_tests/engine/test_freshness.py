@@ -411,7 +411,7 @@ class TestPlanCache:
         assert not holds(thorough=False), "or it went"
 
     def test_a_kept_plan_is_the_plan(self):
-        whole = replace(PLAN, findings=(("warn", "check", "problem"),))
+        whole = replace(PLAN, findings=(("warn", "check", "problem"),), damage="half of it")
         for plan in (PLAN, whole):
             kept = KeptPlan(
                 plan.key,
@@ -422,7 +422,7 @@ class TestPlanCache:
             assert plan == kept
             assert kept != replace(plan, rig="another")
             told = ("settled", "skipped", "failed", "unusable", "can_be_retried", "artifacts", "format", "channels",
-                    "optional", "rig", "touched", "outdated", "findings", "recorded")  # fmt: skip
+                    "optional", "rig", "touched", "outdated", "findings", "damage", "recorded")  # fmt: skip
             assert [getattr(kept, name) for name in told] == [getattr(plan, name) for name in told]
             assert list(kept.names) == list(plan.names)
             assert kept.to_run(retry_failed=True) == plan.to_run(retry_failed=True) == ()

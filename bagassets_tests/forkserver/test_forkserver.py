@@ -413,6 +413,16 @@ def test_a_server_that_cannot_start_shows_the_end_of_its_log(tmp_path):
         Client.ensure(spec_in(tmp_path, **options))
 
 
+def test_a_server_that_is_killed_while_it_starts_is_said_to_have_been_killed(tmp_path):
+    spec = spec_in(tmp_path / "state", preload=f"{JOBS}:killed")
+    with pytest.raises(BagAssetsError) as caught:
+        ServerStart(spec).wait()
+    said = str(caught.value)
+    assert "it was killed by SIGKILL, maybe because the system ran out of memory" in said
+    assert "exit code" not in said
+    assert len(said.splitlines()) == 1, "it had nothing to say"
+
+
 def test_a_module_that_starts_a_thread_is_refused(tmp_path):
     text = "import threading\nthreading.Thread(target=threading.Event().wait, name='a thread', daemon=True).start()\n"
     options = write_module(tmp_path / "code", "threading_module", text)

@@ -12,7 +12,6 @@ import pytest
 from bagassets.base import files
 from bagassets.base.errors import DatasetError
 from bagassets.base.files import swap_in
-from bagassets.formats import linking
 from bagassets.formats.assembly import remove_files
 from bagassets.formats.groups import Piece, write_rows
 from bagassets.formats.guard import GUARD, guarded, refuse_unexpected
@@ -82,7 +81,7 @@ class TestLinker:
             os.write(target, os.pread(original, 99, 0))
 
         refuse_links(monkeypatch, errno.EXDEV)
-        monkeypatch.setattr(linking, "ioctl", clone)
+        monkeypatch.setattr(files, "ioctl", clone)
         linker = Linker(tmp_path / "data", tmp_path)
         linker.put(str(source), "a.jpg")
         assert dict(linker.counts) == {"cloned": 1}

@@ -1,5 +1,8 @@
 """Damaged recordings: what is saved is no less than other programs save, and what is lost is counted."""
 
+import errno
+import io
+import os
 import random
 import shutil
 from collections import Counter
@@ -8,7 +11,7 @@ from pathlib import Path
 import pytest
 from mcap.writer import CompressionType
 
-from bagassets.base.errors import RecordingError
+from bagassets.base.errors import DiskError, RecordingError
 from bagassets.recipe.model import Bags, Limits
 from bagassets.recordings.discover import bags_of_parts, discover, find_one
 from bagassets.recordings.open import open_recording
@@ -39,6 +42,60 @@ TOTAL = truth("ros1").total()
 # Nothing in these tells that a byte of a message was changed, so such a message counts as read.
 UNCHECKED = {"ros1", "ros1 lz4", "ros1 series", "mcap unchunked", "mcap without indexes", "db3", "folder", "folder split",
              "folder mcap", "folder zstd", "folder zstd messages"}  # fmt: skip
+
+
+class FailingFile(io.FileIO):
+    """A file of which one read fails, counted over all files, as the disk would have it."""
+
+    left = 0
+
+    def readinto(self, buffer):
+        FailingFile.left -= 1
+        if FailingFile.left == 0:
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        return super().readinto(buffer)
+
+    def readall(self):
+        raise AssertionError("recordings are not read at once")
+
+
+@pytest.mark.parametrize("opener", [open_recording, open_salvaged])
+@pytest.mark.parametrize("damage", [None, "cut at 90 %", "without its index", "30 KB of noise"])
+@pytest.mark.parametrize("kind", ["ros1", "ros1 lz4", "mcap zstd", "mcap unchunked", "db3"])
+def test_a_disk_that_fails_is_no_damage(tmp_path, sound, kind, damage, opener, monkeypatch):
+    path = sound[kind] if damage is None else damaged(tmp_path, kind, damage, sound[kind])
+
+    def all_of_it():
+        with opener(path) as opened:
+            return sum(1 for _ in opened.messages(list(opened.topics))), opened.damage and str(
+                opened.damage.map({}, 0)
+            )
+
+    def outcome():
+        try:
+            return all_of_it()
+        except RecordingError as err:
+            return type(err), str(err)
+
+    def failing_pread(*arguments):
+        FailingFile.left -= 1
+        if FailingFile.left == 0:
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        return pread(*arguments)
+
+    pread, expected = os.pread, outcome()
+    monkeypatch.setattr(os, "pread", failing_pread)
+    monkeypatch.setattr(io, "open", lambda file, *_, **__: io.BufferedReader(FailingFile(file), 4096))
+    FailingFile.left = 0
+    assert outcome() == expected
+    reads = -FailingFile.left
+    assert reads > 0 or (kind == "db3" and opener is open_recording), "SQLite reads by itself"
+    for number in {*range(1, min(reads, 12) + 1), *range(1, reads + 1, 1 + reads // 12)}:
+        FailingFile.left = number
+        with pytest.raises(
+            DiskError, match=r"Input/output error.*; check its disk or file server, and try again"
+        ):
+            all_of_it()
 
 
 @pytest.fixture(scope="module")

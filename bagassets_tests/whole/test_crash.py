@@ -1,7 +1,12 @@
 """Simulated crashes and failures of the disk: a sample of what `make crash` tries in full."""
 
 import errno
+import os
 import random
+import shutil
+import socket
+import subprocess
+import time
 from functools import partial
 from itertools import product
 
@@ -9,6 +14,7 @@ import pytest
 
 from bagassets.base import files
 from bagassets.formats import after_crash
+from bagassets.recipe import load_recipe
 from bagassets_tests import crash_project
 from bagassets_tests.crash_disk import Disk, Recording, crashed, lay_out, take
 from bagassets_tests.crash_project import (
@@ -52,7 +58,7 @@ def test_after_a_crash_the_next_build_gives_what_a_build_from_nothing_gives(proj
 @pytest.mark.once
 def test_a_change_that_fails_ends_in_a_sentence_and_the_next_build_is_right(project, scenario):
     chosen = random.Random(SEED).sample(list(failures(scenario)), 4)
-    found = {failure: fail(project, scenario, *failure) for failure in chosen}
+    found = {failure: fail(project, scenario, failure) for failure in chosen}
     assert {failure: problem for failure, problem in found.items() if problem} == {}
 
 
@@ -97,7 +103,7 @@ def test_whatever_happened_before_the_dataset_is_that_of_a_project_built_from_no
 @pytest.fixture
 def disk(tmp_path, monkeypatch):
     """A disk that records, and what it recorded."""
-    for name in ("os", "shutil", "_rename"):
+    for name in ("os", "shutil", "ioctl", "_rename"):
         monkeypatch.setattr(files, name, getattr(files, name))
     monkeypatch.setattr(files, "open", open, raising=False)
     (tmp_path / "top").mkdir()
@@ -210,6 +216,28 @@ def test_a_report_that_a_power_loss_tore_or_that_is_gone_is_written_anew(built, 
     monkeypatch.setattr(after_crash, "boot_id", lambda: "another one")
     build(built, monkeypatch)
     assert report.read_bytes() == whole
+
+
+def test_what_a_killed_worker_had_begun_is_removed_by_the_next_build(built, monkeypatch):
+    scratch = load_recipe(built).store_path / "tmp"
+    with subprocess.Popen(["true"]) as dead:
+        dead.wait()
+    host = socket.gethostname()
+    places = {
+        "old": f"{host}-{dead.pid}-1",
+        "new": f"{host}-{dead.pid}-2",
+        "alive": f"{host}-{os.getpid()}-3",
+    }
+    for name, place in places.items():
+        (scratch / place / "files").mkdir(parents=True)
+        (scratch / place / "files" / "half").write_bytes(b"ha")
+        if name != "new":  # whose process may be alive in another container
+            for path in (scratch / place / "files" / "half", scratch / place / "files", scratch / place):
+                os.utime(path, (0, time.time() - 301))
+    build(built, monkeypatch)
+    assert {one.name for one in scratch.iterdir()} == {places["new"], places["alive"]}
+    for one in scratch.iterdir():
+        shutil.rmtree(one)
 
 
 @pytest.fixture(scope="module")

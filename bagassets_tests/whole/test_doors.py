@@ -87,6 +87,30 @@ def by_range(recipe_file, _monkeypatch):
         assert job.execute_in_process(instance=instance, asset_selection=datasets).success
 
 
+def by_whole_range(recipe_file, _monkeypatch):
+    """Do what `dagster asset materialize --select '*' --partition-range FIRST...LAST` does: all is one run."""
+    job = build_definitions(recipe_file).resolve_implicit_global_asset_job_def()
+    with open_project(recipe_file) as workspace:
+        instance = workspace.instance
+        add_partitions(workspace.records, sorted(KEYS))
+        ends = {
+            "dagster/asset_partition_range_start": min(KEYS),
+            "dagster/asset_partition_range_end": max(KEYS),
+        }
+        chosen = sorted(job.asset_layer.asset_graph.materializable_asset_keys)
+        job.execute_in_process(tags=ends, instance=instance, asset_selection=chosen, raise_on_error=False)
+        assert instance.get_runs_count() == 1
+
+
+def dataset_checks(recipe_file):
+    """Return the states of the checks of what exists once, as Dagster keeps them."""
+    graph = build_definitions(recipe_file).resolve_asset_graph()
+    found = [key for key in graph.asset_check_keys if not graph.get(key.asset_key).is_partitioned]
+    with open_project(recipe_file) as workspace:
+        latest = workspace.instance.event_log_storage.get_latest_asset_check_execution_by_key(found)
+    return {key.to_user_string(): record.status.value for key, record in latest.items()}
+
+
 def differences(found, expected):
     return {part: (found[part], value) for part, value in expected.items() if found[part] != value}
 
@@ -100,10 +124,10 @@ def bags(tmp_path_factory):
 
 def test_the_doors_have_one_result(bags, tmp_path, monkeypatch):
     found = {}
-    for door in (by_command, by_sensor, by_partition, by_range):
+    for door in (by_command, by_sensor, by_partition, by_range, by_whole_range):
         recipe_file = make_door(tmp_path / door.__name__, bags)
         door(recipe_file, monkeypatch)
-        found[door.__name__] = result(recipe_file)
+        found[door.__name__] = {**result(recipe_file), "checks": dataset_checks(recipe_file)}
     expected = found["by_command"]
     assert expected["dataset"]
     assert expected["dataset is current"]

@@ -10,6 +10,8 @@ from bagassets.assets.inventory import INVENTORY
 from bagassets.base.errors import BagAssetsError
 from bagassets.cli.main import root
 from bagassets.engine.graph import Graph
+from bagassets.engine.plan import BagPlan
+from bagassets.formats import dataset_build
 from bagassets.formats.catalogue import recording_assets
 from bagassets.formats.dataset_lock import load_lock
 from bagassets.propose.project import write_project
@@ -243,3 +245,17 @@ def test_a_whole_build_tells_of_the_damage_everywhere(tmp_path, drives, monkeypa
     page = tmp_path / "report.html"
     CliRunner().invoke(root, ["report", "--recipe", str(tmp_path / "recipe.yaml"), "--output", str(page)])
     assert "lost, in damaged parts of the recording" in page.read_text()
+    # A dataset that is made again says the same, without a look at what has not changed.
+    known = dataset_build._damaged
+
+    def damaged(*of):
+        with monkeypatch.context() as patched:
+            patched.setattr(BagPlan, "current_artifact", None)
+            return known(*of)
+
+    monkeypatch.setattr(dataset_build, "_damaged", damaged)
+    (recipe.bags.root / "whole.mcap").unlink()
+    in_process.build(tmp_path / "recipe.yaml", monkeypatch)
+    anew = load_lock(recipe.nuscenes.output).value
+    assert anew != lock
+    assert anew["damaged"] == lock["damaged"]

@@ -37,15 +37,15 @@ def channels_complete(channels: JsonMapping, max_lost: float, clock_of: Callable
         number = sum(counts["lost"].values())
         if number:
             lost[name] = number
+        reason = max(sorted(counts["lost"]), key=counts["lost"].__getitem__, default="")
         if counts["read"] != counts["written"] + counts["merged"] + number:
             problems.append(
                 f"{name}: {_read(counts)}, but {counts['written']} written, "
                 f"{counts['merged']} merged and {number} lost"
             )
         elif not counts["written"]:
-            problems.append(f"{name}: {_read(counts)}, but no file was written")
+            problems.append(f"{name}: {_read(counts)}, but no file was written{_why(reason, counts['lost'])}")
         elif number > max_lost * counts["read"]:
-            reason = max(sorted(counts["lost"]), key=lambda text: counts["lost"][text])
             problems.append(
                 f"{name}: {number} of {counts['read']} {counted_in_channel(counts)}s ({number / counts['read']:.0%}) "
                 f"{'was' if number == 1 else 'were'} lost{_why(reason, counts['lost'])}. {_advice(name, reason, clock_of(name))}"
@@ -60,9 +60,9 @@ def _read(counts: JsonMapping) -> str:
 
 
 def _why(reason: str, lost: Mapping[str, int]) -> str:
-    """Return why messages were lost, as a text after `lost`: for one reason, or most often for this one."""
-    because = f"because {_BECAUSE.get(reason, reason)}"
-    return f" {because}" if len(lost) == 1 else f", most often ({count_text(lost[reason], 'time')}) {because}"
+    """Return why messages were lost, as the end of a sentence: for one reason, or most often for this one."""
+    because = f" because {_BECAUSE.get(reason, reason)}" if lost else ""
+    return because if len(lost) < 2 else f", most often ({count_text(lost[reason], 'time')}){because}"
 
 
 def _advice(name: str, reason: str, clock: Clock) -> str:

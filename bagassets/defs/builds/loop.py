@@ -4,6 +4,7 @@ import math
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from typing import NoReturn
 
 from bagassets.assets.inventory import INVENTORY
@@ -22,6 +23,7 @@ from bagassets.defs.runs.run_pool import EndedRun, Listener, RunPool
 from bagassets.engine.batches import DATASET
 from bagassets.engine.build_report import BuildOptions, Event
 from bagassets.engine.disk_space import folders_written, require_disk_space, space_needed
+from bagassets.engine.first_pass import ahead_of_run, was_just_made
 from bagassets.engine.made_again import made_again
 from bagassets.engine.next_steps import Rules, State, Work, next_steps
 from bagassets.engine.planner import Planner
@@ -139,7 +141,7 @@ class BuildLoop:
                 if pool is None:
                     self._on_event(self._planned())
                     pool = stack.enter_context(
-                        RunPool(records, rules.jobs, self._on_event, log, self._own.location)
+                        RunPool(records, rules.jobs, self._on_run_event, log, self._own.location)
                     )
                     self.ended = pool.ended
                 pool.work(steps.runs, following, steps.without_steps)
@@ -205,6 +207,12 @@ class BuildLoop:
                 unsettled.discard(key)
 
     # --- telling -------------------------------------------------------------------------
+
+    def _on_run_event(self, event: Event) -> None:
+        """Say of a recording that was made ahead of its run that the run took only the rest of the time."""
+        if event.kind == "done" and was_just_made(self.workspace.recipe.state, ahead_of_run(event.key)):
+            event = replace(event, message="made ahead")
+        self._on_event(event)
 
     def _planned(self) -> Event:
         """Return the event that says what is going to be done.

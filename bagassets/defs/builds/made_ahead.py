@@ -10,6 +10,7 @@ is reported: it happens again in the run, which reports it.
 import gc
 import logging
 import os
+import sys
 import time
 from collections.abc import Collection, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -23,7 +24,7 @@ from bagassets.base.json_types import JsonObject
 from bagassets.engine.build_report import BuildOptions
 from bagassets.engine.choose import choose_recordings
 from bagassets.engine.execute import AssetResult, execute
-from bagassets.engine.first_pass import note_made, only_reader, read_first
+from bagassets.engine.first_pass import ahead_of_run, note_made, only_reader, read_first, reading_left
 from bagassets.engine.graph import Graph
 from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.forkserver.client import Client
@@ -97,6 +98,8 @@ def make_ahead(args: JsonObject) -> None:
     make_new(recipe, args["bags"])
     os.nice(_LEAST_URGENT)  # the runs have begun
     if recipe.preview.has_map:
+        # Folium looks whether it is there, for tables that it could draw; that takes longer than the page.
+        sys.modules.setdefault("pandas", None)  # type: ignore[arg-type]  # Python's way to say that it is not
         from bagassets.formats.trajectory_map import map_shell_of  # noqa: PLC0415  (`make_first` must begin at once)
 
         with suppress(BagAssetsError, OSError):
@@ -181,7 +184,7 @@ def _make(
     state = assets.recipe.state
     try:
         stat = recording_stat(recording)
-        with only_reader(assets.store, recording, stat):
+        with only_reader(assets.store, recording, stat), reading_left(state, recording):
             first = read_first(assets, recording, stat)
             # Of one that was built before, some may be made again: a build says that, once it has planned.
             files = (assets.index.row(path) for path, _ in stat_files(recording))
@@ -196,6 +199,7 @@ def _make(
             for result in execute(Graph(assets, *source, wanted=wanted)):
                 if isinstance(result, AssetResult) and not result.cached:
                     note_made(state, result.action_digest)
+                    note_made(state, ahead_of_run(recording.key))
                 elif result.asset == INVENTORY.name and not is_new:
                     break
     except BagAssetsError as err:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bagassets.defs.graph.dataset import dataset_states
-from bagassets.defs.records.databases import are_files, database_errors_explained
+from bagassets.defs.records.databases import are_files
 from bagassets.defs.records.events import all_assets
 from bagassets.defs.records.instance_plan import planner_of
 from bagassets.defs.records.instances import open_instance
@@ -201,6 +201,6 @@ def open_project(recipe_file: Path) -> Iterator[Workspace]:
     require_writable(workspace.recipe.state)
     home = dagster_home(recipe_file.absolute(), workspace.recipe)
     os.environ["BAGASSETS_RECIPE"] = str(recipe_file.absolute())
-    with database_errors_explained(str(home)), open_instance(str(home)) as instance:
+    with open_instance(str(home)) as instance:
         prefix = noted_prefix(instance, recipe_file)
         yield workspace.on(instance).below(prefix) if prefix else workspace.on(instance)

@@ -10,9 +10,9 @@ from bagassets.base.alike import names_text
 from bagassets.base.errors import StoreError
 from bagassets.defs.graph.checks import check_recording
 from bagassets.defs.graph.making import dependencies, make_recording, read_bag
-from bagassets.defs.graph.several import failure_text, make_side_by_side
-from bagassets.defs.records.naming import Naming
-from bagassets.defs.records.partitions import recording_partitions
+from bagassets.defs.graph.several import failure_text, make_datasets, make_side_by_side
+from bagassets.defs.records.naming import DATASET_INPUTS, Naming
+from bagassets.defs.records.partitions import range_policy, recording_partitions
 from bagassets.defs.records.recorder import Recorder
 from bagassets.defs.records.reporting import BAG_CODE_VERSION, code_link, errors_explained
 from bagassets.defs.records.run_step import RunStep
@@ -22,6 +22,7 @@ from bagassets.engine.batches import MOST_RECORDINGS
 from bagassets.engine.execute import BuildFailure
 from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.formats.catalogue import recording_assets
+from bagassets.formats.dataset_build import dataset_code_versions
 from bagassets.recipe.model import Recipe
 from bagassets.recordings.model import RecordingFiles
 
@@ -35,7 +36,7 @@ def recording_definitions(
 ) -> list[dg.AssetsDefinition]:
     """Return the assets that exist once per recording; with `shares_runs`, a backfill has runs about several of them."""
     assets = recording_assets(recipe)
-    policy = dg.BackfillPolicy.multi_run(MOST_RECORDINGS) if shares_runs else None
+    policy = range_policy() or (dg.BackfillPolicy.multi_run(MOST_RECORDINGS) if shares_runs else None)
     bag = dg.AssetSpec(
         names.key("bag"),
         group_name=names.recording_group,
@@ -117,14 +118,19 @@ def _make_range(
     this = object()
     if workspace.once_in_run(context.run.run_id, lambda: this) is not this:
         return
-    ours = {workspace.names.key(name) for name in wanted}
-    if others := sorted(key.to_user_string() for key in (context.run.asset_selection or ours) - ours):
+    names, datasets = workspace.names, dataset_code_versions(workspace.recipe)
+    ours = {names.key(name) for name in (*wanted, DATASET_INPUTS, *datasets)}
+    selected = context.run.asset_selection or ours
+    if others := sorted(key.to_user_string() for key in selected - ours):
         raise StoreError(
             f"{names_text(others)}: the backfill policy is that of bagassets, so Dagster puts them into the same run, which "
             "makes nothing else; choose another, or none."
         )
     batch = dict.fromkeys(context.partition_keys, wanted)
-    ended = make_side_by_side(RunStep.of(context, is_planned=True), workspace, lock, batch)
+    step = RunStep.of(context, is_planned=True)
+    ended = make_side_by_side(step, workspace, lock, batch)
+    if chosen := [name for name in datasets if names.key(name) in selected]:
+        make_datasets(step, workspace, chosen, ended)
     if problem := failure_text(ended):
         raise dg.Failure(problem, allow_retries=False)
 

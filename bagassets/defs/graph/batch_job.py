@@ -5,20 +5,13 @@ Each recording is recorded as its own partition, as a run of its own would.
 
 import dagster as dg
 
-from bagassets.base.errors import BagAssetsError, RunEndedError
-from bagassets.defs.graph.checks import run_dataset_checks
-from bagassets.defs.graph.dataset import dataset_is_current, make_dataset, record_inputs
-from bagassets.defs.graph.several import failure_text, make_each, noted
-from bagassets.defs.records.instance_plan import plan_instance
+from bagassets.defs.graph.several import failure_text, make_datasets, make_each
 from bagassets.defs.records.naming import Naming
-from bagassets.defs.records.recorder import Recorder
 from bagassets.defs.records.reporting import errors_explained
 from bagassets.defs.records.run_step import RunStep
 from bagassets.defs.records.workspace import Workspace
 from bagassets.defs.runs.exclusive import RecordingLock
 from bagassets.engine.batches import DATASET, Batch
-from bagassets.engine.plan import Plan
-from bagassets.formats.dataset_build import DatasetInputs, dataset_code_versions, select_inputs
 
 
 def batch_job(names: Naming) -> dg.JobDefinition:
@@ -44,13 +37,7 @@ def batch_job(names: Naming) -> dg.JobDefinition:
         with errors_explained():
             ended = dict(make_each(step, workspace, lock, recordings))
         if DATASET in batch:
-            plan = plan_instance(workspace)
-            inputs = select_inputs(plan)
-            record_inputs(workspace, inputs)
-            if not dataset_is_current(workspace, inputs):
-                recorder = Recorder(workspace, DATASET, step, batch[DATASET])
-                with noted(recorder, ended):
-                    _make_datasets(recorder, plan, inputs)
+            make_datasets(step, workspace, batch[DATASET], ended)
         if problem := failure_text(ended):
             raise dg.Failure(problem, allow_retries=False)
 
@@ -63,19 +50,3 @@ def batch_job(names: Naming) -> dg.JobDefinition:
         build_each()
 
     return job
-
-
-def _make_datasets(recorder: Recorder, plan: Plan, inputs: DatasetInputs) -> None:
-    workspace, problems = recorder.workspace, []
-    for asset in dataset_code_versions(workspace.recipe):
-        if asset not in recorder.wanted:
-            continue
-        try:
-            recorder.record(make_dataset(workspace, plan, inputs, asset, recorder.step.run_id))
-            recorder.record_checks(run_dataset_checks(workspace, asset))
-        except RunEndedError:
-            raise
-        except BagAssetsError as err:  # the others may well succeed
-            problems.append(str(err))
-    if problems:
-        raise BagAssetsError(" ".join(problems))

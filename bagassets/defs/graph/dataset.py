@@ -16,6 +16,7 @@ from bagassets.defs.records.artifact_files import page_link
 from bagassets.defs.records.fence import refuse_if_ended
 from bagassets.defs.records.instance_plan import plan_instance
 from bagassets.defs.records.naming import DATASET_INPUTS, Naming
+from bagassets.defs.records.partitions import range_policy
 from bagassets.defs.records.recorder import Made, Recorder
 from bagassets.defs.records.reporting import code_link, dataset_metadata, errors_explained, inputs_metadata
 from bagassets.defs.records.workspace import Workspace
@@ -48,7 +49,7 @@ MOST_REPORTED = 1000
 _INPUTS = """Which recordings the datasets are made from, and why others are left out.
 
 Its data version is a digest over the partition keys and data versions of all recordings that take part, so it changes
-with each of them and when one is removed, however many there are; Dagster itself compares at most 100 partitions. The
+with each of them and when one is removed, however many there are; Dagster itself compares fewer than 100. The
 sensor and `bagassets build` record it without a run."""
 
 
@@ -120,6 +121,7 @@ def dataset_assets(recipe: Recipe, names: Naming) -> list[dg.AssetsDefinition]:
             description=about,
             code_version=version,
             metadata=code_link(make),
+            backfill_policy=range_policy(),
         )
         def made_once(context: dg.AssetExecutionContext) -> Iterator[dg.MaterializeResult[None]]:
             workspace = Workspace.of(context, names.workspace)
@@ -167,8 +169,7 @@ def make_dataset(workspace: Workspace, plan: Plan, inputs: DatasetInputs, asset:
         permit()
         outcome = build_map(workspace.assets, plan, inputs)
         metadata = {
-            "open": dg.MetadataValue.md(f"[Open the map]({page_link('map')})"),
-            "map": dg.MetadataValue.path(str(map_path(recipe))),
+            "map": dg.MetadataValue.md(page_link("map", map_path(recipe))),
             "cached": outcome.cached,
             **outcome.artifact.summary(),
         }
@@ -194,4 +195,4 @@ def write_report(workspace: Workspace, plan: Plan) -> dg.MarkdownMetadataValue:
         write_page(report_path(workspace.recipe), report_page(replace(data, recordings=recordings)))
     except (BagAssetsError, OSError) as err:  # the dataset is as good without it
         return dg.MetadataValue.md(f"It could not be written: {markdown(str(err))}")
-    return dg.MetadataValue.md(f"[Open the report]({page_link('report')})")
+    return dg.MetadataValue.md(page_link("report", report_path(workspace.recipe)))

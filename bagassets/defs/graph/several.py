@@ -8,7 +8,7 @@ import logging
 import os
 import signal
 import traceback
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 
@@ -16,11 +16,12 @@ from bagassets.base.errors import BagAssetsError, RunEndedError, StoreError
 from bagassets.base.json_types import JsonObject
 from bagassets.base.quantities import count_text
 from bagassets.base.trace import name_process
-from bagassets.defs.graph.checks import check_recording
+from bagassets.defs.graph.checks import check_recording, run_dataset_checks
+from bagassets.defs.graph.dataset import dataset_is_current, make_dataset, record_inputs
 from bagassets.defs.graph.making import make_recording
 from bagassets.defs.records.databases import database_errors_explained
 from bagassets.defs.records.fence import run_has_ended
-from bagassets.defs.records.instance_plan import workspace_fingerprint
+from bagassets.defs.records.instance_plan import plan_instance, workspace_fingerprint
 from bagassets.defs.records.instances import open_instance, pack_instance
 from bagassets.defs.records.recorder import Recorder
 from bagassets.defs.records.run_step import RunStep
@@ -28,10 +29,12 @@ from bagassets.defs.records.workspace import Workspace
 from bagassets.defs.runs.exclusive import RecordingLock
 from bagassets.defs.runs.run_progress import note_begun, note_ended
 from bagassets.engine.batches import DATASET, Batch, batches
+from bagassets.engine.unexpected import disk_errors_explained
 from bagassets.engine.unsettled import Unsettled
 from bagassets.forkserver.client import Client, ServerRefusedError
 from bagassets.forkserver.worker import note
 from bagassets.formats.checking import KeptVerdicts
+from bagassets.formats.dataset_build import dataset_code_versions, select_inputs
 from bagassets.store.lease import HOLDERS, in_use
 
 _MOST_NAMED = 3
@@ -135,7 +138,7 @@ def make_part(args: JsonObject) -> None:
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that what is half made is removed
     run_id, *of_step = args["step"]
     name_process(f"worker: {count_text(len(args['batch']), 'recording')} of run {run_id[:8]}")
-    with database_errors_explained("this instance"), open_instance(args["instance"]) as instance:
+    with open_instance(args["instance"]) as instance:
         HOLDERS.name, HOLDERS.has_ended = run_id, partial(run_has_ended, instance)
         workspace = Workspace(recipe_file=args["recipe"], key_prefix=args["prefix"]).on(instance)
         step = RunStep(instance, run_id, *of_step)
@@ -158,7 +161,11 @@ def noted(recorder: Recorder, ended: Ended) -> Iterator[None]:
     note_begun(step, key)
     ended[key] = None
     try:
-        with recorder.giving_up(recorder.wanted):
+        with (
+            recorder.giving_up(recorder.wanted),
+            disk_errors_explained(key or "the dataset"),
+            database_errors_explained(step.instance.root_directory),
+        ):
             yield
     except RunEndedError:
         raise
@@ -168,6 +175,27 @@ def noted(recorder: Recorder, ended: Ended) -> Iterator[None]:
         ended[key] = f"{type(err).__name__}: {err}"
         step.log(f"{key or 'the datasets'}: an unexpected error\n\n{traceback.format_exc()}", logging.ERROR)
     note_ended(step, key, ended[key], has_made=recorder.has_made)
+
+
+def make_datasets(step: RunStep, workspace: Workspace, wanted: Collection[str], ended: Ended) -> None:
+    """Make those datasets of `wanted`, of all that is recorded, unless they are current; note in `ended` how that ends."""
+    problems, plan = list[str](), plan_instance(workspace)
+    inputs = select_inputs(plan)
+    record_inputs(workspace, inputs)
+    if dataset_is_current(workspace, inputs):
+        return
+    recorder = Recorder(workspace, DATASET, step, wanted)
+    with noted(recorder, ended):
+        for asset in filter(wanted.__contains__, dataset_code_versions(workspace.recipe)):
+            try:
+                recorder.record(make_dataset(workspace, plan, inputs, asset, step.run_id))
+                recorder.record_checks(run_dataset_checks(workspace, asset))
+            except RunEndedError:
+                raise
+            except BagAssetsError as err:  # the others may well succeed
+                problems.append(str(err))
+        if problems:
+            raise BagAssetsError(" ".join(problems))
 
 
 def failure_text(ended: Mapping[str, str | None]) -> str:

@@ -26,7 +26,7 @@ from bagassets.defs.builds.pending_work import rehearse
 from bagassets.defs.dagster_private import RUN_MODULES, capture_interrupts, check_captured_interrupt
 from bagassets.defs.graph.own_location import know_installed_modules
 from bagassets.defs.records.batches import PARTITION_TAG, batch_of
-from bagassets.defs.records.databases import database_errors_explained, read_settings
+from bagassets.defs.records.databases import read_settings
 from bagassets.defs.records.fence import run_has_ended
 from bagassets.defs.records.instances import dotenv_variables, open_instance
 from bagassets.defs.runs.exclusive import ASKS_PER_LOOK, exclusive, holder_has_ended
@@ -189,8 +189,6 @@ def end_worker(args: JsonObject) -> bool:
 
 def _open(args: JsonObject, stack: ExitStack) -> dg.DagsterInstance:
     _apply_dotenv()
-    place = args["instance"] if args["instance"].startswith("/") else "this instance"
-    stack.enter_context(database_errors_explained(place))
     return stack.enter_context(open_instance(args["instance"]))
 
 

@@ -8,6 +8,7 @@ import os
 import re
 from pathlib import Path
 
+from bagassets.base.escaping import markdown
 from bagassets.formats.report_data import map_path, report_path
 from bagassets.recipe import load_recipe
 from bagassets.store.store import Store
@@ -41,9 +42,12 @@ def picture_file(artifact: str, name: str) -> Path | None:
     return file if file.is_file() else None
 
 
-def page_link(name: str) -> str:
-    """Return the address of a page of the project, `map` or `report`, without the server."""
-    return f"{PAGES}/{name}"
+def page_link(name: str, file: Path) -> str:
+    """Return Markdown that names the file of a page of the project, `map` or `report`, and links to it where that is served.
+
+    The link is empty, so that there is none in another web server of Dagster; the style of ours shows its title.
+    """
+    return f'[]({PAGES}/{name} "Open the {name}") {markdown(str(file))}'
 
 
 def page_file(name: str) -> Path | None:

@@ -17,6 +17,8 @@ from pathlib import Path
 from uuid import uuid4
 
 import yaml
+from alembic.config import Config
+from alembic.script import ScriptDirectory
 from sqlalchemy import Engine, MetaData, event
 from sqlalchemy.exc import DatabaseError, OperationalError
 
@@ -45,6 +47,7 @@ _DATABASES: dict[str, MetaData] = {
 _VERSION, _INDEXES = "alembic_version", "secondary_indexes"
 _REPLACEABLE = frozenset({_VERSION, _INDEXES, "instance_info", "daemon_heartbeats"})
 _BUSY_S = 5.0
+_FROM_CONFIG = "from_config"  # how Alembic reads the folder of the migrations
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _OUR_STORAGE = "bagassets.defs.sqlite_storage"
 # Events are of one to three kB each: with pages of 4 kB, a quarter of the file stays empty.
@@ -142,7 +145,7 @@ def database_errors_explained(place: str) -> Iterator[None]:
         if type(err.orig) is not sqlite3.DatabaseError:
             raise
         raise _damaged(_first_damaged(Path(place)), str(err.orig)) from err
-    except sqlite3.OperationalError as err:
+    except sqlite3.DatabaseError as err:
         # Of a file of our own in the state folder, opened without SQLAlchemy.
         raise StoreError(
             f"{place}: a database of this project cannot be used ({err}); free disk space, or fix the permissions of its "
@@ -191,7 +194,7 @@ def _make(folder: Path, names: list[str]) -> None:
         return
     new = folder / f"{_NEW}{uuid4().hex}"
     try:
-        with _unsynced(new):
+        with _unsynced(new), _migrations_read_once():
             DagsterSqliteStorage.from_local(str(new)).dispose()
         _lay_out(new / EVENTS)
         for name in names:
@@ -221,6 +224,24 @@ def _unsynced(folder: Path) -> Iterator[None]:
         yield
     finally:
         event.remove(Engine, "connect", connected)
+
+
+@contextmanager
+def _migrations_read_once() -> Iterator[None]:
+    """Have Alembic read Dagster's migrations once for all databases, not seven times, which takes half of the time."""
+    usual, read = vars(ScriptDirectory)[_FROM_CONFIG], dict[str | None, ScriptDirectory]()
+
+    def from_config(config: Config) -> ScriptDirectory:
+        place = config.get_main_option("script_location")
+        if place not in read:
+            read[place] = usual.__get__(None, ScriptDirectory)(config)
+        return read[place]
+
+    setattr(ScriptDirectory, _FROM_CONFIG, staticmethod(from_config))
+    try:
+        yield
+    finally:
+        setattr(ScriptDirectory, _FROM_CONFIG, usual)
 
 
 def _lay_out(path: Path) -> None:

@@ -5,8 +5,8 @@ tried before it is used again, since the server may have been restarted. For SQL
 """
 
 import sqlite3
-from collections.abc import Mapping
-from contextlib import closing
+from collections.abc import Iterator, Mapping
+from contextlib import closing, contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,12 @@ from sqlalchemy.exc import DisconnectionError
 from sqlalchemy.pool import Pool
 
 from bagassets.defs.dagster_private import InstanceRef, get_env_var_dict
-from bagassets.defs.records.databases import make_whole, read_settings, storage_folder
+from bagassets.defs.records.databases import (
+    database_errors_explained,
+    make_whole,
+    read_settings,
+    storage_folder,
+)
 from bagassets.defs.records.events import event_database
 
 _NO_TIMEOUT = 0
@@ -30,19 +35,27 @@ def pack_instance(instance: dg.DagsterInstance) -> str:
     return dg.serialize_value(instance.get_ref())
 
 
-def open_instance(place: str) -> dg.DagsterInstance:
-    """Open the instance of a Dagster home folder, or one packed by `pack_instance`."""
-    if place.startswith("{"):
-        instance = dg.DagsterInstance.from_ref(dg.deserialize_value(place, InstanceRef))
-    else:
-        home = Path(place)
-        if (folder := storage_folder(home)) is not None:
-            make_whole(folder)
-        instance = dg.DagsterInstance.from_ref(read_settings(home))
-    if event_database(instance) is None:
-        _try_before_use()
-        instance.optimize_for_webserver(_NO_TIMEOUT, _RECYCLE_S, _MORE_CONNECTIONS)
-    return instance
+@contextmanager
+def open_instance(place: str) -> Iterator[dg.DagsterInstance]:
+    """Open the instance of a Dagster home folder, or one packed by `pack_instance`.
+
+    Raises:
+        StoreError: its database cannot be used, at once or in the block.
+    """
+    is_packed = place.startswith("{")
+    with database_errors_explained("this instance" if is_packed else place):
+        if is_packed:
+            settings = dg.deserialize_value(place, InstanceRef)
+        else:
+            home = Path(place)
+            if (folder := storage_folder(home)) is not None:
+                make_whole(folder)
+            settings = read_settings(home)
+        with dg.DagsterInstance.from_ref(settings) as instance:
+            if event_database(instance) is None:
+                _try_before_use()
+                instance.optimize_for_webserver(_NO_TIMEOUT, _RECYCLE_S, _MORE_CONNECTIONS)
+            yield instance
 
 
 @cache

@@ -5,8 +5,10 @@ A recording on disk that is not registered yet is registered when a run asks for
 
 from collections.abc import Collection, Iterable, Sequence
 from collections.abc import Set as AbstractSet
+from contextlib import suppress
 from difflib import get_close_matches
 
+import click
 import dagster as dg
 from dagster import partition_loading_context
 from sqlalchemy import and_, delete
@@ -38,6 +40,20 @@ ACTIVE = [*_UNFINISHED, dg.DagsterRunStatus.CANCELING]
 """States of runs that have not ended."""
 
 
+class PartitionError(RecordingError, click.ClickException):
+    """Partitions that a run cannot be about; commands of Dagster's end with the sentence and without a traceback."""
+
+
+def range_policy() -> dg.BackfillPolicy | None:
+    """Return the policy without which `dagster asset materialize` and `dg launch` refuse a range; None if this is neither.
+
+    They execute a range as one run, whatever would launch it.
+    """
+    context = click.get_current_context(silent=True)
+    is_range = context is not None and context.params.get("partition_range")
+    return dg.BackfillPolicy.single_run() if is_range else None
+
+
 def recording_partitions(bags: Bags, names: Naming) -> dg.DynamicPartitionsDefinition:
     """Return the partitions of the assets of a recording: one key per recording."""
     partitions = RecordingPartitions(name=names.partitions)
@@ -63,10 +79,10 @@ class RecordingPartitions(dg.DynamicPartitionsDefinition):
     __eq__ = dg.DynamicPartitionsDefinition.__eq__
 
     def validate_partition_key(self, partition_key: str, context: PartitionLoadingContext) -> None:
-        """Accept a registered key, and register one whose recording is on disk.
+        """Accept a registered key, and register one whose recording is on disk; of a range, all others, too.
 
         Raises:
-            RecordingError: there is no such recording.
+            PartitionError: there is no such recording.
         """
         store = context.dynamic_partitions_store
         with partition_loading_context(new_ctx=context):
@@ -76,19 +92,19 @@ class RecordingPartitions(dg.DynamicPartitionsDefinition):
             return
         found = discover(self.bags)
         if partition_key not in found.recordings:
-            raise RecordingError(_no_such_recording(partition_key, self.bags, found))
-        _register(store, str(self.name), [partition_key])
+            raise PartitionError(_no_such_recording(partition_key, self.bags, found))
+        _register(store, str(self.name), list(found.recordings) if range_policy() else [partition_key])
 
     def get_partition_keys_in_range(self, partition_key_range: dg.PartitionKeyRange) -> Sequence[str]:
         """Return the keys of a range, in the order in which they were registered.
 
         Raises:
-            RecordingError: its end was registered before its start, so Dagster would make nothing, and say nothing.
+            PartitionError: its end was registered before its start, so Dagster would make nothing, and say nothing.
         """
         found = super().get_partition_keys_in_range(partition_key_range)
         if not found:
             start, end = partition_key_range.start, partition_key_range.end
-            raise RecordingError(
+            raise PartitionError(
                 f"{start}...{end}: {end} was registered before {start}, so there is nothing in this range; write {end}...{start}."
             )
         return found
@@ -121,23 +137,22 @@ def active_runs(records: Records, datasets: Iterable[str]) -> dict[str, tuple[st
 
 def add_partitions(records: Records, keys: Sequence[str]) -> None:
     """Register recordings; keys that are registered already are kept."""
-    for batch in in_batches(keys):
-        _register(records.instance, records.names.partitions, batch)
+    _register(records.instance, records.names.partitions, keys)
 
 
-def _register(instance: dg.DagsterInstance, partitions: str, keys: list[str]) -> None:
+def _register(instance: dg.DagsterInstance, partitions: str, keys: Sequence[str]) -> None:
     """Register partition keys, also while another process registers some of them.
 
     Dagster looks which of them are missing, then inserts those; in SQLite that fails if somebody was faster. Each time
     that happens one key more is known.
     """
-    for _ in keys:
-        try:
-            instance.add_dynamic_partitions(partitions, keys)
-        except IntegrityError:
-            continue
-        return
-    instance.add_dynamic_partitions(partitions, keys)
+    for batch in in_batches(keys):
+        for _ in batch:
+            with suppress(IntegrityError):
+                instance.add_dynamic_partitions(partitions, batch)
+                break
+        else:
+            instance.add_dynamic_partitions(partitions, batch)
 
 
 def held_by_backfills(instance: dg.DagsterInstance, keys: AbstractSet[str]) -> dict[str, str]:

@@ -41,7 +41,7 @@ _PAGE_HEADERS = {
 _ROWS = "[class*=etadataEntr] td"
 _STYLE = f"""<style>{_ROWS}:not(:first-child){{overflow-wrap:anywhere}}{_ROWS}:nth-child(3):has(*){{width:100%}}
 {_ROWS} td:nth-child(n){{min-width:7ch;width:auto;overflow-wrap:anywhere}}{_ROWS} th{{overflow-wrap:normal}}
-{_ROWS} img{{max-width:100%}}</style></head>""".encode()
+{_ROWS} img{{max-width:100%}}a[href^="{PAGES}/"]:empty::before{{content:attr(title)}}</style></head>""".encode()
 
 
 @contextmanager

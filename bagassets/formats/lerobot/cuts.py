@@ -34,9 +34,13 @@ def said(recording: Recording, topic: str, field: str | tuple[str, ...]) -> list
     Raises:
         DecodeError: a message cannot be decoded.
     """
-    found = []
+    found: list[Said] = []
     for message in recording.messages([topic]):
-        decoded = recording.decode(message)
+        try:
+            decoded = recording.decode(message)
+        except DecodeError as err:
+            why = f"{topic}, message {len(found) + 1}: {err}"
+            raise DecodeError(f"{why}; name another topic in lerobot, or repair the recording.") from err
         values = (_value(decoded, path) for path in _paths(field))
         found.append(Said(message.log_time_ns, next((value for value in values if value is not None), None)))
     return found

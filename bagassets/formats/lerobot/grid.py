@@ -21,7 +21,7 @@ class Picked:
     """The values that frames get of one source.
 
     Attributes:
-        before: index of the value, or of the one before the frame if two are interpolated, (N,).
+        before: index of the value, or of the one before the frame if there is none or two are interpolated, (N,).
         after: index of the second value, (N,); the same as `before` if there is one only.
         weight: of the second value, (N,), in 0..1.
         has_value: False where no value is near enough, (N,).
@@ -40,9 +40,7 @@ class Picked:
 
     def cut(self, frames: int) -> "Picked":
         """Return that of the first frames."""
-        return Picked(
-            self.before[:frames], self.after[:frames], self.weight[:frames], self.has_value[:frames]
-        )
+        return Picked(*(one[:frames] for one in vars(self).values()))
 
     def held(self) -> "Picked":
         """Return it with the latest value before it for each frame that has none."""
@@ -68,8 +66,9 @@ def pick(stamps_ns: Stamps, times_ns: Stamps, at: str, tolerance_ns: int) -> Pic
         return Picked(before, before, none, has_before)
     if at == "nearest":
         later = has_after & (~has_before | (ahead < age))
-        chosen = np.where(later, after, before)
-        return Picked(chosen, chosen, none, np.where(later, ahead, age) <= tolerance_ns)
+        near = np.where(later, ahead, age) <= tolerance_ns
+        chosen = np.where(later & near, after, before)
+        return Picked(chosen, chosen, none, near)
     if at == "linear":
         near = has_before & has_after & (age <= tolerance_ns) & (ahead <= tolerance_ns)
         span = np.maximum(age + ahead, 1)

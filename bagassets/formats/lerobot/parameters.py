@@ -53,6 +53,11 @@ class EpisodesParams:
     video: Encoding
     ranges: Path | None
 
+    @property
+    def holds_nearest(self) -> bool:
+        """True if a feature gets its nearest value, and holds one in a gap."""
+        return any((one.rule.at, one.rule.gap) == ("nearest", "hold") for one in self.features)
+
     @classmethod
     def of(cls, recipe: Recipe, rig: Rig) -> "EpisodesParams":
         """Return the parameters for a rig."""
@@ -110,8 +115,8 @@ def use(params: EpisodesParams, facts: Facts) -> dict[str, Use[EpisodesUse] | Ex
     for feature, asset, name in wanted:
         if name not in found[asset]:
             raise DatasetError(
-                f"{facts.key}: {feature} needs {name}, of which this recording has no messages; exclude it, or give its rig "
-                "a name and `match` of its own."
+                f"{feature} needs {name}, of which this recording has no messages; exclude it, or give its rig a name and `match` of "
+                "its own."
             )
         inputs[f"{asset}:{name}"] = found[asset][name].digest
     topics = {name for name in (cuts.topic, params.task and params.task[0]) if name}

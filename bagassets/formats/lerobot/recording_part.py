@@ -42,7 +42,7 @@ from bagassets.formats.lerobot.frames import COUNTED, Frames, Source, frames_of,
 from bagassets.formats.lerobot.grid import values_at
 from bagassets.formats.lerobot.parameters import EpisodesParams, EpisodesUse, use
 from bagassets.formats.lerobot.ranges import Span
-from bagassets.formats.lerobot.settings import LeRobot
+from bagassets.formats.lerobot.settings import IMAGES, LeRobot
 from bagassets.formats.lerobot.video import PYAV, encode, even, header
 from bagassets.store.artifact import Artifact, ArtifactWriter
 from bagassets.store.canonical import digest_bytes
@@ -50,6 +50,7 @@ from bagassets.store.canonical import digest_bytes
 ROWS, EPISODES = "rows.parquet", "episodes.json"
 _MOST_ENCODERS = 8
 _MOST_TOPICS = 12  # that are named
+_MOST_REPEATED = 0.25  # of the frames
 
 
 @dataclass(frozen=True)
@@ -137,7 +138,7 @@ class _Maker:
         table = self._inputs.channels(SIGNALS.name)[name].read_table(TABLE)
         names = table.column_names[1:]
         values = np.stack([table.column(one).to_numpy(zero_copy_only=False) for one in names], axis=1)
-        complete = np.isfinite(values).all(axis=1)
+        complete = (np.abs(values) <= np.finfo(np.float32).max).all(axis=1)  # of what rows hold; NaN is not
         return table.column("stamp_ns").to_numpy()[complete], values[complete], names
 
     def episodes(self) -> list[_Episode]:
@@ -177,7 +178,7 @@ class _Maker:
                 stamps_ns, values, names = self._signal(cuts.signal)
                 if len(names) != 1:
                     raise DatasetError(
-                        f"{self._inputs.key}: signal {cuts.signal} has the elements {', '.join(names)}, but one that says where episodes "
+                        f"signal {cuts.signal} has the elements {', '.join(names)}, but one that says where episodes "
                         "are has one; correct lerobot.episodes.signal."
                     )
                 spans = by_signal(stamps_ns, values[:, 0])
@@ -251,8 +252,16 @@ class _Maker:
                     levels[:] += statistics.histogram(statistics.thinned(image)[..., ::-1])
                 yield image
 
-        with span("video", channel=feature):
-            data = encode(images(), self._params.fps, settings)
+        import av  # noqa: PLC0415  (an extra, and 0.1 s)
+
+        try:
+            with span("video", channel=feature):
+                data = encode(images(), self._params.fps, settings)
+        except av.FFmpegError as err:
+            asked = f"{settings.codec} with preset {settings.preset} and crf {settings.crf}"
+            raise DatasetError(
+                f"{feature}: its video cannot be encoded as {asked} ({err.strerror}); correct lerobot.video in the recipe."
+            ) from err
         name = f"videos/{feature}/{number:06d}.mp4"
         out.write(name, data)
         height, width = even(camera.image(int(chosen[0])), settings.odd_size).shape[:2]
@@ -360,13 +369,25 @@ def _all_kept(summary: JsonMapping, topics: Sequence[str]) -> Finding:
     why_none = summary.get("why_none")  # not in artifacts of before
     there = f"; there are {names_text(topics, _MOST_TOPICS)}" if str(why_none).endswith(NO_MESSAGES) else ""
     warnings = [f"no episodes: {why_none}{there}"] if why_none else []
+    frames = summary["frames"]
+    for name in (name for name in summary["repeated"] if name.startswith(IMAGES)):
+        repeated = summary["repeated"][name] - summary["held"].get(name, 0)
+        if repeated > _MOST_REPEATED * frames:
+            warnings.append(
+                f"{name}: {repeated} of {frames} frames repeat the image before: the camera is slower than lerobot.fps, or jitters, for "
+                "which there is `at: nearest`"
+            )
     return Finding(problems, {"episodes": summary["episodes"], "left_out": len(left_out)}, warnings)
 
 
 LEROBOT_EPISODES = Asset(
     name="lerobot_episodes",
-    version=2,
-    changes={2: "ends an episode of a file of ranges before the frame at its end"},
+    version=3,
+    changes={
+        2: "ends an episode of a file of ranges before the frame at its end",
+        3: "holds the value before a gap, though the one after it is nearer",
+    },
+    spared={3: lambda use: not use.params.holds_nearest},
     libraries=(PYAV, "opencv-python-headless", "pyarrow"),
     title="This recording's episodes for the LeRobot dataset: rows, videos and statistics.",
     description="""Videos are encoded once; datasets are joined from them by copying packets. Episodes that break a rule of the recipe
@@ -387,8 +408,8 @@ are left out, with the reason.""",
             "episodes_kept",
             "channels_present",
             "The recording has episodes for the LeRobot dataset, and none was left out.",
-            "an episode breaks a rule of `lerobot.features` or `lerobot.episodes`, or nothing says where one is; the message says why (section "
-            "`channels_present`)",
+            "an episode breaks a rule of `lerobot.features` or `lerobot.episodes`, or nothing says where one is; more than a quarter of the frames "
+            "repeat the image before; the message says why (section `channels_present`)",
             lambda e: _all_kept(e.artifact("lerobot_episodes").summary(), sorted(e.inventory.topics)),
             quick=True,
         ),

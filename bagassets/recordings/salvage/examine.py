@@ -11,11 +11,13 @@ from typing import BinaryIO, Literal
 
 from rosbags.rosbag1.reader import Header, RecordType
 
+from bagassets.base.alike import names_text
 from bagassets.base.errors import RecordingError
 from bagassets.base.json_types import JsonObject
 from bagassets.recipe.model import Limits
 from bagassets.recordings.journals import journals_of
 from bagassets.recordings.mcap_index import end_of as end_of_mcap
+from bagassets.recordings.model import METADATA
 from bagassets.recordings.open import open_recording
 from bagassets.recordings.recording import Recording
 from bagassets.recordings.rosbag1 import SIZE
@@ -24,6 +26,7 @@ from bagassets.recordings.salvage.copy import write_copy
 from bagassets.recordings.salvage.damage_map import DamageMap
 from bagassets.recordings.salvage.folder import STORAGE
 from bagassets.recordings.salvage.open import open_salvaged
+from bagassets.recordings.series import whole_of
 
 Verdict = Literal["sound", "mendable", "lost"]
 
@@ -74,12 +77,8 @@ def examine(path: Path) -> Examined:
     path = path.absolute()
     if not path.exists():
         raise RecordingError(f"{path}: no such file or folder.")
-    if path.is_dir() and not any(
-        one.match(name) for one in path.iterdir() for name in ("metadata.yaml", *STORAGE)
-    ):
-        raise RecordingError(
-            f"{path}: this folder is no recording, which has a .db3 or .mcap file; name one that is in it."
-        )
+    if path.is_dir() and not (path / METADATA).exists():
+        _refuse_folder_of_recordings(path)
     behind = [*_behind_end(path)]
     try:
         if path.suffix == ZSTD:
@@ -109,6 +108,21 @@ def examine(path: Path) -> Examined:
         if err.transient:
             raise
     return Examined(path, "lost", problem, {}, None)
+
+
+def _refuse_folder_of_recordings(folder: Path) -> None:
+    """Raise RecordingError unless the files in a folder without metadata are one ROS 2 bag, by their names."""
+    names = sorted(
+        one.name for one in folder.iterdir() if any(map(one.match, (*STORAGE, "*.bag", "*.bag.active")))
+    )
+    drives = {whole_of(name.removesuffix(ZSTD)) or name.removesuffix(ZSTD) for name in names}
+    if not names or len(drives) > 1 or names[0].endswith((".bag", ".active")):
+        has = (
+            f"but holds some: {names_text(names)}; name one of them"
+            if names
+            else "which has a .db3 or .mcap file; name one that is in it"
+        )
+        raise RecordingError(f"{folder}: this folder is no recording, {has}.")
 
 
 def _read(recording: Recording) -> tuple[Counter[str], dict[str, int]]:

@@ -2,10 +2,11 @@
 
 import re
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from pathlib import Path
 from typing import BinaryIO, TypeVar
 
 from bagassets.base.errors import SizeLimitError
+from bagassets.recordings.damage import damage_passed_over, refuse_failing_disk
 
 T = TypeVar("T")
 _BLOCK_BYTES = 1 << 20
@@ -40,7 +41,8 @@ def scan(
             found, after = record(begin)
         except SizeLimitError:
             raise
-        except Exception:  # noqa: BLE001  (whatever damaged bytes lead to)
+        except Exception as err:  # noqa: BLE001  (whatever damaged bytes lead to)
+            refuse_failing_disk(_path_of(file), err)
             found, after = None, _next(file, begin + 1, end, beginning, is_record)
         yield begin, after, found
         begin = after
@@ -58,11 +60,15 @@ def _next(
             tried += 1
             if tried > _MOST_TRIED:
                 return end
-            with suppress(Exception):
+            with damage_passed_over(_path_of(file)):
                 if is_record(begin + found.start()):
                     return begin + found.start()
         begin += _BLOCK_BYTES
     return end
+
+
+def _path_of(file: BinaryIO) -> Path:
+    return Path(getattr(file, "name", ""))  # what was unpacked has none
 
 
 def what_is_there(file: BinaryIO, begin: int, end: int) -> str:

@@ -7,7 +7,6 @@ import re
 from array import array
 from collections import Counter
 from collections.abc import Collection, Iterator
-from contextlib import suppress
 from functools import partial
 from io import BytesIO
 from operator import itemgetter
@@ -19,7 +18,7 @@ from mcap.stream_reader import MAGIC_SIZE
 
 from bagassets.base.errors import SizeLimitError
 from bagassets.recipe.model import Limits
-from bagassets.recordings.damage import NO_BEGINNING, DamageError
+from bagassets.recordings.damage import NO_BEGINNING, DamageError, damage_passed_over
 from bagassets.recordings.mcap_chunk import MESSAGE_HEADER, RECORD_HEADER, ChunkHead, Place, chunk_head
 from bagassets.recordings.mcap_file import McapFile
 from bagassets.recordings.mcap_index import CHANNEL, ENTRY_BYTES, ChunkPlace, McapIndex, add_bytes, read_index
@@ -100,7 +99,7 @@ class SalvagedMcap(McapFile):
 
     def _announced(self) -> McapIndex | None:
         """Return what the summary says, and take its channels; None without one that can be read."""
-        with suppress(Exception):
+        with damage_passed_over(self.path):
             sizes = Sizes(self.path, self._size, self._limits)
             index = read_index(self._file, self.path, sizes, search=False, begins=False)
             self._index.channels |= index.channels
@@ -217,7 +216,7 @@ class SalvagedMcap(McapFile):
 
     def _note_hole(self, begin: int, end: int) -> None:
         reason = what_is_there(self._file, begin, end)
-        with suppress(Exception):
+        with damage_passed_over(self.path):
             if end == self._size < begin + RECORD_HEADER.size + self._header(begin)[1]:
                 reason = CUT
         self._damage.hole(

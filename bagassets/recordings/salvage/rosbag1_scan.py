@@ -22,7 +22,7 @@ from rosbags.rosbag1.reader import Chunk, ChunkInfo, Header, RecordType
 from bagassets.base.errors import SizeLimitError
 from bagassets.recipe.model import Limits
 from bagassets.recordings.chunks import LatestChunks, detached
-from bagassets.recordings.damage import NO_BEGINNING, DamageError
+from bagassets.recordings.damage import NO_BEGINNING, DamageError, refuse_failing_disk
 from bagassets.recordings.model import OnRead
 from bagassets.recordings.rosbag1 import ENTRY, SIZE, IndexReader, Records, in_order, sized, text_in, times_of
 from bagassets.recordings.salvage.damage_map import NO_INDEX, Damage, Extent, Hole, times_around
@@ -115,7 +115,8 @@ class SalvagedBag(IndexReader):
             infos = [self.read_chunk_info() for _ in range(header.get_uint32("chunk_count"))]
         except SizeLimitError:
             raise
-        except Exception:  # noqa: BLE001  (whatever the library raises on damaged bytes)
+        except Exception as err:  # noqa: BLE001  (whatever the library raises on damaged bytes)
+            refuse_failing_disk(self._file, err)
             return False
         finally:
             self._compression.clear()
@@ -381,7 +382,8 @@ class SalvagedBag(IndexReader):
                     begin = offset + SIZE.unpack_from(content, offset)[0] + 2 * SIZE.size
                     if self._reaches_into_zeros(position, BytesIO(content), begin, begin + len(data)):
                         raise DamageError("zeros")  # noqa: TRY301  (as what cannot be read)
-            except Exception:  # noqa: BLE001  (as above)
+            except Exception as err:  # noqa: BLE001  (as above)
+                refuse_failing_disk(self._file, err)
                 data = self._looked_for(position, content, records[number].connection, time_ns)
             if data is not None:
                 yield records[number].connection, time_ns, detached(data)

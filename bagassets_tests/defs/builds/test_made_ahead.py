@@ -17,12 +17,17 @@ from bagassets.defs.builds import made_ahead
 from bagassets.defs.builds.made_ahead import make_ahead, make_first, make_new, making_ahead
 from bagassets.engine.build_report import BuildOptions
 from bagassets.engine.execute import execute
-from bagassets.engine.first_pass import first_pass, was_just_made
+from bagassets.engine.first_pass import first_pass, only_reader, reading_left, was_just_made
+from bagassets.engine.source import Progress, progress_told, tell_progress
 from bagassets.forkserver.client import Client
 from bagassets.forkserver.server_files import ServerFiles
+from bagassets.formats.catalogue import recording_assets
+from bagassets.formats.trajectory_map import SHELL, map_shell_of
 from bagassets.recipe import load_recipe
 from bagassets.recordings.digest import DigestIndex, recording_digest, recording_stat
 from bagassets.recordings.discover import discover
+from bagassets.report.map_shell import map_shell
+from bagassets.store import lease
 from bagassets.store.store import Store
 from bagassets_tests.in_process import build, make_project
 
@@ -65,11 +70,14 @@ def test_all_of_the_recordings_is_made_as_a_run_would_make_it(project, monkeypat
     assert [recording_digest(recording).hashed_bytes > 0 for recording in recordings] == [
         True
     ] * 3  # not beside them
-    report, _ = build(project, monkeypatch)
+    events = []
+    report, _ = build(project, monkeypatch, on_event=events.append)
     later = [actions_in_store(project)[action] for action in actions_in_store(project).keys() - made]
     assert {"track"}.issuperset(later), "but for the datasets, nothing was left to the runs"
     assert report.counts()["built"] == 3, "it was made for them"
     assert not any(was_just_made(recipe.state, action) for action in made), "that is told once"
+    ended = {event.key: event.message for event in events if event.kind == "done"}
+    assert ended == {**dict.fromkeys(KEYS, "made ahead"), "": ""}, "the time of their runs is not all"
     assert build(project, monkeypatch, retry_failed=True)[0].counts()["fresh"] == 3
 
 
@@ -132,7 +140,7 @@ def test_a_run_waits_for_what_is_being_made_of_its_recording(project, monkeypatc
         return execute(graph)
 
     monkeypatch.setattr(made_ahead, "execute", held_up)
-    asked_for = recipe, Store(recipe.store_path), recording, recording_stat(recording), DigestIndex.of(recipe)
+    asked_for = recording_assets(recipe), recording, recording_stat(recording)
     with ThreadPoolExecutor() as pool:
         ahead = pool.submit(make_first, asked(project, "a.bag"))
         assert began.wait(30)
@@ -142,6 +150,31 @@ def test_a_run_waits_for_what_is_being_made_of_its_recording(project, monkeypatc
         may_go_on.set()
         assert run.result(30).inventory is None
         assert ahead.result(30) == 1
+
+
+def test_a_run_that_waits_tells_how_far_the_other_process_is(project, monkeypatch):
+    monkeypatch.setattr(lease, "_LOOK_S", 0.0)
+    recipe = load_recipe(project)
+    assets, recording = recording_assets(recipe), discover(recipe.bags).recordings["a.bag"]
+    stat, is_told, told = recording_stat(recording), threading.Event(), []
+    reading = Progress("hash and inventory", 0.25, recording.size, 1e6)
+
+    def tell(progress):
+        told.append(progress)
+        is_told.set()
+
+    def wait():
+        with progress_told(tell):
+            return first_pass(assets, recording, stat)
+
+    with ThreadPoolExecutor() as pool:
+        with only_reader(assets.store, recording, stat), reading_left(recipe.state, recording):
+            waiting = pool.submit(wait)
+            tell_progress(reading)
+            assert is_told.wait(10.0)
+        assert waiting.result().digest.hashed_bytes == recording.size
+    assert told == [reading], "each report once"
+    assert not list((recipe.state / "ahead").glob("*.reading"))
 
 
 def test_a_cold_build_counts_what_was_made_ahead_as_built(project):
@@ -238,6 +271,19 @@ def test_what_has_been_hashed_or_is_large_is_left_alone(project, monkeypatch):
     assert (steps.count("inventory"), steps.count("nuscenes_tables")) == (2, 1)
 
 
+def test_the_page_of_the_map_is_the_same_without_pandas(project):
+    project.write_text(project.read_text().replace("preview: {enabled: false}", "preview: {}"))
+    code = """
+import sys
+from bagassets.defs.builds.made_ahead import make_ahead
+make_ahead({"recipe": sys.argv[1], "bags": ["a.bag"]})
+assert "folium" in sys.modules and sys.modules["pandas"] is None
+"""
+    subprocess.run([sys.executable, "-c", code, str(project)], check=True)
+    made = map_shell_of(Store(load_recipe(project).store_path)).path(SHELL).read_text("utf-8")
+    assert made == map_shell()
+
+
 def test_none_is_begun_once_the_runs_begin(project, monkeypatch):
     monkeypatch.setattr(made_ahead, "_BEGIN_S", -1.0)
     make_new(load_recipe(project), [])
@@ -252,6 +298,7 @@ def test_the_page_of_the_map_is_made_when_a_processor_is_idle(project, monkeypat
     project.write_text(project.read_text().replace("preview: {enabled: false}", f"preview: {preview}"))
     niceness = []
     monkeypatch.setattr(os, "nice", niceness.append)
+    monkeypatch.setitem(sys.modules, "pandas", None)  # as this process is none of its own
     make_ahead({"recipe": str(project), "bags": ["a.bag"]})
     assert niceness == [19]
     made = steps_in_store(project)

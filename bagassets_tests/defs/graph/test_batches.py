@@ -12,7 +12,7 @@ from dagster._core.storage.partition_status_cache import get_and_update_asset_st
 from bagassets.base.errors import DatasetError
 from bagassets.defs.builds import made_ahead, pending_work
 from bagassets.defs.builds import report as builds_report
-from bagassets.defs.graph import batch_job, making
+from bagassets.defs.graph import making, several
 from bagassets.defs.graph.location import build_definitions
 from bagassets.defs.records.batches import batch_of
 from bagassets.defs.records.events import MADE_ALONG
@@ -85,7 +85,9 @@ def test_large_recordings_have_a_run_each_and_small_ones_share():
     assert dealt[:2] == [["larger"], ["large"]]
     assert sorted(key for keys in dealt[2:] for key in keys) == [f"s{number}" for number in range(9)]
     assert [len(keys) for keys in dealt[2:]] in ([4, 5], [5, 4])
-    assert {len(batch) for batch in batches(todo, sizes, 3)} == {1}  # too few for three jobs
+    assert {len(batch) for batch in batches(todo, sizes, 5)} == {1}  # too few for five jobs
+    few = {f"s{number}": 27 * 10**6 for number in range(4)}
+    assert [len(batch) for batch in batches(dict.fromkeys(few, ("bag",)), few, 2)] == [2, 2]
     many = {f"s{number}": 2**20 for number in range(1000)}
     shared = batches(dict.fromkeys(many, ("bag",)), many, 2)
     assert max(len(batch) for batch in shared) <= 50
@@ -117,7 +119,7 @@ def test_where_runs_wait_in_a_queue_their_number_follows_from_how_many_share_one
 def test_where_there_are_many_all_but_the_largest_do_without_steps():
     sizes = {f"m{number}": 10**8 for number in range(8)} | {"large": 5 * 10**9}
     assert without_steps(sizes, 2) == sizes.keys() - {"large"}
-    assert without_steps(sizes, 3) == frozenset()
+    assert without_steps(sizes, 5) == frozenset()
     assert without_steps({}, 2) == frozenset()
 
 
@@ -436,14 +438,14 @@ def test_a_single_recording_has_steps_and_the_dataset_a_run_only_if_it_is_large(
 
 def test_a_dataset_that_fails_beside_its_recording_is_reported_once(tmp_path, monkeypatch):
     recipe_file = make_project(tmp_path, text=RECIPE)
-    real = batch_job.make_dataset
+    real = several.make_dataset
 
     def make_dataset(workspace, plan, inputs, asset, run_id):
         if asset == NUSCENES:
             raise DatasetError("nuscenes: somebody else's folder.")
         return real(workspace, plan, inputs, asset, run_id)
 
-    monkeypatch.setattr(batch_job, "make_dataset", make_dataset)
+    monkeypatch.setattr(several, "make_dataset", make_dataset)
     report, runs = build(recipe_file, monkeypatch, jobs=1)
     assert outcomes(report) == {"a.bag": "built"}
     assert (report.dataset, report.dataset_problem) == ("failed", "nuscenes: somebody else's folder.")

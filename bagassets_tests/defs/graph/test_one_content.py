@@ -115,3 +115,13 @@ def test_assets_that_are_made_alone_after_a_change_of_the_recipe_cost_nothing(pr
     after = settled(project, monkeypatch)
     assert after["a.bag"][0] == before["a.bag"][0]
     assert after["a.bag"][1] != before["a.bag"][1]
+
+
+def test_a_lock_says_why_a_recording_failed_in_the_same_words_wherever_it_lies(project, monkeypatch):
+    torn = project.parent / "bags" / "c.mcap"
+    torn.write_bytes(torn.read_bytes()[:40])
+    build(project, monkeypatch)
+    (reason,) = lock(project)["failed"].values()
+    assert lock(project)["failed"] == {"c.mcap": reason}
+    assert reason.startswith("it ")
+    assert str(project.parent) not in reason

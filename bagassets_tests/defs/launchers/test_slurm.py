@@ -6,6 +6,7 @@ import shutil
 import signal
 import threading
 import time
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
@@ -50,17 +51,15 @@ def steering(tmp_path, monkeypatch, slurm):
 
 @pytest.fixture
 def make_instance(tmp_path):
-    opened = []
+    opened = ExitStack()
 
     def make(**config):
-        instance = open_instance(str(make_home(tmp_path / "home", **config)))
-        opened.append(instance)
+        instance = opened.enter_context(open_instance(str(make_home(tmp_path / "home", **config))))
         instance.add_dynamic_partitions(small_definitions.recordings.name, ["drive", "walk", "third"])
         return instance
 
-    yield make
-    for instance in opened:
-        instance.dispose()
+    with opened:
+        yield make
 
 
 def launch(instance, key, *assets, **tags):

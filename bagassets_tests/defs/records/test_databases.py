@@ -18,6 +18,8 @@ from uuid import uuid4
 
 import dagster as dg
 import pytest
+from alembic.config import Config
+from alembic.script import ScriptDirectory
 from sqlalchemy import create_engine, text
 
 from bagassets.base.errors import StoreError
@@ -42,7 +44,8 @@ def home(tmp_path):
 def opened_home(tmp_path_factory):
     """The folder of one that was opened once."""
     folder = write_home(tmp_path_factory.mktemp("opened"))
-    open_instance(str(folder)).dispose()
+    with open_instance(str(folder)):
+        pass
     return folder
 
 
@@ -177,7 +180,7 @@ def test_a_database_that_holds_something_is_left_alone(home, leave):
 def test_databases_appear_whole_or_not_at_all(home):
     """What stands under the final name at any moment of their making is whole."""
     code = (
-        f"from bagassets.defs.records.instances import open_instance; open_instance({str(home)!r}).dispose()"
+        f"from bagassets.defs.records.instances import open_instance\nwith open_instance({str(home)!r}): pass"
     )
     process = subprocess.Popen([sys.executable, "-c", code])
     looks = 0
@@ -198,8 +201,8 @@ def test_databases_appear_whole_or_not_at_all(home):
 def test_many_that_open_a_new_instance_at_once_agree(home):
     # Each a partition of its own: Dagster's way to add one fails if another process adds the same in between.
     code = (
-        "import sys; from bagassets.defs.records.instances import open_instance; "
-        f"open_instance({str(home)!r}).add_dynamic_partitions('p', sys.argv[1:])"
+        "import sys\nfrom bagassets.defs.records.instances import open_instance\n"
+        f"with open_instance({str(home)!r}) as instance: instance.add_dynamic_partitions('p', sys.argv[1:])"
     )
     with ThreadPoolExecutor(3) as pool:
         ends = list(
@@ -252,8 +255,16 @@ def test_damage_within_a_file_is_named_when_it_is_met(home):
         _read_everything(home)
 
 
+def test_a_disk_that_fails_below_a_database_of_ours_is_a_sentence(home):
+    # What SQLite says of it depends on where it was reading.
+    for err in (sqlite3.DatabaseError("disk image is malformed"), sqlite3.OperationalError("disk I/O error")):
+        said = "a database of this project cannot be used"
+        with pytest.raises(StoreError, match=said), database_errors_explained(str(home)):
+            raise err
+
+
 def _read_everything(home):
-    with database_errors_explained(str(home)), open_instance(str(home)) as instance:
+    with open_instance(str(home)) as instance:
         instance.get_latest_materialization_event(dg.AssetKey("asset"))
         instance.event_log_storage.get_latest_storage_id_by_partition(
             dg.AssetKey("asset"), dg.DagsterEventType.ASSET_MATERIALIZATION
@@ -364,3 +375,25 @@ def test_only_databases_that_are_being_created_are_written_without_waiting_for_t
         assert synchronous(tmp_path / "new" / "a.db") == 0
         assert synchronous(tmp_path / "other" / "a.db") == usual
     assert synchronous(tmp_path / "new" / "a.db") == usual != 0
+
+
+def test_the_migrations_are_read_once_for_all_databases(tmp_path, monkeypatch):
+    folders, usual = [], ScriptDirectory.__init__
+
+    def made(folder, *args, **options):
+        folders.append(folder)
+        usual(folder, *args, **options)
+
+    monkeypatch.setattr(ScriptDirectory, "__init__", made)
+    make_whole(tmp_path)
+    (folder,) = folders
+    for name in DATABASES:
+        with closing(sqlite3.connect(tmp_path / name)) as connection:
+            assert connection.execute("SELECT * FROM alembic_version").fetchall() == [
+                (folder.get_current_head(),)
+            ]
+    config = Config()
+    config.set_main_option("script_location", folder.dir)
+    assert ScriptDirectory.from_config(config) is not ScriptDirectory.from_config(config), (
+        "but by others anew"
+    )

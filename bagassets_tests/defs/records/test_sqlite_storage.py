@@ -202,7 +202,8 @@ def test_an_instance_is_opened_and_written_without_alembic_and_with_one_engine_f
     project, monkeypatch
 ):
     home = str(project.parent)
-    open_instance(home).dispose()
+    with open_instance(home):
+        pass
     made = []
     monkeypatch.setattr(
         sqlite_storage, "create_engine", lambda url, **kw: made.append(url) or create(url, **kw)
@@ -270,7 +271,8 @@ def test_eight_processes_write_at_the_same_time_and_nothing_is_lost(project):
 
 def write_side_by_side(home):
     """In a process of its own, since it forks."""
-    open_instance(home).dispose()
+    with open_instance(home):
+        pass
     with ProcessPoolExecutor(WRITERS, get_context("fork")) as pool:
         print(*pool.map(write_events, [home] * WRITERS))
 

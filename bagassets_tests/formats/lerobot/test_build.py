@@ -72,6 +72,27 @@ def test_a_topic_that_is_not_there_is_answered_with_those_that_are(tmp_path, mon
     assert remark.problem.endswith(f"no episodes: /episode has no messages; there are {topics}")
 
 
+def test_a_camera_slower_than_the_dataset_is_named(tmp_path, monkeypatch):
+    """Nearest, images of 10 Hz are near enough for 30 frames a second: each is three frames. What is held was asked for."""
+    write_arm(tmp_path, "slow", seconds=1.0, camera_hz=10)
+    write_arm(tmp_path, "right", seconds=1.0, first=100)
+    write_arm(
+        tmp_path,
+        "pauses",
+        seconds=1.0,
+        first=200,
+        skip=lambda topic, time: topic == "/wrist" and 0.2 < time < 0.8,
+    )
+    camera = "{camera: CAM_WRIST, at: nearest, gap: hold}"
+    write_project(tmp_path, RECIPE.replace("{camera: CAM_WRIST}", camera))
+    report, _ = build(tmp_path / "recipe.yaml", monkeypatch)
+    (remark,) = [one for one in report.remarks if one.check == "episodes_kept"]
+    assert (remark.key, remark.severity) == ("slow.mcap", "warn")
+    assert remark.problem.startswith(
+        "observation.images.wrist: 19 of 30 frames repeat the image before: the camera is slower than lerobot.fps"
+    )
+
+
 def test_ranges_of_no_recording_are_named_with_file_row_and_key(tmp_path, monkeypatch):
     rows = "a.mcap,0,0.5\nb.mcap,0,0.5\nc.mcap,0,0.5\n"
     (tmp_path / "ranges.csv").write_text(f"recording,start_s,end_s\n{rows}")

@@ -44,7 +44,7 @@ class TestRules:
         for index, time in enumerate(asked):
             distance = min(abs(stamp - time) for stamp in there)
             assert found.has_value[index] == (distance <= tolerance)
-            assert abs(there[found.before[index]] - time) == distance
+            assert distance > tolerance or abs(there[found.before[index]] - time) == distance
 
     @given(stamps, times)
     def test_hold_is_the_last_value_however_old(self, there, asked):
@@ -72,3 +72,11 @@ class TestRules:
         assert found.before.tolist() == [0, 1, 1, 2]
         assert found.has_value.all()
         assert found.repeated == 1
+
+    @pytest.mark.parametrize("at", ["nearest", "linear"])
+    def test_what_is_held_is_never_the_value_after_the_gap(self, at):
+        """A frame would show what had not happened yet."""
+        found = pick(np.array([0, 100]), np.array([3, 40, 60, 97]), at, 8).held()
+        assert found.has_value.all()
+        line = values_at(np.array([[0.0], [100.0]]), found)[:, 0]
+        assert line.tolist() == ([0, 0, 0, 100] if at == "nearest" else [0, 0, 0, 0])

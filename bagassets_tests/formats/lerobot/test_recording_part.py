@@ -4,8 +4,11 @@ import av
 import numpy as np
 import pytest
 
+from bagassets.assets.asset import Use
 from bagassets.engine.execute import BuildFailure
 from bagassets.formats.lerobot.frames import time_text
+from bagassets.formats.lerobot.parameters import EpisodesParams, EpisodesUse
+from bagassets.formats.lerobot.recording_part import LEROBOT_EPISODES
 from bagassets_tests.arm_recordings import (
     RECIPE,
     arm_messages,
@@ -16,7 +19,7 @@ from bagassets_tests.arm_recordings import (
     write_arm,
 )
 from bagassets_tests.painted_numbers import number_in, painted
-from bagassets_tests.recorded_bags import NOON_NS, SECOND, text
+from bagassets_tests.recorded_bags import NOON_NS, SECOND, text, write_ros1
 from bagassets_tests.sample_drives import build_recordings
 
 
@@ -197,6 +200,17 @@ class TestCuts:
             "no message of /task has a field message; they have data: correct `field`"
         ]
 
+    def test_a_text_in_another_encoding_is_named_with_its_topic(self, tmp_path):
+        (tmp_path / "bags").mkdir()
+        messages = [*arm_messages(0.5), text(NOON_NS + 1, "Push it.", "/task")]
+        path = write_ros1(tmp_path / "bags/drive.bag", sorted(messages, key=lambda one: one.log_time_ns))
+        path.write_bytes(path.read_bytes().replace(b"Push it.", "推红方块".encode("gbk")))
+        recipe = changed("task: Lift the cube.", "task: {topic: /task}")
+        with pytest.raises(
+            BuildFailure, match=r"/task, message 1: .* name another topic in lerobot, or repair"
+        ):
+            build_recordings(make_project(tmp_path, recipe))
+
     def test_a_file_that_does_not_name_the_recording_makes_no_episode(self, tmp_path):
         (tmp_path / "ranges.csv").write_text("recording,start_s,end_s\nother,0,1\n")
         artifact = build(tmp_path, cut("{ranges: ranges.csv}"), seconds=1.0)
@@ -279,6 +293,27 @@ class TestBrokenRules:
             assert shown[32:46] == [30] * 13 + [45]
             assert episode["held"] == {"observation.images.wrist": 13}
 
+    def test_what_is_held_is_the_image_before_even_if_the_next_is_nearer(self, tmp_path):
+        recipe = changed("{camera: CAM_WRIST}", "{camera: CAM_WRIST, at: nearest, gap: hold}")
+        artifact = build(
+            tmp_path, recipe, seconds=3.0, skip=lambda topic, time: topic == "/wrist" and 1 < time < 1.5
+        )
+        (episode,) = artifact.read_json("episodes.json")
+        shown = numbers(artifact, episode["videos"]["observation.images.wrist"]["file"])
+        assert shown[30:47] == [30] * 14 + [45, 45, 46]
+
+    @pytest.mark.parametrize(
+        ("rule", "version"),
+        [("at: nearest, gap: hold", 3), ("at: nearest", 2), ("gap: hold", 2), ("at: linear, gap: hold", 2)],
+    )
+    def test_only_what_holds_beside_the_nearest_is_made_again_after_the_upgrade(
+        self, tmp_path, rule, version
+    ):
+        recipe = changed("{signals: [command]}", f"{{signals: [command], {rule}}}")
+        settings = make_project(tmp_path, recipe)
+        params = EpisodesUse(params=EpisodesParams.of(settings, settings.rigs[0]), start_ns=0, end_ns=1)
+        assert LEROBOT_EPISODES.action(Use(params), None).version == version
+
     def test_an_action_that_begins_late(self, tmp_path):
         artifact = build(tmp_path, seconds=4.0, skip=lambda topic, time: topic == "/command" and time < 2)
         assert left_out(artifact) == ["action (command) begins at 2.000 s only, more than 1 s after it"]
@@ -295,6 +330,19 @@ class TestBrokenRules:
             "observation.images.wrist (CAM_WRIST) has no value within 0.05 s of its frame at 0.067 s"
         )
         assert why.endswith("it comes at 10 Hz and fps is 30; lower fps, or raise its tolerance_s")
+
+    def test_a_value_beyond_single_precision_is_none(self, tmp_path):
+        """Rows have float32, in which 1e39 would be infinite, and so would be all that is computed from it."""
+
+        def edited(one, time_s):
+            if one.topic != "/command" or not 1.0 < time_s < 1.5:
+                return one
+            return joint_state(one.log_time_ns, "/command", ["elbow", "wrist"], [0.0, -1e39])
+
+        messages = [edited(one, (one.log_time_ns - NOON_NS) / SECOND) for one in arm_messages(2.0)]
+        assert left_out(build(tmp_path, messages=messages)) == [
+            "action (command) has no value within 0.05 s of its frame at 1.067 s"
+        ]
 
     def test_joints_that_vanish(self, tmp_path):
         messages = [
@@ -337,6 +385,17 @@ class TestBrokenRules:
             BuildFailure, match=r"drive\.mcap: action needs command, of which this recording has no messages"
         ):
             build(tmp_path, seconds=1.0, skip=lambda topic, _: topic == "/command")
+
+    @pytest.mark.parametrize(
+        ("codec", "preset"), [("h264", "placid"), ("av1", "veryfast")], ids=["no-preset", "that-of-h264"]
+    )
+    def test_a_preset_that_the_encoder_lacks_is_named_with_its_field(self, tmp_path, codec, preset):
+        recipe = RECIPE + f"  video: {{codec: {codec}, preset: '{preset}'}}\n"
+        with pytest.raises(
+            BuildFailure,
+            match=rf"observation\.images\.wrist: its video cannot be encoded as {codec} with preset {preset} .*lerobot\.video",
+        ):
+            build(tmp_path, recipe, seconds=0.2)
 
     def test_what_was_lost_is_counted(self, tmp_path):
         artifact = build(
