@@ -10,7 +10,7 @@ with what the command makes: files of the datasets, states, what the web UI show
 With `--tiny`, all recordings are fine and as small as can be, and a door that takes longer than the limit is left then: how
 long it would have taken follows from the recordings that it made meanwhile. Beside the doors stands what runs cost in plain
 Dagster: assets that do nothing, in a backfill of as many partitions as there are recordings, with Dagster's own settings.
-`--json` replaces what the file has of the same kind, and keeps the rest.
+`--json` replaces what the file has of the same kind, with `--doors` of the same doors, and keeps the rest.
 """
 
 import argparse
@@ -182,6 +182,11 @@ def main() -> None:
     print(tiny_table(figures) if options.tiny else doors_table(figures), flush=True)
     if options.json is not None:
         kept = json.loads(options.json.read_text("utf-8")) if options.json.exists() else {}
+        if options.doors is not None and kind in kept:
+            all_found = {**kept[kind]["doors"], **found}
+            figures[kind]["doors"] = {
+                name: all_found[name] for name in (TINY if options.tiny else ALL) if name in all_found
+            }
         options.json.write_text(json.dumps({**kept, **figures}, indent=1) + "\n", "utf-8")
 
 
@@ -349,6 +354,14 @@ def by_materialize(door: Door) -> Found:
     return _found(began, by_hand=len(door.keys) + 1)
 
 
+def by_range(door: Door) -> Found:
+    """Run `dagster asset materialize` once, for all recordings from the first to the last and the datasets."""
+    began = door.appear(register=False)
+    common = [BIN / "dagster", "asset", "materialize", "-m", "bagassets.definitions", "--select", "*"]
+    _run(door, [*common, "--partition-range", f"{door.keys[0]}...{door.keys[-1]}"])
+    return _found(began)
+
+
 def by_dg(door: Door) -> Found:
     """Run `dg launch` for each recording, and for the datasets."""
     began = door.appear(register=False)
@@ -389,6 +402,7 @@ ALL = {
     "*Materialize all* in `bagassets ui`, beside the sensor": beside_sensor,
     "*Materialize all* in `dagster dev`": by_dagster_dev,
     "`dagster asset materialize`, each, and the datasets": by_materialize,
+    "`dagster asset materialize`, a range": by_range,
     **({DG: by_dg} if (BIN / "dg").exists() else {}),
     PLAIN: by_plain_dagster,
 }

@@ -118,6 +118,10 @@ def _advice(found: "Examined", copy: Path | None) -> list[str]:
         ]
     if found.damage is None:
         return ["Copy it again from where it was recorded; nothing in this file can be read."]
+    if found.path.suffix == ".zstd":
+        return [
+            "Builds take no such file; `--write COPY` makes a ROS 2 bag folder of what can be read, which they take."
+        ]
     if found.problem == BEHIND:
         lines = ["Builds use it as it is, whatever `recover` in the recipe says."]
     elif found.damage.is_complete:

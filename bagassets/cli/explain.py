@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from bagassets.base.alike import names_text, told_once
+from bagassets.base.alike import names_text, recordings_text, told_once
 from bagassets.base.errors import RecipeError
 from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.base.quantities import count_text
@@ -78,9 +78,7 @@ def explain(bag: str | None, asset: str | None, recipe: Path, as_json: bool) -> 
         except SelectionError as err:
             raise click.UsageError(str(err)) from err
         if len(keys) > 1:
-            raise click.UsageError(
-                f"{bag}: matches {len(keys)} recordings ({', '.join(keys[:3])}, …); name one."
-            )
+            raise click.UsageError(f"{bag}: matches {recordings_text(keys)}; name one.")
         if not keys and asset not in datasets and (asset in known or own.assets[asset].is_partitioned):
             raise click.UsageError(
                 f"{asset}: each recording has its own; name one: `bagassets explain BAG {asset}`."
@@ -184,7 +182,10 @@ def _action_lines(pair: JsonMapping) -> Iterator[str]:
     yield _row("version", last.get("version"), now.get("version"))
     for group, name_of in (("libraries", "library"), ("params", "param"), ("inputs", "input")):
         before, after = dict(flatten(last.get(group, {}))), dict(flatten(now.get(group, {})))
-        for name in sorted(before.keys() | after.keys()):
+        names = sorted(before.keys() | after.keys())
+        for name in names:
+            if {} in (before.get(name), after.get(name)) and any(one.startswith(f"{name}.") for one in names):
+                continue  # nothing was in it, and what is in it now is told, or the reverse
             yield _row(f"{name_of} {name}", before.get(name), after.get(name))
 
 

@@ -91,7 +91,9 @@ def server_for(recipe: Path, options: BuildOptions, begun: ServerStart | None = 
     try:
         (begun or begin_server(recipe, state, options.bags, options.select)).wait()
     except BagAssetsError:
-        _loaded(recipe)  # if that is the reason, its own message says more
+        from bagassets.propose.project import dagster_home
+
+        dagster_home(recipe.absolute(), _loaded(recipe))  # what is wrong with these says more
         raise
     return Client.ensure(server_spec(state, recipe))
 

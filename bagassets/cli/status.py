@@ -112,9 +112,9 @@ def _status_json(pending: "PendingWork", own: "OwnProject", problems: Sequence[s
 
 
 def _print(pending: "PendingWork", own: "OwnProject", *, show_all: bool) -> None:
-    from rich.console import Console
+    from bagassets.cli.summary import summary_console
 
-    console = Console(highlight=False, width=None if sys.stdout.isatty() else 140)
+    console = summary_console()
     bags = {key: bag for key, bag in pending.plan.bags.items() if key in pending.asked.chosen}
     listed = bags
     if len(bags) > MOST_ROWS and not show_all:
@@ -123,9 +123,9 @@ def _print(pending: "PendingWork", own: "OwnProject", *, show_all: bool) -> None
         rows: list[_Row] = [(key, {n: s.state for n, s in bag.assets.items()}) for key, bag in listed.items()]
         if len(rows) > MOST_ROWS and not show_all:
             rows = _alike(rows)
-        console.print(_table(rows, short=console.width < _WIDE))
-    if len(listed) < len(bags):
-        number = len(bags) - len(listed)
+        # No state loses a letter: where the terminal is narrower, it continues lines itself.
+        console.print(_table(rows, short=console.width < _WIDE), crop=False)
+    if number := len(bags) - len(listed):
         console.print(f"{number} more {'is' if number == 1 else 'are'} fresh or skipped; --all lists all.")
     for line in _reasons(pending, listed):
         print_lines(console, line)
@@ -133,7 +133,7 @@ def _print(pending: "PendingWork", own: "OwnProject", *, show_all: bool) -> None
         print_lines(console, line)
     counts = Counter[str](state.state for bag in bags.values() for state in bag.assets.values())
     counted = ", ".join(f"{counts[state]} {state}" for state in _ORDER if counts[state])
-    console.print(f"{count_text(len(bags), 'recording')}: {counted or 'none'}.")
+    console.print(f"assets of {count_text(len(bags), 'recording')}: {counted or 'none'}.")
 
 
 def _target_lines(own: "OwnProject") -> Iterator[str]:
@@ -177,7 +177,7 @@ def _table(rows: Sequence[_Row], *, short: bool) -> "Table":
     table.add_column("recording", overflow="fold", min_width=9)
     for name in assets:
         heading = (headings.get(name) or name.rpartition("_")[2]) if short else name.replace("_", " ")
-        table.add_column(heading, overflow="fold")
+        table.add_column(heading, overflow="fold", min_width=max(len(row[name]) for _, row in rows))
     for key, row in rows:
         table.add_row(key, *(Text(row[name], style=_COLOURS[row[name]]) for name in assets))
     return table

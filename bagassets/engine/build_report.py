@@ -131,9 +131,11 @@ class Remark:
 
 
 def remark_lines(remarks: Iterable[Remark]) -> list[str]:
-    """Return remarks as lines: errors first, what is alike once, and no more than fits on a screen."""
+    """Return remarks as lines: errors first, what is alike once, names, too, and no more than fits on a screen."""
     ranked = sorted(remarks, key=lambda remark: remark.severity != "error")
-    told = told_once(((one.severity, one.check), one.key, one.problem) for one in ranked)
+    told = told_once(
+        ((one.severity, one.check), one.key, one.problem.removeprefix(f"{one.key}: ")) for one in ranked
+    )
     lines = [
         visible(f"{one.kind[0]} {one.title or 'dataset'}: {one.text} ({one.kind[1]})")
         for one in told[:_MOST_REMARKS]

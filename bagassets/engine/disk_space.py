@@ -38,7 +38,7 @@ class SpaceNeeded:
     is_measured: bool
 
     def __str__(self) -> str:
-        what = f"{count_text(self.recordings, 'recording')} ({readable_bytes(self.recorded_bytes)})"
+        what = f"Images and clouds of {count_text(self.recordings, 'recording')} ({readable_bytes(self.recorded_bytes)})"
         return f"{what}: about {readable_bytes(self.bytes)} of disk space{'' if self.is_measured else ' or less'}"
 
 

@@ -14,7 +14,7 @@ from bagassets.base.quantities import span_text
 from bagassets.cli import progress
 from bagassets.cli.main import root
 from bagassets.cli.summary import counts_line, print_summary, splits_text, ui_command
-from bagassets.engine.build_report import BagOutcome, BuildReport, Event, SummaryRow
+from bagassets.engine.build_report import BagOutcome, BuildReport, Event, Remark, SummaryRow, remark_lines
 from bagassets.engine.plan import AssetState, BagPlan, Plan
 from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.engine.run_action import run_action
@@ -194,6 +194,15 @@ def test_the_line_that_opens_the_ui_can_be_pasted(tmp_path, monkeypatch):
     assert ui_command(Path("recipe.yaml")) == "bagassets ui"
     assert ui_command(tmp_path / "my demo" / "recipe.yaml") == "bagassets ui --recipe 'my demo/recipe.yaml'"
     assert ui_command(Path("/elsewhere/recipe.yaml")) == "bagassets ui --recipe /elsewhere/recipe.yaml"
+
+
+def test_a_finding_about_the_file_of_a_recording_has_its_name_once():
+    (line,) = remark_lines(
+        [Remark("a.bag", "warn", "recording_whole", "a.bag: nothing says where it ended.")]
+    )
+    assert line == "warn a.bag: nothing says where it ended. (recording_whole)"
+    (other,) = remark_lines([Remark("a", "warn", "recording_whole", "a_0.bag: it has no index.")])
+    assert other == "warn a: a_0.bag: it has no index. (recording_whole)"
 
 
 def test_a_share_far_from_what_was_asked_for_is_said():

@@ -8,7 +8,10 @@ import sys
 
 import pytest
 from click.testing import CliRunner
+from rich.console import Console
 
+from bagassets.cli import summary
+from bagassets.cli.explain import _action_lines
 from bagassets.cli.main import root
 from bagassets.cli.summary import print_summary
 from bagassets.defs.records.events import Records, all_assets, event_database
@@ -110,6 +113,14 @@ def test_the_table_names_reasons_once(built):
     assert f"{SHORT}: all but bag and inventory skipped: 1.0 s long" in done.stdout
     assert "3 recordings: " in done.stdout
     assert "1 failed" in done.stdout.splitlines()[-1]
+
+
+def test_in_a_narrow_terminal_no_letter_is_lost(built, monkeypatch):
+    wide = run("status", "--bag", GOOD, recipe=built).stdout
+    monkeypatch.setattr(summary, "summary_console", lambda: Console(highlight=False, width=30))
+    narrow = run("status", "--bag", GOOD, recipe=built).stdout
+    assert wide.endswith("assets of 1 recording: 8 fresh.\n")
+    assert narrow.count("fresh") == wide.count("fresh")
 
 
 def test_many_recordings_in_the_same_states_share_a_row(edited, monkeypatch):
@@ -235,6 +246,34 @@ def test_explain_shows_both_actions_and_marks_what_differs(edited):
     assert pair["changes"] == [{"group": "params", "name": "quality", "before": 90, "now": 33}]
     assert pair["now"]["digest"] != pair["last"]["digest"]
     assert pair["now"]["inputs"] == pair["last"]["inputs"]
+
+
+def test_explain_shows_what_is_in_an_object_and_not_that_it_was_empty():
+    action = {"step": "annotations", "version": 1, "libraries": {}, "inputs": {}}
+    empty = {**action, "params": {"labels": {}, "tf": [], "files": {}}}
+    filled = {**action, "params": {"labels": {"boxes.json": "a1", "more": {}}, "tf": ["/tf"], "files": {}}}
+    told = [
+        [
+            line.strip()
+            for line in _action_lines({"channel": None, "last": last, "now": now})
+            if "param" in line
+        ]
+        for last, now in ((empty, filled), (filled, empty))
+    ]
+    assert told == [
+        [
+            "param files: {}",
+            "* param labels.boxes.json: a1 (new)",
+            "* param labels.more: {} (new)",
+            '* param tf: [] -> ["/tf"]',
+        ],
+        [
+            "param files: {}",
+            "* param labels.boxes.json: a1 -> none",
+            "* param labels.more: {} -> none",
+            '* param tf: ["/tf"] -> []',
+        ],
+    ]
 
 
 def test_explain_puts_no_parentheses_into_others(edited):

@@ -25,12 +25,13 @@ from bagassets.recipe import load_recipe
 from bagassets.recordings.discover import find_one
 from bagassets.recordings.open import open_recording
 from bagassets.store.action import Step
-from bagassets.store.integrity import artifact_damage, check_store
+from bagassets.store.integrity import artifact_damage
 from bagassets.store.store import Store
 from bagassets_tests.formats.test_dataset import content
 from bagassets_tests.nuscenes_checks import check_dataset
 from bagassets_tests.services import make_project as make_command_project
 from bagassets_tests.small_drive import write_drive
+from bagassets_tests.store_check import check_store
 from bagassets_tests.whole.test_end_to_end import build_all, make_project
 
 pytestmark = pytest.mark.once

@@ -48,7 +48,7 @@ def test_what_was_made_before_may_be_there_still(tmp_path, state):
 def test_without_built_recordings_it_is_at_most_their_size(tmp_path, monkeypatch):
     needed = space_needed(plan(bag("a", "missing")), {"a": 30_000_000_000}, ["a"], ASSETS)
     assert needed is not None
-    assert str(needed) == "1 recording (30.0 GB): about 30.0 GB of disk space or less"
+    assert str(needed) == "Images and clouds of 1 recording (30.0 GB): about 30.0 GB of disk space or less"
     free(monkeypatch, 1_000_000)
     # Of 30 GB of raw images or unused topics anything may be left: nobody is refused for that.
     assert require_disk_space(needed, {"store": tmp_path}).endswith(f"; 1.0 MB free in {tmp_path}")
@@ -59,7 +59,7 @@ def test_much_too_little_is_refused_with_what_to_do(tmp_path, monkeypatch):
     free(monkeypatch, 1_600_000_000)
     text = require_disk_space(needed, {"store": tmp_path / "not" / "yet"})
     assert text == (
-        f"6 recordings (8.0 GB): about 3.0 GB of disk space; 1.6 GB free in {tmp_path / 'not' / 'yet'}"
+        f"Images and clouds of 6 recordings (8.0 GB): about 3.0 GB of disk space; 1.6 GB free in {tmp_path / 'not' / 'yet'}"
     )
     free(monkeypatch, 1_400_000_000)
     with pytest.raises(StoreError) as caught:

@@ -86,7 +86,8 @@ def test_the_web_ui_shows_tables_numbers_and_pictures(made):
     assert found["widths"].value.splitlines() == [
         "| door | width (m) |", "| --- | --: |", "| left | 0.8 |", "| right | 0.9 |"
     ]  # fmt: skip
-    assert found["picture_door"].value.startswith("[![A door](/bagassets/artifacts/")
+    assert found["picture_door"].value.startswith("[![](/bagassets/artifacts/")
+    assert found["picture_door"].value.endswith(' "A door")')
 
 
 def test_without_a_face_the_summary_is_shown(made):

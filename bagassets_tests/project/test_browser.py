@@ -4,6 +4,7 @@ import shutil
 import sys
 import time
 from pathlib import Path
+from urllib.request import urlopen
 
 import cv2
 import numpy as np
@@ -13,8 +14,9 @@ from bagassets.report.map_shell import map_shell
 from bagassets.report.model import Problem, RecordingFacts, ReportData
 from bagassets.report.page import report_page
 from bagassets.report.trajectory_map import MapRoute, trajectory_map_page
-from benchmarks.web_ui import web_ui
-from benchmarks.windows import SIZES, cut_off, look, project, seconds_to_open
+from bagassets_tests.services import BIN, free_port, running
+from benchmarks.web_ui import wait_until, web_ui
+from benchmarks.windows import PAGES, SIZES, cut_off, look, project, seconds_to_open
 from scripts.browser import Browser
 
 pytestmark = [
@@ -50,6 +52,29 @@ def test_no_page_is_cut_off_and_the_link_opens_the_report(tmp_path, browser):
             browser.run("document.querySelector('a[href$=\"/pages/report\"]').removeAttribute('target')")
             browser.click_text("Open the report")
             browser.wait_for_text("Left out", "bags.min_duration_s asks for 0.5 s")
+
+
+def test_dagsters_own_web_server_shows_no_link_that_leads_nowhere(tmp_path, browser):
+    project(tmp_path, 3)
+    port = free_port()
+    url = f"http://127.0.0.1:{port}"
+    with running([BIN / "dagster", "dev", "-p", port], tmp_path, tmp_path / "dev.log"):
+        wait_until(lambda: urlopen(f"{url}/server_info", timeout=5).status == 200, "`dagster dev` answers")
+        for width, height in SIZES:
+            browser.resize(width, height)
+            for name, text, ours in (
+                ("nuscenes_dataset", str(tmp_path / ".bagassets" / "report.html"), 1),
+                ("trajectory_map", str(tmp_path / ".bagassets" / "trajectory_map.html"), 1),
+                ("preview", "picture_timeline", 5),
+            ):
+                browser.open(f"{url}{PAGES[name][0]}")
+                browser.wait_for_text(text)
+                links = "[...document.querySelectorAll('a[href^=\"/bagassets/\"]')]"
+                browser.wait_for(f"{links}.length === {ours}")
+                assert browser.run(f"{links}.filter(e => e.getBoundingClientRect().width).length") == 0, name
+            browser.open(f"{url}{PAGES['dataset_inputs'][0]}")
+            browser.wait_for_text("its index is damaged", "bags.min_duration_s asks for 0.5 s")
+            assert cut_off(browser) == []
 
 
 def test_a_report_of_300_recordings_opens_in_two_seconds(tmp_path, browser):

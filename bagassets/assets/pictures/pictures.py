@@ -141,7 +141,7 @@ class Pictures:
         camera, image = self._front()
         points = self._points
         view = self._view(camera, image)
-        title = f"{self.clouds.channel if self.clouds else ''} over {camera.channel}"
+        title = f"{self.clouds.channel if self.clouds else ''} over {camera.title}"
         return lidar_over_camera(camera.read(image), points, view, width=self.style.width, title=title)
 
     def _birds_eye(self) -> Image:
@@ -191,7 +191,7 @@ class Pictures:
             (stamps_ns[:known] - start_ns) / 1e9,
             view,
             width=self.style.width,
-            title=f"{camera.channel}: the next {max(known - 1, 0) * _FUTURE_STEP_NS / 1e9:g} s",
+            title=f"{camera.title}: the next {max(known - 1, 0) * _FUTURE_STEP_NS / 1e9:g} s",
         )
 
     def _contact_sheet(self) -> Image:
@@ -207,9 +207,9 @@ class Pictures:
         tolerance_ns = max(_TOLERANCE_NS, (last_ns - first_ns) // (2 * columns))
         tile_width = self.style.width // columns
         tiles: dict[str, list[Image | None]] = {}
-        for name, camera in self.cameras.items():
+        for camera in self.cameras.values():
             found = [reading_at(camera.stamps_ns, moment, tolerance_ns) for moment in moments]
-            tiles[name] = [
+            tiles[camera.title] = [
                 None if image is None else camera.read_reduced(image, tile_width) for image in found
             ]
         start_ns = self.timeline_facts["start_ns"] or first_ns

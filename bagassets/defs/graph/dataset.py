@@ -49,8 +49,8 @@ MOST_REPORTED = 1000
 _INPUTS = """Which recordings the datasets are made from, and why others are left out.
 
 Its data version is a digest over the partition keys and data versions of all recordings that take part, so it changes
-with each of them and when one is removed, however many there are; Dagster itself compares fewer than 100. The
-sensor and `bagassets build` record it without a run."""
+with each of them and when one is removed, however many there are; Dagster itself compares fewer than 100 partitions.
+The sensor and `bagassets build` record it without a run."""
 
 
 def dataset_is_current(workspace: Workspace, inputs: DatasetInputs) -> bool:

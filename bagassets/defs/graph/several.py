@@ -179,7 +179,8 @@ def noted(recorder: Recorder, ended: Ended) -> Iterator[None]:
 
 def make_datasets(step: RunStep, workspace: Workspace, wanted: Collection[str], ended: Ended) -> None:
     """Make those datasets of `wanted`, of all that is recorded, unless they are current; note in `ended` how that ends."""
-    problems, plan = list[str](), plan_instance(workspace)
+    problems = list[str]()
+    plan = plan_instance(workspace)
     inputs = select_inputs(plan)
     record_inputs(workspace, inputs)
     if dataset_is_current(workspace, inputs):

@@ -13,7 +13,7 @@ import dagster as dg
 from bagassets.assets.face import Face, Table, counts_table
 from bagassets.base.alike import names_text, told_once, without_path
 from bagassets.base.errors import BagAssetsError, UnexpectedError
-from bagassets.base.escaping import markdown, visible
+from bagassets.base.escaping import html, markdown, visible
 from bagassets.base.json_types import Json
 from bagassets.base.quantities import count_text, readable_bytes
 from bagassets.defs.records.artifact_files import picture_link
@@ -82,12 +82,14 @@ def _pictures(artifact: Artifact, face: Face) -> Metadata:
     """Return the pictures of an artifact as Markdown: what `bagassets ui` serves, each a link to the large one.
 
     Dagster shows short Markdown at once, and the event log keeps all of it twice: so the pictures themselves stay in the
-    store. Other web servers do not serve them; a thumbnail inside Markdown, which takes a click, is all that they show.
+    store. Other web servers do not serve them: without a text they show nothing there, but a thumbnail inside Markdown.
     """
     metadata: Metadata = {}
     for picture in face.pictures(artifact):
         shown, large = (picture_link(artifact.digest, file) for file in (picture.small, picture.large))
-        metadata[f"picture_{picture.name}"] = dg.MetadataValue.md(f"[![{picture.title}]({shown})]({large})")
+        metadata[f"picture_{picture.name}"] = dg.MetadataValue.md(
+            f'[![]({shown})]({large} "{html(picture.title)}")'
+        )
     if face.thumbnail is not None:
         data = b64encode(artifact.path(face.thumbnail).read_bytes()).decode()
         metadata["thumbnail"] = dg.MetadataValue.md(f"![Thumbnail](data:image/jpeg;base64,{data})")

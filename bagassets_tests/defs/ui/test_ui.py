@@ -132,7 +132,7 @@ def see_pictures(port, project):
     )["assetNodes"]
     entries = answer["assetMaterializations"][0]["metadataEntries"]
     timeline = next(entry["mdStr"] for entry in entries if entry["label"] == "picture_timeline")
-    shown, link = re.fullmatch(r"\[!\[.+\]\((/[^)]+)\)\]\((/[^)]+)\)", timeline).groups()
+    shown, link = re.fullmatch(r"\[!\[\]\((/[^)]+)\)\]\((/\S+) .+\)", timeline).groups()
     host = {"Host": f"127.0.0.1:{port}"}
     with urlopen(f"http://127.0.0.1:{port}{shown}", timeout=30) as picture:
         (file,) = project.rglob(f"{link.split('/')[-2]}/files/inline/timeline.jpg")
