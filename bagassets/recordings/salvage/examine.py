@@ -23,10 +23,10 @@ from bagassets.recordings.rosbag1 import SIZE
 from bagassets.recordings.rosbag2 import ZSTD
 from bagassets.recordings.salvage.copy import write_copy
 from bagassets.recordings.salvage.damage_map import DamageMap
-from bagassets.recordings.salvage.folder import STORAGE
 from bagassets.recordings.salvage.open import open_salvaged
 from bagassets.recordings.series import candidates
 
+_SUFFIXES = {".bag", ".db3", ".mcap", ZSTD}
 Verdict = Literal["sound", "mendable", "lost"]
 
 # A copy takes every message, whatever builds would make of it.
@@ -114,10 +114,11 @@ def examine(path: Path) -> Examined:
 
 def _has_one_drive(folder: Path) -> bool:
     """Return whether the storage files in a folder are those of one recording, by their names, and no other is beside them."""
-    storage = {one.name.removesuffix(ZSTD) for one in folder.iterdir() if any(map(one.match, STORAGE))}
-    if any(one.is_dir() or one.suffix == ".bag" for one in folder.iterdir()):
-        return False
-    return len(storage) == 1 or [set(one.numbers) for one in candidates(storage)] == [storage]
+    names = {
+        one.name.removesuffix(ZSTD) for one in folder.iterdir() if one.is_dir() or one.suffix in _SUFFIXES
+    }
+    is_one = len(names) == 1 or [set(one.numbers) for one in candidates(names)] == [names]
+    return is_one and any(name.endswith((".db3", ".mcap")) for name in names)
 
 
 def _read(recording: Recording) -> tuple[Counter[str], dict[str, int]]:
