@@ -421,7 +421,7 @@ class TestCanvas:
     def test_of_levels_the_lower_is_dark_the_upper_white_and_nothing_is_black(self, tmp_path):
         depth_mm = np.tile(np.array([0, 500, 1000, 2000, 3000], np.uint16), (4, 1))
         (tmp_path / "depth.png").write_bytes(cv2.imencode(".png", depth_mm)[1].tobytes())
-        shown = within((1000, 2000), read_image(tmp_path / "depth.png"))
+        shown = within(1000, 2000, read_image(tmp_path / "depth.png"))
         assert shown.dtype == np.uint8
         assert shown[0, :, 0].tolist() == [0, 40, 40, 255, 255]
         assert (shown == shown[:, :, :1]).all()
