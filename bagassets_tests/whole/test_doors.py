@@ -90,8 +90,9 @@ def by_range(recipe_file, _monkeypatch):
 def by_whole_range(recipe_file, _monkeypatch):
     """Do what `dagster asset materialize --select '*' --partition-range FIRST...LAST` does: all is one run."""
     job = build_definitions(recipe_file).resolve_implicit_global_asset_job_def()
-    with open_project(recipe_file) as (instance, _):
-        add_partitions(instance, Naming("test"), sorted(KEYS))
+    with open_project(recipe_file) as workspace:
+        instance = workspace.instance
+        add_partitions(workspace.records, sorted(KEYS))
         ends = {
             "dagster/asset_partition_range_start": min(KEYS),
             "dagster/asset_partition_range_end": max(KEYS),
@@ -105,8 +106,8 @@ def dataset_checks(recipe_file):
     """Return the states of the checks of what exists once, as Dagster keeps them."""
     graph = build_definitions(recipe_file).resolve_asset_graph()
     found = [key for key in graph.asset_check_keys if not graph.get(key.asset_key).is_partitioned]
-    with open_project(recipe_file) as (instance, _):
-        latest = instance.event_log_storage.get_latest_asset_check_execution_by_key(found)
+    with open_project(recipe_file) as workspace:
+        latest = workspace.instance.event_log_storage.get_latest_asset_check_execution_by_key(found)
     return {key.to_user_string(): record.status.value for key, record in latest.items()}
 
 
