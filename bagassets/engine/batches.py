@@ -22,7 +22,7 @@ _AT_ALL_BYTES = 2**20  # a recording costs as much as these, whatever its size
 MOST_RECORDINGS = 50
 """Or about that, in one run: its log can still be read."""
 # Where there are fewer, a run each, with steps, shows more. A run costs as much as recording two or three small recordings.
-_FEWEST_PER_JOB, _FEWEST_QUEUED = 2, 4
+_FEWEST, _FEWEST_PER_JOB = 4, 2
 
 Batch = Mapping[str, Sequence[str]]
 """Partition key -> the assets to materialize; `DATASET` -> the datasets."""
@@ -34,7 +34,7 @@ def batches(todo: Batch, sizes: Mapping[str, int], jobs: int, most_per_run: int 
     Args:
         todo: recordings and their assets.
         sizes: partition key -> size in bytes.
-        jobs: runs at the same time; small recordings that are fewer than two for each get runs of their own.
+        jobs: runs at the same time; small recordings that are fewer than four, or two for each, get runs of their own.
         most_per_run: most recordings of a run, where runs wait in a queue and nobody knows how many of them will be at work
             at the same time; `jobs` does not count then.
 
@@ -75,4 +75,4 @@ def without_steps(sizes: Mapping[str, int], jobs: int, most_per_run: int | None 
 
 
 def _are_many(keys: Collection[str], jobs: int, most_per_run: int | None) -> bool:
-    return len(keys) >= (_FEWEST_PER_JOB * jobs if most_per_run is None else _FEWEST_QUEUED)
+    return len(keys) >= max(_FEWEST, _FEWEST_PER_JOB * jobs if most_per_run is None else 0)

@@ -88,6 +88,8 @@ def test_large_recordings_have_a_run_each_and_small_ones_share():
     assert {len(batch) for batch in batches(todo, sizes, 5)} == {1}  # too few for five jobs
     few = {f"s{number}": 27 * 10**6 for number in range(4)}
     assert [len(batch) for batch in batches(dict.fromkeys(few, ("bag",)), few, 2)] == [2, 2]
+    few.pop("s0")
+    assert {len(batch) for batch in batches(dict.fromkeys(few, ("bag",)), few, 1)} == {1}
     many = {f"s{number}": 2**20 for number in range(1000)}
     shared = batches(dict.fromkeys(many, ("bag",)), many, 2)
     assert max(len(batch) for batch in shared) <= 50
@@ -127,7 +129,7 @@ def test_a_run_without_steps_says_what_one_with_steps_does(project, monkeypatch)
         assert sorted(batch_of(run) for run in batch_runs(instance)) == [(key,) for key in KEYS]
     assert outcomes(report) == {key: "failed" if key == BROKEN else "built" for key in KEYS}
     assert sorted(event.key for event in events if event.kind == "started") == ["", *KEYS]
-    monkeypatch.setattr(engine_batches, "_FEWEST_PER_JOB", 100)
+    monkeypatch.setattr(engine_batches, "_FEWEST", 100)
     with_steps, _ = build(project, monkeypatch, jobs=1, retry_failed=True)
     assert with_steps.outcomes[BROKEN].reason == report.outcomes[BROKEN].reason
 
@@ -155,7 +157,7 @@ def test_recordings_of_a_batch_are_recorded_as_runs_of_their_own_would(project, 
         assert stale(instance, project, names) == set()
         for name in names:
             instance.wipe_assets([dg.AssetKey(name)])
-    monkeypatch.setattr(engine_batches, "_FEWEST_PER_JOB", 100)
+    monkeypatch.setattr(engine_batches, "_FEWEST", 100)
     report, runs = build(project, monkeypatch, jobs=1)
     assert {key for key, _ in runs} == set(KEYS)  # the dataset is as it was
     assert outcomes(report) == dict.fromkeys(KEYS, "hit")
