@@ -4,6 +4,7 @@ import errno
 import json
 import os
 import random
+import re
 import shutil
 import socket
 import sqlite3
@@ -15,7 +16,9 @@ from functools import partial
 from itertools import product
 from pathlib import Path
 
+import dagster as dg
 import pytest
+from sqlalchemy.exc import OperationalError
 
 from bagassets.base import files
 from bagassets.base.errors import StoreError
@@ -337,6 +340,24 @@ def test_what_a_killed_worker_had_begun_is_removed_by_the_next_build(built, monk
     assert {one.name for one in scratch.iterdir()} == {places["new"], places["alive"]}
     for one in scratch.iterdir():
         shutil.rmtree(one)
+
+
+def test_a_run_that_cannot_even_be_said_to_start_fails_and_the_build_ends(tmp_path, monkeypatch):
+    recipe_file = make_project(tmp_path)
+    instance = dg.DagsterInstance
+    with monkeypatch.context() as failing:
+        err = sqlite3.OperationalError("attempt to write a readonly database")
+        sentence = "its run could not be launched: .*: Dagster's database cannot be used"
+
+        def launch_run(*_):
+            raise OperationalError("INSERT INTO event_logs", {}, err)
+
+        failing.setattr(instance, "launch_run", launch_run)
+        report, _ = build(recipe_file, failing)
+    assert report.outcomes["a.bag"].result == "failed"
+    assert re.search(sentence, report.outcomes["a.bag"].reason)
+    report, _ = build(recipe_file, monkeypatch)
+    assert report.outcomes["a.bag"].result == "built"
 
 
 @pytest.mark.parametrize(("times", "state"), [(1, "fresh"), (2, "failed")])
