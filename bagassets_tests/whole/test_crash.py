@@ -17,13 +17,17 @@ from itertools import product
 from pathlib import Path
 
 import dagster as dg
+import numpy as np
 import pytest
 from sqlalchemy.exc import OperationalError
 
+from bagassets.assets.pictures.canvas import read_image
 from bagassets.base import files
 from bagassets.base.errors import StoreError
 from bagassets.formats import after_crash
+from bagassets.formats.lerobot.recording_part import _Camera
 from bagassets.recipe import load_recipe
+from bagassets.store.artifact import Artifact
 from bagassets.store.store import Store
 from bagassets_tests import crash_project
 from bagassets_tests.crash_disk import (
@@ -340,6 +344,15 @@ def test_what_a_killed_worker_had_begun_is_removed_by_the_next_build(built, monk
     assert {one.name for one in scratch.iterdir()} == {places["new"], places["alive"]}
     for one in scratch.iterdir():
         shutil.rmtree(one)
+
+
+def test_an_image_on_a_disk_that_fails_is_not_said_to_be_none(tmp_path):
+    artifact = Artifact("0" * 64, tmp_path)
+    (artifact.files / "a.jpg").mkdir(parents=True)  # reading it fails, which is no fault of what was recorded
+    with pytest.raises(OSError, match=r"a\.jpg"):
+        read_image(artifact.path("a.jpg"))
+    with pytest.raises(OSError, match=r"a\.jpg"):
+        _Camera("CAM", artifact, ["a.jpg"], np.zeros((1, 2), np.int32)).image(0)
 
 
 def test_a_run_that_cannot_even_be_said_to_start_fails_and_the_build_ends(tmp_path, monkeypatch):
