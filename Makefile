@@ -132,7 +132,7 @@ bench-plan: $(VENV)/.made
 	@mkdir -p build
 	$(BIN)/python benchmarks/plan.py --json build/plan.json
 
-# Every state in which a crash can leave files: by hand, an hour, with the results committed. CRASH="--share 0.05" tries some.
+# Every state in which a crash can leave files, and every read that fails: by hand, some hours, with the results committed. CRASH="--share 0.05" tries some.
 crash: $(VENV)/.made
 	$(BIN)/python -m benchmarks.crash --json benchmarks/results/crash.json $(CRASH)
 

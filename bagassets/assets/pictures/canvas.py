@@ -46,13 +46,19 @@ def blank(width: int, height: int) -> Image:
     return np.broadcast_to(row, (height, width, 3)).copy()
 
 
+def pixels_in(path: Path, flags: int) -> NDArray[np.generic] | None:
+    """Return an image file as OpenCV decodes it with some flags; None if there is none. A disk that fails is an OSError."""
+    content = np.frombuffer(path.read_bytes() if path.exists() else b"", np.uint8)
+    return cv2.imdecode(content, flags) if len(content) else None
+
+
 def read_image(path: Path) -> NDArray[Any]:
     """Return an image file as (H, W, 3) BGR, of 8 or 16 bits; of grey ones all three are equal.
 
     Raises:
         DatasetError: it cannot be read.
     """
-    image = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
+    image = pixels_in(path, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
     if image is None:
         raise DatasetError(f"{path}: this image cannot be read; build again to replace it.")
     return np.asarray(image)
@@ -80,7 +86,7 @@ def read_reduced(path: Path, width: int, least_width: int) -> NDArray[Any]:
         DatasetError: it cannot be read.
     """
     flag = next((flag for factor, flag in _REDUCED if width // factor >= least_width), None)
-    small = cv2.imread(str(path), flag) if flag is not None and path.suffix == ".jpg" else None
+    small = pixels_in(path, flag) if flag is not None and path.suffix == ".jpg" else None
     # An image that its EXIF turns upright may be less wide than its header says.
     return np.asarray(small) if small is not None and small.shape[1] >= least_width else read_image(path)
 

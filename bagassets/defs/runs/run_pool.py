@@ -19,6 +19,7 @@ from bagassets.base.errors import BagAssetsError
 from bagassets.base.interrupts import deferred_interrupts
 from bagassets.base.trace import span
 from bagassets.defs.records.batches import batch_config
+from bagassets.defs.records.databases import database_errors_explained
 from bagassets.defs.records.events import Records
 from bagassets.defs.runs.code_server import LaunchWorkspace
 from bagassets.defs.runs.execution import CodeLocation, create_job_run, create_run, fail_if_lost, failure_of
@@ -200,10 +201,14 @@ class RunPool:
             for one in batch:
                 self._conclude(one, EndedRun("", str(err), stopped=False, seconds=0.0))
             return
-        launch = pool.submit(self.instance.launch_run, run_id, self._workspace.for_launcher())
+        launch = pool.submit(self._launch, run_id)
         self._active[run_id] = _Active(batch, launch, began, began, has_steps=has_steps)
         if is_alone:
             self.on_event(Event("started", key))
+
+    def _launch(self, run_id: str) -> dg.DagsterRun:
+        with database_errors_explained(self.instance.root_directory):
+            return self.instance.launch_run(run_id, self._workspace.for_launcher())
 
     def _poll(self) -> None:
         """Wait a little, then conclude the runs that have ended."""
@@ -235,6 +240,12 @@ class RunPool:
                 if is_whole:
                     self._drop(run_id, "its run was deleted before it ended")
             elif run.is_finished:
+                self._drop(run_id, self._problem(run, active))
+            elif not active.launch.cancelled() and active.launch.exception() is not None:
+                # Dagster has noted that itself by now, unless it was the database that failed.
+                noted = self.instance.get_run_by_id(run_id)
+                if noted is not None and not noted.is_finished:
+                    self.instance.report_run_failed(noted)
                 self._drop(run_id, self._problem(run, active))
             else:
                 self._look_at(run, active)

@@ -19,6 +19,7 @@ from bagassets.assets.asset import Asset, Inputs, Summary, Use
 from bagassets.assets.face import Face, Loss
 from bagassets.assets.frames import FRAMES
 from bagassets.assets.inventory import INVENTORY
+from bagassets.assets.pictures.canvas import pixels_in
 from bagassets.assets.quality.check import RecordingCheck
 from bagassets.assets.quality.finding import Finding
 from bagassets.assets.signals import SIGNALS, TABLE
@@ -76,7 +77,7 @@ class _Camera:
             DatasetError: it is not one of 8 bits.
         """
         path = self.artifact.path(self.files[index])
-        pixels = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        pixels = pixels_in(path, cv2.IMREAD_UNCHANGED)
         if pixels is None or pixels.dtype != np.uint8:
             what = "unreadable" if pixels is None else f"of {8 * pixels.dtype.itemsize} bits"
             raise DatasetError(
