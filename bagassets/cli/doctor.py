@@ -99,8 +99,6 @@ def _print(found: "Examined", copy: Path | None, written: int | None) -> None:
 def _between(start_ns: int | None, end_ns: int | None) -> str:
     from bagassets.assets.quality.finding import clock
 
-    if start_ns is None and end_ns is None:
-        return ""
     after = "" if start_ns is None else f" after {clock(start_ns)}"
     return after if end_ns is None or end_ns == start_ns else f"{after} before {clock(end_ns)}"
 

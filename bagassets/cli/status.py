@@ -115,16 +115,14 @@ def _print(pending: "PendingWork", own: "OwnProject", *, show_all: bool) -> None
     from bagassets.cli.summary import summary_console
 
     console = summary_console()
-    bags = {key: bag for key, bag in pending.plan.bags.items() if key in pending.asked.chosen}
-    listed = bags
+    listed = bags = {key: bag for key, bag in pending.plan.bags.items() if key in pending.asked.chosen}
     if len(bags) > MOST_ROWS and not show_all:
         listed = {key: bag for key, bag in bags.items() if not bag.settled}
     if listed:
         rows: list[_Row] = [(key, {n: s.state for n, s in bag.assets.items()}) for key, bag in listed.items()]
         if len(rows) > MOST_ROWS and not show_all:
             rows = _alike(rows)
-        # No state loses a letter: where the terminal is narrower, it continues lines itself.
-        console.print(_table(rows, short=console.width < _WIDE), crop=False)
+        console.print(_table(rows, short=console.width < _WIDE), crop=False)  # narrow terminals wrap it
     if number := len(bags) - len(listed):
         console.print(f"{number} more {'is' if number == 1 else 'are'} fresh or skipped; --all lists all.")
     for line in _reasons(pending, listed):
@@ -188,9 +186,11 @@ def _reasons(pending: "PendingWork", listed: JsonMapping) -> Iterator[str]:
     found = []
     for key, bag in listed.items():
         by_reason: dict[tuple[str, str], list[str]] = {}
+        above = {state.reason for state in bag.assets.values()}
         for name, state in bag.assets.items():
             if state.state != "fresh":
-                by_reason.setdefault((state.state, state.reason), []).append(name)
+                waits, _, why = state.reason.partition(" — ")
+                by_reason.setdefault((state.state, waits if why in above else state.reason), []).append(name)
         for (state, reason), names in by_reason.items():
             shown = "all but bag and inventory" if state == "skipped" else ", ".join(names)
             found.append(((shown, state), key, reason))
@@ -199,8 +199,9 @@ def _reasons(pending: "PendingWork", listed: JsonMapping) -> Iterator[str]:
         yield f"{told.title}: {shown} {state}: {told.text if state == 'failed' else visible(told.text)}"
     for whole, keys in pending.plan.joined.items():
         yield f"{names_text(keys)}: parts of {whole}, into which the next build joins them"
+    all_gone = "" if pending.plan.bags else ", with --allow-empty,"
     for key in pending.plan.gone:
-        then = pending.held.get(key, "the next build removes its partition and its scenes")
+        then = pending.held.get(key, f"the next build{all_gone} removes its partition and its scenes")
         yield f"{key}: the recording is gone; {then}"
     excluded = (((), *one) for one in pending.plan.excluded.items() if not one[1].startswith("not matched"))
     for told in told_once(excluded):

@@ -421,7 +421,7 @@ class TestCanvas:
     def test_of_levels_the_lower_is_dark_the_upper_white_and_nothing_is_black(self, tmp_path):
         depth_mm = np.tile(np.array([0, 500, 1000, 2000, 3000], np.uint16), (4, 1))
         (tmp_path / "depth.png").write_bytes(cv2.imencode(".png", depth_mm)[1].tobytes())
-        shown = within((1000, 2000), read_image(tmp_path / "depth.png"))
+        shown = within(1000, 2000, read_image(tmp_path / "depth.png"))
         assert shown.dtype == np.uint8
         assert shown[0, :, 0].tolist() == [0, 40, 40, 255, 255]
         assert (shown == shown[:, :, :1]).all()
@@ -515,12 +515,17 @@ class TestStep:
         assert checked >= 30
         assert right / checked > 0.8
 
-    def test_the_same_again_gives_the_same_bytes(self, built, tmp_path):
+    def test_the_same_again_gives_the_same_bytes(self, built, tmp_path, monkeypatch):
+        read, usual = [], CameraImages.read
+        monkeypatch.setattr(
+            CameraImages, "read", lambda camera, image: read.append(image) or usual(camera, image)
+        )
         recipe, _, made = built
         (tmp_path / "recipe.yaml").write_text((recipe.state.parent / "recipe.yaml").read_text())
         (tmp_path / "recordings").symlink_to(recipe.bags.root)
         again = build_recordings(load_recipe(tmp_path / "recipe.yaml"))["drive.mcap"]
         assert again["preview"].artifact.digest == made["preview"].artifact.digest
+        assert len(read) == 1, "two pictures show it"
 
     def test_what_a_recording_lacks_costs_just_the_pictures_of_it(self, built, tmp_path):
         recipe, _, _ = built

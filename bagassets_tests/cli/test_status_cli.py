@@ -149,6 +149,29 @@ def test_reasons_lead_back_to_what_changed_first(edited):
     assert tables["state"] == "unknown"
     assert tables["reason"] == "waits for frames — CAM_FRONT: quality 90 -> 33"
     assert assets["sweeps"]["state"] == "fresh"
+    told = [
+        line for line in run("status", "--bag", GOOD, recipe=edited).stdout.splitlines() if "90 -> 33" in line
+    ]
+    assert told == [f"{GOOD}: frames stale: CAM_FRONT: quality 90 -> 33"], (
+        "what waits for it need not repeat it"
+    )
+
+
+def test_that_all_recordings_are_gone_is_said_as_the_build_takes_it(built):
+    bags, away = built.parent / "bags", built.parent / "away"
+    bags.rename(away)
+    bags.mkdir()
+    try:
+        shown = run("status", recipe=built).stdout
+        planned = run("build", "--dry-run", recipe=built).stdout
+    finally:
+        bags.rmdir()
+        away.rename(bags)
+    then = "the next build, with --allow-empty, removes its partition and its scenes"
+    assert f"{GOOD}: the recording is gone; {then}\n" in shown
+    assert (
+        f"{GOOD}\n  is gone: its partition and scenes would be removed with --allow-empty only\n" in planned
+    )
 
 
 def test_a_dry_run_runs_nothing_and_shows_what_would(edited):

@@ -58,9 +58,8 @@ def read_image(path: Path) -> NDArray[Any]:
     return np.asarray(image)
 
 
-def within(levels: tuple[int, int], image: NDArray[Any]) -> Image:
-    """Return an image of 16 bits with 8: of the levels the lower is dark grey, the upper white; 0, no depth, is black."""
-    low, high = levels
+def within(low: int, high: int, image: NDArray[Any]) -> Image:
+    """Return an image of 16 bits with 8: the level `low` is dark grey, `high` white; 0, no depth, is black."""
     shares = np.clip((np.arange(1 << 16) - low) / max(high - low, 1), 0.0, 1.0)
     shown = np.rint(_NEAREST_GREY + (255 - _NEAREST_GREY) * shares).astype(np.uint8)
     shown[0] = 0

@@ -142,7 +142,7 @@ class CameraImages(_Readings):
         return self._shown(read_reduced(self.path(image), int(self.widths[image]), least_width))
 
     def _shown(self, image: NDArray[Any]) -> Image:
-        return image if image.dtype == np.uint8 else within(self.levels or (0, 65_535), image)
+        return image if image.dtype == np.uint8 else within(*(self.levels or (0, 65_535)), image)
 
     @cached_property
     def levels(self) -> tuple[int, int] | None:

@@ -115,6 +115,12 @@ class Pictures:
                     return camera, image
         raise CannotDrawError("there is no camera with images")
 
+    @cached_property
+    def _front_image(self) -> Image:
+        """The image of `_front`, which two pictures show: to read it takes as long as to draw one."""
+        camera, image = self._front()
+        return camera.read(image)
+
     def _view(self, camera: CameraImages, image: int) -> View:
         view = camera.view(image, self.trajectory)
         if view is None:
@@ -142,7 +148,7 @@ class Pictures:
         points = self._points
         view = self._view(camera, image)
         title = f"{self.clouds.channel if self.clouds else ''} over {camera.title}"
-        return lidar_over_camera(camera.read(image), points, view, width=self.style.width, title=title)
+        return lidar_over_camera(self._front_image, points, view, width=self.style.width, title=title)
 
     def _birds_eye(self) -> Image:
         if self.moment_ns is None:
@@ -185,7 +191,7 @@ class Pictures:
         # Only up to the first moment without a pose, so that the trajectory has no gap.
         known = len(valid) if valid.all() else int(np.argmin(valid))
         return future_trajectory(
-            camera.read(image),
+            self._front_image,
             positions[:known],
             rotations[:known],
             (stamps_ns[:known] - start_ns) / 1e9,
