@@ -24,6 +24,7 @@ from bagassets.recordings.rosbag1 import SIZE
 from bagassets.recordings.rosbag2 import ZSTD
 from bagassets.recordings.salvage.copy import write_copy
 from bagassets.recordings.salvage.damage_map import DamageMap
+from bagassets.recordings.salvage.folder import STORAGE
 from bagassets.recordings.salvage.open import open_salvaged
 from bagassets.recordings.series import whole_of
 
