@@ -28,7 +28,6 @@ from bagassets.recordings.salvage.folder import STORAGE
 from bagassets.recordings.salvage.open import open_salvaged
 from bagassets.recordings.series import whole_of
 
-_SUFFIXES = {".bag", ".db3", ".mcap", ZSTD}
 Verdict = Literal["sound", "mendable", "lost"]
 
 # A copy takes every message, whatever builds would make of it.
