@@ -29,7 +29,6 @@ from bagassets.formats import after_crash
 from bagassets.formats.dataset_integrity import find_damage
 from bagassets.propose.project import write_project
 from bagassets.recipe import load_recipe
-from bagassets.store.integrity import check_store
 from bagassets.store.store import Store
 from bagassets_tests import arm_recordings, failing_reads
 from bagassets_tests.crash_disk import (
@@ -45,6 +44,7 @@ from bagassets_tests.crash_disk import (
 from bagassets_tests.in_process import QUICK, build, load_definitions
 from bagassets_tests.recorded_bags import write_mcap
 from bagassets_tests.small_drive import write_drive
+from bagassets_tests.store_check import check_store
 
 STATE, DATASET, OTHER = ".bagassets", "dataset/nuscenes", "restored"
 LEROBOT = "dataset/lerobot"

@@ -6,7 +6,7 @@ from dagster._core.storage.partition_status_cache import get_and_update_asset_st
 
 from bagassets.defs.builds.pending_work import find_pending_work, open_project
 from bagassets.defs.graph.location import build_definitions
-from bagassets.defs.records.events import last_failure, live_partitions
+from bagassets.defs.records.events import Records
 from bagassets.defs.records.naming import Naming
 from bagassets.engine.build_report import BuildOptions
 from bagassets.propose.project import write_project
@@ -41,8 +41,9 @@ def make_door(folder, bags, text=RECIPE):
 def result(recipe_file):
     """Return the dataset, the states, and what the web UI shows of each asset of each recording."""
     graph = build_definitions(recipe_file).resolve_asset_graph()
-    with open_project(recipe_file) as (instance, workspace):
-        pending = find_pending_work(instance, workspace, BuildOptions())
+    with open_project(recipe_file) as workspace:
+        instance = workspace.instance
+        pending = find_pending_work(workspace, BuildOptions())
         shown = {
             key.to_user_string(): shown_partitions(instance, key, graph.get(key).partitions_def)
             for key in sorted(graph.materializable_asset_keys)
@@ -56,11 +57,11 @@ def result(recipe_file):
             "dataset is current": pending.dataset_is_current,
             "shown": shown,
             "why": {
-                f"{key} {name}": last_failure(instance, workspace.names, name, key)
+                f"{key} {name}": workspace.records.last_failure(name, key)
                 for name, of_asset in shown.items()
                 for key in of_asset["failed"]
             },
-            "registered": live_partitions(instance, Naming("test")),
+            "registered": Records(instance, Naming("test")).live(),
         }
 
 

@@ -32,12 +32,12 @@ from bagassets.recordings.digest import DigestIndex, recording_digest, recording
 from bagassets.recordings.digest_record import ATTRIBUTE
 from bagassets.recordings.discover import discover
 from bagassets.store.canonical import digest_file
-from bagassets.store.integrity import check_store
 from bagassets.store.store import Store
 from bagassets_tests import damaged_files
 from bagassets_tests.checks import RECORDING_CHECKS
 from bagassets_tests.killed_recorder import leave_log
 from bagassets_tests.small_drive import RECIPE, as_it_is, write_drive
+from bagassets_tests.store_check import check_store
 
 KINDS = {"ros1": "a.bag", "ros2": "a", "mcap": "a.mcap"}
 """Format -> what the recording is called."""
@@ -129,7 +129,7 @@ class Place:
         digest = recording_digest(recording, index)
         stat = recording_stat(recording)
         self.after_digest()
-        graph = Graph(recording_assets(recipe), store, recording, digest.digest, stat)
+        graph = Graph(recording_assets(recipe), recording, digest.digest, stat)
         faces = {asset.name: asset.face for asset in known_assets()}
         made, part = {}, None
         try:

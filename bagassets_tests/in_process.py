@@ -90,8 +90,8 @@ def keys_of(run):
 
 def survey(recipe_file, **options):
     """Return the state of everything."""
-    with pending_work.open_project(recipe_file) as (instance, workspace):
-        return pending_work.find_pending_work(instance, workspace, BuildOptions(**options))
+    with pending_work.open_project(recipe_file) as workspace:
+        return pending_work.find_pending_work(workspace, BuildOptions(**options))
 
 
 def states(pending, key):

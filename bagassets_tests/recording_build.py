@@ -19,7 +19,8 @@ class RecordingBuild:
 
     def __init__(self, recipe, store, recording, digest, stat, given=None, *, workers=None, dry=False):
         self.assets = recording_assets(recipe)
-        self.facts = (store, recording, digest, stat)
+        self.assets.store = store
+        self.facts = (recording, digest, stat)
         self.given = given or {}
         self.workers = workers
         self.dry = dry

@@ -32,6 +32,7 @@ import dagster as dg  # noqa: TID251  (asks for its records, as a user's script 
 from sqlalchemy import text
 
 from bagassets.defs.builds.pending_work import find_pending_work, open_project
+from bagassets.defs.records.events import Records
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.records.partitions import add_partitions
 from bagassets.engine.build_report import BuildOptions
@@ -143,8 +144,9 @@ class Door:
     def appear(self, *, register: bool = True) -> Began:
         """Have all recordings appear at once, and register them if asked to; return when that was."""
         if register:
-            with open_project(self.recipe) as (instance, _):
-                add_partitions(instance, Naming("test"), self.keys)
+            with open_project(self.recipe) as workspace:
+                instance = workspace.instance
+                add_partitions(Records(instance, Naming("test")), self.keys)
         self.bags.rmdir()
         self.away.rename(self.bags)
         return time.monotonic(), cpu_s_so_far()
@@ -262,7 +264,8 @@ def measure(
             came.differs = [part for part, value in expected.items() if result[part] != value]
             came.datasets = _digest(result["dataset"])
             came.made = len(result["shown"]["nuscenes_tables"]["made"])
-            with open_project(recipe) as (instance, _):
+            with open_project(recipe) as workspace:
+                instance = workspace.instance
                 came.runs, came.events = _runs(instance), _events(instance)
         found[name] = asdict(came)
         print(f"{name}: {found[name]}", flush=True)
@@ -482,10 +485,11 @@ def _is_done(door: Door) -> bool:
         for status in dg.DagsterRunStatus
         if status.value in ("QUEUED", "NOT_STARTED", "STARTING", "STARTED")
     ]
-    with open_project(door.recipe) as (instance, workspace):
+    with open_project(door.recipe) as workspace:
+        instance = workspace.instance
         if instance.get_runs_count(dg.RunsFilter(statuses=busy)):
             return False
-        pending = find_pending_work(instance, workspace, BuildOptions())
+        pending = find_pending_work(workspace, BuildOptions())
         bags = pending.plan.bags
         return (
             bags.keys() == set(door.keys)

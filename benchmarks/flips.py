@@ -41,7 +41,6 @@ from bagassets.recordings.discover import find_one
 from bagassets.sample.drive import Target, write_recordings
 from bagassets.sample.recipe import sample_recipe
 from bagassets.sample.recorder import Compression, RecordingFormat
-from bagassets.store.store import Store
 
 DURATION_S = 1.2
 SEED = 1
@@ -148,11 +147,10 @@ def _outputs(recipe: Recipe, drive: Path) -> Outputs:
     made: dict[str, str] = {}
     losses: list[str] = []
     problem = None
-    store = Store(recipe.store_path)
     try:
         recording = find_one(drive)
         graph = Graph(
-            recording_assets(recipe), store, replace(recording, key="drive", relative=drive.name),
+            recording_assets(recipe), replace(recording, key="drive", relative=drive.name),
             recording_digest(recording, rehash=True).digest, recording_stat(recording),
         )  # fmt: skip
         for result in execute(graph):

@@ -51,11 +51,11 @@ from pathlib import Path
 from bagassets.defs.builds.pending_work import open_project
 from bagassets.defs.graph.sensor_cursor import Cursor
 from bagassets.defs.graph.sensor_scan import Scan
-with open_project(Path(os.environ["BAGASSETS_RECIPE"])) as (instance, workspace):
+with open_project(Path(os.environ["BAGASSETS_RECIPE"])) as workspace:
     taken = []
     for _ in range({_TICKS}):
         began = time.process_time()
-        Scan(instance, workspace, Cursor()).scan(time.time())
+        Scan(workspace, Cursor()).scan(time.time())
         taken.append(time.process_time() - began)
 print(min(taken))
 """

@@ -98,10 +98,10 @@ def convert_plainly(recipe_file: Path, bags: Path, out: Path) -> None:
     assets, parts = recording_assets(recipe), []
     wanted = frozenset(assets.names) - {"preview"}
     with tempfile.TemporaryDirectory(dir=out.parent) as folder:
-        store = Scratch(Path(folder))
+        assets.store = store = Scratch(Path(folder))
         recordings = discover(recipe.bags.model_copy(update={"root": bags})).recordings
         for key, recording in recordings.items():
-            graph = Graph(assets, store, recording, key, recording_stat(recording), wanted=wanted)
+            graph = Graph(assets, recording, key, recording_stat(recording), wanted=wanted)
             made = {result.asset: result for result in execute(graph) if not isinstance(result, Skipped)}
             parts.append(Part(key, key, made["nuscenes_tables"].artifact.digest))
         assemble(NUSCENES, parts, recipe.settings(NuScenes) or NuScenes(), store, out, splits=recipe.splits)

@@ -25,7 +25,7 @@ import dagster as dg  # noqa: TID251  (records are made up here)
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from bagassets.defs.builds.pending_work import open_project
-from bagassets.defs.records.events import all_assets, event_database, fetch_recorded, latest_ids
+from bagassets.defs.records.events import Records, all_assets, event_database
 from bagassets.defs.records.instance_plan import plan_instance, workspace_fingerprint
 from bagassets.defs.records.partitions import add_partitions
 from bagassets.defs.records.workspace import Workspace
@@ -123,16 +123,20 @@ def prepare(recipe_file: Path, number: int) -> None:
     for index in range(number):
         with (bags / f"r{index:06}.bag").open("wb") as stream:
             stream.truncate(SIZE)
-    with open_project(recipe_file) as (instance, workspace):
+    with open_project(recipe_file) as workspace:
+        instance = workspace.instance
         recipe = workspace.recipe
         recordings = workspace.discover().recordings
-        add_partitions(instance, workspace.names, list(recordings))
+        add_partitions(workspace.records, list(recordings))
         with noted_build(recipe, recipe_file):
             pass  # a build has ended well: the next one need not read the artifacts, which hold nothing
         assets = ("bag", *recording_assets(recipe).names)
         record(instance, assets, list(recordings))
         names = workspace.names
-        ids, project = latest_ids(instance, names, all_assets()), str(workspace_fingerprint(workspace))
+        ids, project = (
+            Records(instance, names).latest_ids(all_assets()),
+            str(workspace_fingerprint(workspace)),
+        )
         remembered = {}
         for key, recording in recordings.items():
             states = {}
@@ -182,7 +186,7 @@ def record(instance: dg.DagsterInstance, assets: tuple[str, ...], keys: list[str
 def datasets(instance: dg.DagsterInstance, workspace: Workspace) -> None:
     """Make datasets on disk of which only the lock files matter, and record them."""
     recipe = workspace.recipe
-    inputs = select_inputs(plan_instance(instance, workspace))
+    inputs = select_inputs(plan_instance(workspace.on(instance)))
     if len(inputs.parts["nuscenes"]) != len(workspace.discover().recordings):
         sys.exit("the benchmark is out of date: the plan does not take its recordings for fresh")
     folder = datasets_of(recipe)["nuscenes_dataset"].folder
@@ -230,14 +234,12 @@ def walk(recipe_file: Path) -> float:
         write_drive(recipe_file.parent / "bags" / f"{number}.bag", "ros1", duration_s=2.0 + number)
     write_project(recipe_file.parent, RECIPE)
     timed(["build", "--recipe", str(recipe_file)], "built in")
-    with open_project(recipe_file) as (instance, workspace):
-        recordings = workspace.discover().recordings
-        names = workspace.names
-        recorded = fetch_recorded(instance, names, latest_ids(instance, names, all_assets()), recordings)
+    with open_project(recipe_file) as workspace:
+        recordings, records = workspace.discover().recordings, workspace.records
+        recorded = records.fetch(records.latest_ids(all_assets()), recordings)
 
         def plan(key: str) -> BagPlan:
-            known = workspace.assets, workspace.store, recordings[key], recorded[key], workspace.index
-            return plan_recording(recorded_graph(*known))
+            return plan_recording(recorded_graph(workspace.assets, recordings[key], recorded[key]))
 
         if not all(plan(key).settled for key in recordings):
             sys.exit("the recordings should be fresh after a build")

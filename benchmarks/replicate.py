@@ -37,7 +37,7 @@ from bagassets.recordings.digest import DigestIndex, recording_digest, recording
 from bagassets.recordings.discover import discover
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.canonical import digest_file
-from bagassets.store.store import Outcome, Store
+from bagassets.store.store import Outcome
 
 __all__ = ["add_unbuilt", "replicate"]
 
@@ -84,7 +84,8 @@ def replicate(recipe_file: Path, copies: int) -> int:
         parts = [(recipe_file, part) for part in _batches(made, _AT_A_TIME)]
         for part in pool.map(_make_parts, parts):
             changed |= part
-    with open_project(recipe_file) as (instance, workspace):
+    with open_project(recipe_file) as workspace:
+        instance = workspace.instance
         _index(recipe.state, [recipe.bags.root / copy.key for copy in made], changed)
         tables = _tables(instance)
         for copy in range(1, copies + 1):
@@ -92,7 +93,7 @@ def replicate(recipe_file: Path, copies: int) -> int:
             for one in made[number * (copy - 1) : number * copy]:
                 texts |= {one.original: one.key, **changed[one.key]}
             _copy_records(tables, texts, copy)
-        add_partitions(instance, workspace.names, [one.key for one in made])
+        add_partitions(workspace.records, [one.key for one in made])
         _go_on_counting(tables.values())
     return number * (copies + 1)
 
@@ -104,8 +105,8 @@ def add_unbuilt(recipe_file: Path, number: int) -> None:
     keys = [f"u{index:07}.bag" for index in range(number)]
     for key in keys:
         _copy_file(original.path, bags.root / key)
-    with open_project(recipe_file) as (instance, workspace):
-        add_partitions(instance, workspace.names, keys)
+    with open_project(recipe_file) as workspace:
+        add_partitions(workspace.records, keys)
 
 
 # --- recordings and artifacts ------------------------------------------------------------
@@ -123,19 +124,19 @@ def _make_one(recipe_file: Path, original: RecordingFiles, key: str) -> dict[str
     path = recipe.bags.root / key
     _copy_file(original.path, path)
     recording = replace(original, key=key, relative=key, path=path, files=(path,))
-    assets, store = recording_assets(recipe), Store(recipe.store_path)
+    assets = recording_assets(recipe)
     graphs = []
     for one in (original, recording):
         digest = (
             recording_digest(one, DigestIndex.of(recipe)).digest if one is original else digest_file(path)
         )
-        graphs.append(Graph(assets, store, one, digest, recording_stat(one)))
+        graphs.append(Graph(assets, one, digest, recording_stat(one)))
     before, now = graphs
     made_anew = {kind.part for kind in formats()}
     shared = {node.name: node.artifact for node in before.nodes() if node.asset not in made_anew}
     for node in now.nodes():
         if node.is_open and (artifact := shared.get(node.name)) is not None:
-            store.record(node.known_action, artifact, 0.01)
+            assets.store.record(node.known_action, artifact, 0.01)
             now.settle(node, Outcome(artifact, node.known_action.digest, cached=True, seconds=0.01))
     list(execute(now))
     texts = {str(before.digest): str(now.digest)}

@@ -51,11 +51,11 @@ from pathlib import Path
 from bagassets.defs.builds.pending_work import open_project
 from bagassets.defs.graph.sensor_cursor import Cursor
 from bagassets.defs.graph.sensor_scan import Scan
-with open_project(Path(sys.argv[1])) as (instance, workspace):
+with open_project(Path(sys.argv[1])) as workspace:
     cursor = Cursor()
     for _ in range(2):
         began = time.perf_counter()
-        requests = Scan(instance, workspace, cursor).scan(time.time())
+        requests = Scan(workspace, cursor).scan(time.time())
         print(time.perf_counter() - began)
     assert requests == [], requests
 """
@@ -66,13 +66,12 @@ from pathlib import Path
 from bagassets.defs.builds.loop import BuildLoop
 from bagassets.defs.builds.own_states import load_own
 from bagassets.defs.builds.pending_work import open_project
-from bagassets.defs.records.events import live_partitions
 from bagassets.defs.records.partitions import remove_partitions
 from bagassets.engine.build_report import BuildOptions
-with open_project(Path(sys.argv[1])) as (instance, workspace):
-    gone = workspace.discover().removed(live_partitions(instance, workspace.names))
+with open_project(Path(sys.argv[1])) as workspace:
+    gone = workspace.discover().removed(workspace.records.live())
     began = time.perf_counter()
-    remove_partitions(instance, workspace.names, gone)
+    remove_partitions(workspace.records, gone)
     print(time.perf_counter() - began, len(gone))
 """
 _MANY = 1000

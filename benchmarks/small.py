@@ -26,11 +26,10 @@ from bagassets.forkserver.client import Client
 from bagassets.formats.catalogue import recording_assets
 from bagassets.propose.project import write_project
 from bagassets.recipe import load_recipe
-from bagassets.recordings.digest import DigestIndex, recording_digest, recording_stat
+from bagassets.recordings.digest import recording_digest, recording_stat
 from bagassets.recordings.discover import discover
 from bagassets.sample.drive import Target, write_recordings
 from bagassets.sample.recipe import sample_recipe
-from bagassets.store.store import Store
 from bagassets_tests.postgres_server import Postgres, running_postgres, use_postgres
 from benchmarks.common import machine
 from benchmarks.resources import Used, run_watched
@@ -196,13 +195,13 @@ def _postgres_project(folder: Path, recordings: Path, server: Postgres) -> tuple
 def _work_cpu_s(folder: Path, recordings: Path) -> float:
     """Return the processor time that the assets of a recording take without Dagster."""
     recipe = load_recipe(_project(folder, recordings))
-    assets, store, index = recording_assets(recipe), Store(recipe.store_path), DigestIndex.of(recipe)
+    assets = recording_assets(recipe)
     keep_freed_memory()
     taken = []
     for recording in discover(recipe.bags).recordings.values():
         began = time.process_time()
-        stat, digest = recording_stat(recording), recording_digest(recording, index)
-        graph = Graph(assets, store, recording, digest.digest, stat, wanted=set(assets.names), given={})
+        stat, digest = recording_stat(recording), recording_digest(recording, assets.index)
+        graph = Graph(assets, recording, digest.digest, stat, wanted=set(assets.names), given={})
         list(execute(graph))
         taken.append(time.process_time() - began)
     return statistics.mean(taken[_WARM:])

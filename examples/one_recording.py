@@ -10,12 +10,11 @@ from bagassets.engine.graph import Graph
 from bagassets.formats.catalogue import recording_assets
 from bagassets.recipe.load import load_recipe
 from bagassets.recordings.discover import discover
-from bagassets.store.store import Store
 
 path, key = sys.argv[1:]
 recipe = load_recipe(path)
 recording = discover(recipe.bags).recordings[key]
-graph = Graph.of(recording_assets(recipe), Store(recipe.store_path), recording)
+graph = Graph.of(recording_assets(recipe), recording)
 for result in execute(graph):
     if isinstance(result, Skipped):
         print(f"{result.asset}: skipped, {result.reason}")

@@ -71,11 +71,17 @@ def _from_tf(source: TfSource, rig: MovingRig, recording: Recording) -> PoseSamp
         raise PoseError(
             f"ego poses from TF: {err}.{''.join(unusable)} Correct global_frame or ego_frame in the recipe."
         ) from err
+    moved = {(edge.parent, edge.child): edge for edge in moving if edge.moves}
     for edge in (*up, *down):
         if edge.moves and edge.source != "tf":
             raise PoseError(
                 f"ego poses from TF: {edge.parent} -> {edge.child} is published as static ({', '.join(rig.tf_static)}) "
                 "with different values; repair the recording, or leave the topic out of tf_static in the recipe."
+            )
+        if not edge.moves and (other := moved.get((edge.parent, edge.child))):
+            raise PoseError(
+                f"ego poses from TF: {edge.parent} -> {edge.child} is fixed in {', '.join(edge.topics) or edge.source} "
+                f"and moves in {', '.join(other.topics)}; correct the publisher, or leave one of them out of the recipe."
             )
     on_way = [edge.stamps_ns for edge in (*up, *down) if edge.moves]
     if not on_way:

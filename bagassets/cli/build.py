@@ -149,19 +149,20 @@ def _dry_run(recipe: Path, options: "BuildOptions", *, check: bool, as_json: boo
     from bagassets.cli.summary import move_text, print_remarks, summary_console
     from bagassets.defs.builds.own_states import load_own
     from bagassets.defs.builds.pending_work import expected_moves, find_pending_work, open_project
+    from bagassets.engine.made_again import made_again
     from bagassets.formats.checking import remarks_on_record
     from bagassets.formats.emptiness import why_empty
 
-    with planning_shown() as on_planned, open_project(recipe) as (instance, known_as):
+    with planning_shown() as on_planned, open_project(recipe) as known_as:
         own = load_own(known_as, options)
         workspace = own.workspace
-        pending = find_pending_work(instance, workspace, options, own, on_planned=on_planned)
-        surveyed = own.survey(instance, pending, options)
+        pending = find_pending_work(workspace, options, own, on_planned=on_planned)
+        surveyed = own.survey(pending)
         moved = expected_moves(pending, workspace.recipe) if pending.asked.datasets else {}
         # Recordings that will be built will also be checked again.
         done = [pending.plan.bags[key] for key in sorted(pending.asked.chosen - pending.todo.keys())]
-        remarks = tuple(remarks_on_record(workspace.recipe, workspace.store, pending.plan.discovery, done))
-        again = pending.made_again(workspace, options.jobs)
+        remarks = tuple(remarks_on_record(workspace.assets, pending.plan.discovery, done))
+        again = made_again(workspace.assets, pending.plan, pending.todo, options.jobs)
         empty = why_empty(workspace.recipe, recipe, workspace.store, pending.asked.datasets)
     if as_json:
         echo_json(dry_run_json(pending, surveyed, moved, remarks))

@@ -49,19 +49,18 @@ def check(recipe: Path, bags: tuple[str, ...], as_json: bool) -> int:
     from bagassets.formats.checking import check_bags, check_datasets
 
     try:
-        with planning_shown() as on_planned, open_project(recipe) as (instance, workspace):
-            pending = find_pending_work(instance, workspace, BuildOptions(bags=bags), on_planned=on_planned)
+        with planning_shown() as on_planned, open_project(recipe) as workspace:
+            pending = find_pending_work(workspace, BuildOptions(bags=bags), on_planned=on_planned)
     except SelectionError as err:
         raise click.UsageError(str(err)) from err
-    loaded, store = workspace.recipe, workspace.store
     bags_chosen = [pending.plan.bags[key] for key in sorted(pending.asked.chosen)]
     verdicts: list[Verdict] = []
     with bar_shown("Checking recordings", len(bags_chosen)) as on_checked:
-        for _, found in check_bags(loaded, store, pending.plan, bags_chosen):
+        for _, found in check_bags(workspace.assets, pending.plan, bags_chosen):
             verdicts += found
             on_checked(1)
     if not bags:
-        verdicts += check_datasets(loaded)
+        verdicts += check_datasets(workspace.recipe)
     if as_json:
         echo_json([verdict.as_json() for verdict in verdicts])
     else:

@@ -99,8 +99,6 @@ def _print(found: "Examined", copy: Path | None, written: int | None) -> None:
 def _between(start_ns: int | None, end_ns: int | None) -> str:
     from bagassets.assets.quality.finding import clock
 
-    if start_ns is None and end_ns is None:
-        return ""
     after = "" if start_ns is None else f" after {clock(start_ns)}"
     return after if end_ns is None or end_ns == start_ns else f"{after} before {clock(end_ns)}"
 
@@ -118,6 +116,10 @@ def _advice(found: "Examined", copy: Path | None) -> list[str]:
         ]
     if found.damage is None:
         return ["Copy it again from where it was recorded; nothing in this file can be read."]
+    if found.path.suffix == ".zstd":
+        return [
+            "Builds take no such file; `--write COPY` makes a ROS 2 bag folder of what can be read, which they take."
+        ]
     if found.problem == BEHIND:
         lines = ["Builds use it as it is, whatever `recover` in the recipe says."]
     elif found.damage.is_complete:

@@ -1,6 +1,7 @@
 """The output of `bagassets build --dry-run` and `--check`: what would run, what may run, and why."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from bagassets.base.alike import names_text, told_once
@@ -44,8 +45,9 @@ def dry_run_lines(pending: "PendingWork", own: "OwnProject") -> Iterator[str]:
     yield from (f"{told.title}\n{told.text}" for told in told_once(found))
     for whole, keys in pending.plan.joined.items():
         yield f"{names_text(keys)}\n  would be joined into {whole}, as its parts"
+    only = "" if pending.plan.bags else " with --allow-empty only"
     for key in pending.plan.gone:
-        then = pending.held.get(key, "its partition and scenes would be removed")
+        then = pending.held.get(key, f"its partition and scenes would be removed{only}")
         yield f"{key}\n  is gone: {then}"
     for question in pending.plan.asked.values():
         yield f"to be decided: {visible(question)}"
@@ -110,6 +112,6 @@ def dry_run_json(
         "failed": pending.failed,
         "removed": list(pending.plan.removed),
         "moved": {key: list(splits) for key, splits in moved.items()},
-        "remarks": [remark.as_json() for remark in remarks],
+        "remarks": [asdict(remark) for remark in remarks],
         **own.as_json(),
     }

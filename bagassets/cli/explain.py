@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from bagassets.base.alike import names_text, told_once
+from bagassets.base.alike import names_text, recordings_text, told_once
 from bagassets.base.errors import RecipeError
 from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.base.quantities import count_text
@@ -49,16 +49,13 @@ def explain(bag: str | None, asset: str | None, recipe: Path, as_json: bool) -> 
     """
     from bagassets.defs.builds.own_states import load_own
     from bagassets.defs.builds.pending_work import find_pending_work, open_project
-    from bagassets.defs.records.events import recorded_whole
-    from bagassets.defs.records.instance_plan import recorded_assets
-    from bagassets.engine.build_report import BuildOptions
     from bagassets.engine.choose import SelectionError, choose_assets, choose_recordings
     from bagassets.engine.explain import explain_asset, explanation
     from bagassets.engine.planner import recorded_graph
     from bagassets.formats.dataset_build import dataset_code_versions, dataset_contents
 
     wanted, asset = ([bag], asset) if bag and asset else ([], bag or "")
-    with open_project(recipe) as (instance, known_as):
+    with open_project(recipe) as known_as:
         own = load_own(known_as)
         workspace = own.workspace
         if asset not in own.assets:  # one of the user's may be below our prefix, too
@@ -81,28 +78,24 @@ def explain(bag: str | None, asset: str | None, recipe: Path, as_json: bool) -> 
         except SelectionError as err:
             raise click.UsageError(str(err)) from err
         if len(keys) > 1:
-            raise click.UsageError(
-                f"{bag}: matches {len(keys)} recordings ({', '.join(keys[:3])}, …); name one."
-            )
+            raise click.UsageError(f"{bag}: matches {recordings_text(keys)}; name one.")
         if not keys and asset not in datasets and (asset in known or own.assets[asset].is_partitioned):
             raise click.UsageError(
                 f"{asset}: each recording has its own; name one: `bagassets explain BAG {asset}`."
             )
         if asset in datasets:
-            pending = find_pending_work(instance, workspace)
-            state, recorded = pending.states[asset], recorded_whole(instance, workspace.names, asset)
+            pending = find_pending_work(workspace)
+            state, recorded = pending.states[asset], workspace.records.whole(asset)
             contents = dataset_contents(workspace.recipe, pending.inputs, asset)
             why = explanation(asset, state, recorded, datasets[asset])
             value, lines = _of_dataset(why, contents, keys)
         elif asset in own.assets:
-            own = own.survey(instance, find_pending_work(instance, workspace), BuildOptions())
+            own = own.survey(find_pending_work(workspace))
             key = keys[0] if own.assets[asset].is_partitioned else ""
             value, lines = _of_own(own.assets[asset], key, own.states[asset][key], own.evidence[asset][key])
         else:
-            recorded_of_key = recorded_assets(instance, workspace.names, keys[0])
-            graph = recorded_graph(
-                workspace.assets, workspace.store, recordings[keys[0]], recorded_of_key, workspace.index
-            )
+            recorded_of_key = workspace.records.of_recording(keys[0])
+            graph = recorded_graph(workspace.assets, recordings[keys[0]], recorded_of_key)
             value = explain_asset(graph, asset)
             lines = [*_lines(value)]
     if as_json:
@@ -189,7 +182,10 @@ def _action_lines(pair: JsonMapping) -> Iterator[str]:
     yield _row("version", last.get("version"), now.get("version"))
     for group, name_of in (("libraries", "library"), ("params", "param"), ("inputs", "input")):
         before, after = dict(flatten(last.get(group, {}))), dict(flatten(now.get(group, {})))
-        for name in sorted(before.keys() | after.keys()):
+        names = sorted(before.keys() | after.keys())
+        for name in names:
+            if {} in (before.get(name), after.get(name)) and any(one.startswith(f"{name}.") for one in names):
+                continue  # nothing was in it, and what is in it now is told, or the reverse
             yield _row(f"{name_of} {name}", before.get(name), after.get(name))
 
 

@@ -79,6 +79,7 @@ def gc(
     from bagassets.assets.track import TRACK
     from bagassets.defs.builds.garbage import find_roots
     from bagassets.defs.builds.old_runs import delete_runs, superseded_runs
+    from bagassets.defs.records.events import Records
     from bagassets.defs.records.instances import open_instance
     from bagassets.defs.records.naming import Naming
     from bagassets.defs.records.projects import noted_prefix
@@ -102,8 +103,8 @@ def gc(
     runs: list[str] = []
     if keep_runs_days is not None:
         with open_instance(str(dagster_home(recipe, loaded))) as instance:
-            names = Naming(loaded.name, noted_prefix(instance, recipe))
-            runs = superseded_runs(instance, loaded, names, now_s - keep_runs_days * _DAY_S)
+            records = Records(instance, Naming(loaded.name, noted_prefix(instance, recipe)))
+            runs = superseded_runs(records, loaded, now_s - keep_runs_days * _DAY_S)
             if not dry_run:
                 delete_runs(instance, runs)
     size = sum(entry.size for entry in listed)

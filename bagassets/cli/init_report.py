@@ -5,6 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from textwrap import wrap
 
+from bagassets.base.alike import names_text
 from bagassets.base.escaping import visible
 from bagassets.base.quantities import count_text
 from bagassets.cli.terminal import echo
@@ -35,8 +36,7 @@ def print_found(proposal: Proposal, unreadable: Mapping[str, str]) -> None:
             echo(f"  the topics of rig {same}, with other frames or poses")
     for reason in sorted({one.reason for one in proposal.bare}):
         recordings = [one for one in proposal.bare if one.reason == reason]
-        more = f" and {len(recordings) - 3} more" if len(recordings) > 3 else ""
-        echo(f"Left out: {', '.join(one.path for one in recordings[:3])}{more}: {reason}")
+        echo(f"Left out: {names_text([one.path for one in recordings])}: {reason}")
         _print_topics(_merged(use for one in recordings for use in one.topic_uses))
     for path, reason in list(unreadable.items())[:_LISTED]:
         echo(f"Left out: {path}: {reason}")
@@ -116,8 +116,7 @@ def _print_topics(uses: Sequence[TopicUse]) -> None:
         else:
             echo(line)
             echo(f"      {text}")
-    if len(unneeded) > _LEFT_OUT_LISTED:
-        more = len(unneeded) - _LEFT_OUT_LISTED
+    if (more := len(unneeded) - _LEFT_OUT_LISTED) > 0:
         echo(f"  and {more} more that {'is' if more == 1 else 'are'} not needed")
 
 

@@ -1,13 +1,12 @@
 """`bagassets decoders` and `bagassets formats`: what installed packages add."""
 
-import json
 from collections.abc import Sequence
 
 import click
 
 from bagassets.base.json_types import JsonObject
 from bagassets.cli.exit_status import ExitStatus
-from bagassets.cli.terminal import echo, echo_lines
+from bagassets.cli.terminal import echo, echo_json, echo_lines
 
 _json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print names, packages, versions and problems as JSON."
@@ -101,7 +100,7 @@ def _table(rows: Sequence[tuple[str, ...]]) -> list[str]:
 def _print(value: JsonObject, lines: Sequence[str], problems: Sequence[str], *, as_json: bool) -> None:
     """Print a list and its problems; exit with 1 if there are any."""
     if as_json:
-        echo_lines(json.dumps({**value, "problems": list(problems)}, indent=2))
+        echo_json({**value, "problems": list(problems)})
     else:
         for line in lines:
             echo(line)

@@ -76,17 +76,17 @@ def _main() -> None:
     from bagassets.engine.rebuild import rebuild
     from bagassets.formats.catalogue import recording_assets
     from bagassets.recipe import load_recipe
-    from bagassets.store.store import Store
 
     # Libraries print to standard output, too (OpenCV its log): keep that apart from the answer.
     answer = os.fdopen(os.dup(sys.stdout.fileno()), "w")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     request = json.load(sys.stdin)
     recipe = load_recipe(Path(request["recipe"]))
-    assets, store = recording_assets(recipe), Store(recipe.store_path)
     recipe.state.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="verify-", dir=recipe.state) as scratch:
-        made = rebuild(assets, store, request["key"], request["actions"], Path(scratch), threads=WORKERS)
+        made = rebuild(
+            recording_assets(recipe), request["key"], request["actions"], Path(scratch), threads=WORKERS
+        )
     with answer:
         json.dump([asdict(result) for result in made], answer)
 

@@ -6,6 +6,7 @@ A new server imports Dagster once, for all builds until it ends; if the build ra
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -90,7 +91,9 @@ def server_for(recipe: Path, options: BuildOptions, begun: ServerStart | None = 
     try:
         (begun or begin_server(recipe, state, options.bags, options.select)).wait()
     except BagAssetsError:
-        _loaded(recipe)  # if that is the reason, its own message says more
+        from bagassets.propose.project import dagster_home
+
+        dagster_home(recipe.absolute(), _loaded(recipe))  # what is wrong with these says more
         raise
     return Client.ensure(server_spec(state, recipe))
 
@@ -156,7 +159,7 @@ def build_on_server(
     """
     if job is None:
         try:
-            job = submit_build(client, recipe, options.as_json(), most)
+            job = submit_build(client, recipe, asdict(options), most)
         except ServerRefusedError:
             return None
     with deferred_interrupts() as interrupt:

@@ -43,11 +43,11 @@ def report(recipe: Path, output: Path | None, no_checks: bool, as_json: bool) ->
     from bagassets.report.page import report_json, report_page
     from bagassets.report.write import write_page
 
-    with planning_shown() as on_planned, open_project(recipe) as (instance, workspace):
-        plan = planner_of(instance, workspace).plan(on_planned)
+    with planning_shown() as on_planned, open_project(recipe) as workspace:
+        plan = planner_of(workspace).plan(on_planned)
     checked = None if no_checks else plan.discovery
     with bar_shown("Reading recordings", len(plan.bags)) as on_read:
-        data = report_data(workspace.recipe, workspace.store, plan, checked, on_read)
+        data = report_data(workspace.assets, plan, checked, on_read)
     if as_json:
         echo_json(report_json(data))
         return

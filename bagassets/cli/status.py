@@ -74,12 +74,11 @@ def status(recipe: Path, bags: tuple[str, ...], show_all: bool, as_json: bool) -
     from bagassets.formats.emptiness import left_behind
 
     try:
-        with planning_shown() as on_planned, open_project(recipe) as (instance, known_as):
-            options = BuildOptions(bags=bags)
+        with planning_shown() as on_planned, open_project(recipe) as known_as:
             project = load_own(known_as)
             workspace = project.workspace
-            pending = find_pending_work(instance, workspace, options, on_planned=on_planned)
-            own = project.survey(instance, pending, options)
+            pending = find_pending_work(workspace, BuildOptions(bags=bags), on_planned=on_planned)
+            own = project.survey(pending)
     except SelectionError as err:
         raise click.UsageError(str(err)) from err
     problems = [*problems_of(workspace.recipe), *left_behind(workspace.recipe)]
@@ -113,20 +112,18 @@ def _status_json(pending: "PendingWork", own: "OwnProject", problems: Sequence[s
 
 
 def _print(pending: "PendingWork", own: "OwnProject", *, show_all: bool) -> None:
-    from rich.console import Console
+    from bagassets.cli.summary import summary_console
 
-    console = Console(highlight=False, width=None if sys.stdout.isatty() else 140)
-    bags = {key: bag for key, bag in pending.plan.bags.items() if key in pending.asked.chosen}
-    listed = bags
+    console = summary_console()
+    listed = bags = {key: bag for key, bag in pending.plan.bags.items() if key in pending.asked.chosen}
     if len(bags) > MOST_ROWS and not show_all:
         listed = {key: bag for key, bag in bags.items() if not bag.settled}
     if listed:
         rows: list[_Row] = [(key, {n: s.state for n, s in bag.assets.items()}) for key, bag in listed.items()]
         if len(rows) > MOST_ROWS and not show_all:
             rows = _alike(rows)
-        console.print(_table(rows, short=console.width < _WIDE))
-    if len(listed) < len(bags):
-        number = len(bags) - len(listed)
+        console.print(_table(rows, short=console.width < _WIDE), crop=False)  # narrow terminals wrap it
+    if number := len(bags) - len(listed):
         console.print(f"{number} more {'is' if number == 1 else 'are'} fresh or skipped; --all lists all.")
     for line in _reasons(pending, listed):
         print_lines(console, line)
@@ -134,7 +131,7 @@ def _print(pending: "PendingWork", own: "OwnProject", *, show_all: bool) -> None
         print_lines(console, line)
     counts = Counter[str](state.state for bag in bags.values() for state in bag.assets.values())
     counted = ", ".join(f"{counts[state]} {state}" for state in _ORDER if counts[state])
-    console.print(f"{count_text(len(bags), 'recording')}: {counted or 'none'}.")
+    console.print(f"assets of {count_text(len(bags), 'recording')}: {counted or 'none'}.")
 
 
 def _target_lines(own: "OwnProject") -> Iterator[str]:
@@ -178,7 +175,7 @@ def _table(rows: Sequence[_Row], *, short: bool) -> "Table":
     table.add_column("recording", overflow="fold", min_width=9)
     for name in assets:
         heading = (headings.get(name) or name.rpartition("_")[2]) if short else name.replace("_", " ")
-        table.add_column(heading, overflow="fold")
+        table.add_column(heading, overflow="fold", min_width=max(len(row[name]) for _, row in rows))
     for key, row in rows:
         table.add_row(key, *(Text(row[name], style=_COLOURS[row[name]]) for name in assets))
     return table
@@ -189,9 +186,11 @@ def _reasons(pending: "PendingWork", listed: JsonMapping) -> Iterator[str]:
     found = []
     for key, bag in listed.items():
         by_reason: dict[tuple[str, str], list[str]] = {}
+        above = {state.reason for state in bag.assets.values()}
         for name, state in bag.assets.items():
             if state.state != "fresh":
-                by_reason.setdefault((state.state, state.reason), []).append(name)
+                waits, _, why = state.reason.partition(" — ")
+                by_reason.setdefault((state.state, waits if why in above else state.reason), []).append(name)
         for (state, reason), names in by_reason.items():
             shown = "all but bag and inventory" if state == "skipped" else ", ".join(names)
             found.append(((shown, state), key, reason))
@@ -200,8 +199,9 @@ def _reasons(pending: "PendingWork", listed: JsonMapping) -> Iterator[str]:
         yield f"{told.title}: {shown} {state}: {told.text if state == 'failed' else visible(told.text)}"
     for whole, keys in pending.plan.joined.items():
         yield f"{names_text(keys)}: parts of {whole}, into which the next build joins them"
+    all_gone = "" if pending.plan.bags else ", with --allow-empty,"
     for key in pending.plan.gone:
-        then = pending.held.get(key, "the next build removes its partition and its scenes")
+        then = pending.held.get(key, f"the next build{all_gone} removes its partition and its scenes")
         yield f"{key}: the recording is gone; {then}"
     excluded = (((), *one) for one in pending.plan.excluded.items() if not one[1].startswith("not matched"))
     for told in told_once(excluded):

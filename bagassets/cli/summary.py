@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 
-_WIDTH_OF_LOGS = 120
+_WIDTH_OF_LOGS = 140
 _COLOURS = {"built": "green", "hit": "cyan", "failed": "bold red", "stopped": "yellow", "skipped": "dim",
             "not made": "yellow", "error": "bold red", "warn": "yellow"}  # fmt: skip
 
@@ -99,8 +99,7 @@ def _print_once(
         if one.kind and one.kind[0] in _COLOURS:
             console.print(f"[{_COLOURS[one.kind[0]]}]{one.kind[0]}[/] ", end="")
         print_lines(console, line(one))
-    more = sum(len(one.names) for one in told[most:])
-    if more:
+    if more := sum(len(one.names) for one in told[most:]):
         console.print(f"{more} more; {rest}.")
 
 

@@ -20,11 +20,10 @@ from bagassets.cli.terminal import echo, echo_json, echo_lines
 
 if TYPE_CHECKING:
     from bagassets.engine.rebuild import KnownAction
+    from bagassets.engine.recording_assets import RecordingAssets
     from bagassets.engine.recordings_check import CheckedRecording
     from bagassets.engine.verified import Turns
-    from bagassets.recipe.model import Recipe
     from bagassets.store.integrity import Damage
-    from bagassets.store.store import Store
 
 _MOST_SHOWN = 20
 
@@ -91,24 +90,21 @@ def verify(
     from bagassets.engine.verified import Turns
     from bagassets.formats.catalogue import recording_assets
     from bagassets.recipe import load_recipe
-    from bagassets.store.store import Store
 
     recipe = recipe.absolute()
     loaded = load_recipe(recipe)
-    store = Store(loaded.store_path)
+    assets = recording_assets(loaded)
     if number is not None:
         if minutes is not None:
             raise click.UsageError("--minutes and --rebuild are two things; ask for one of them.")
-        return _rebuild(recipe, loaded, store, number, seed, as_json=as_json)
+        return _rebuild(recipe, assets, number, seed, as_json=as_json)
     with_recordings = of_recordings or minutes is not None
-    assets = recording_assets(loaded)
-    turns = Turns(assets, store, with_store=not of_recordings, with_recordings=with_recordings)
-    return _check(loaded, store, turns, minutes, of_recordings, report_only=report_only, as_json=as_json)
+    turns = Turns(assets, with_store=not of_recordings, with_recordings=with_recordings)
+    return _check(assets, turns, minutes, of_recordings, report_only=report_only, as_json=as_json)
 
 
 def _check(
-    recipe: "Recipe",
-    store: "Store",
+    assets: "RecordingAssets",
     turns: "Turns",
     minutes: float | None,
     of_recordings: bool,
@@ -121,6 +117,7 @@ def _check(
     from bagassets.formats.dataset_integrity import find_damage, remove_damaged
     from bagassets.store.integrity import take_out
 
+    recipe, store = assets.recipe, assets.store
     damages: list[Damage] = []
     checked: list[CheckedRecording] = []
     is_all = minutes is None and not of_recordings
@@ -139,7 +136,7 @@ def _check(
         click.echo(f"{begin}{count_text(len(turns.artifacts), 'artifact')} checked", err=True)
     artifacts = {d.digest for d in damages if d.kind == "artifact"}
     spoiled = list(find_damage(recipe, store, artifacts, others=is_all)) if is_all or artifacts else []
-    names = _names(recipe, store) if damages else {}
+    names = _names(assets) if damages else {}
     if not report_only:
         take_out(store, damages)
         for digest in artifacts:
@@ -197,32 +194,30 @@ def _print_recording(recording: "CheckedRecording") -> None:
     sys.stdout.flush()
 
 
-def _names(recipe: "Recipe", store: "Store") -> dict[str, str]:
+def _names(assets: "RecordingAssets") -> dict[str, str]:
     """Return digest of artifact or action -> recording, asset and channel, as far as they are known."""
     from bagassets.engine.rebuild import known_actions
-    from bagassets.formats.catalogue import recording_assets
 
     names = {}
     with suppress(BagAssetsError):  # the bag root is gone: then there are no names
-        for known in known_actions(recording_assets(recipe), store):
+        for known in known_actions(assets):
             names[known.artifact] = names[known.action] = str(known)
     return names
 
 
 def _rebuild(
-    recipe_file: Path, recipe: "Recipe", store: "Store", number: int, seed: int | None, *, as_json: bool
+    recipe_file: Path, assets: "RecordingAssets", number: int, seed: int | None, *, as_json: bool
 ) -> int:
     from bagassets.cli.rebuild_process import other_environment, rebuild_elsewhere
     from bagassets.engine.rebuild import known_actions
-    from bagassets.formats.catalogue import recording_assets
 
     by_action: dict[str, KnownAction] = {}
-    for action in sorted(known_actions(recording_assets(recipe), store)):
+    for action in sorted(known_actions(assets)):
         by_action.setdefault(action.action, action)  # recordings with equal messages share actions
     known = list(by_action.values())
     if not known:
         raise BagAssetsError(
-            f"{store.root}: no action of the recordings below {recipe.bags.root} is on record; run `bagassets build` first."
+            f"{assets.store.root}: no action of the recordings below {assets.recipe.bags.root} is on record; run `bagassets build` first."
         )
     seed = random.SystemRandom().randrange(10**6) if seed is None else seed
     chosen = random.Random(seed).sample(known, min(number, len(known)))

@@ -104,7 +104,7 @@ def _fixes(recipe: Path, key: str) -> list[tuple[int, float, float]]:
     from bagassets.defs.records.instance_plan import plan_instance
     from bagassets.engine.track import track_on_record
 
-    with open_project(recipe) as (instance, workspace):
-        bag = plan_instance(instance, workspace).bags.get(key)
+    with open_project(recipe) as workspace:
+        bag = plan_instance(workspace).bags.get(key)
         track = None if bag is None else track_on_record(workspace.recipe, workspace.store, bag)
         return [] if track is None else list(track.points)

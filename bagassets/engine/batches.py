@@ -11,7 +11,7 @@ DATASET = ""
 """Stands for the datasets among partition keys."""
 
 SMALL_BYTES = 64 * 2**20
-_LARGEST_BATCH_BYTES = 128 * 2**20
+_LARGEST_BATCH_BYTES = 256 * 2**20
 WORTH_STEPS_BYTES = 4 * 2**30
 """Up to here a recording does without a step for each asset, where the choice is free.
 

@@ -20,16 +20,7 @@ _MOST_REMARKS = 12
 
 
 @dataclass(frozen=True)
-class _Sent:
-    """Facts that one process sends to another."""
-
-    def as_json(self) -> JsonObject:
-        """Return them as JSON."""
-        return asdict(self)
-
-
-@dataclass(frozen=True)
-class BuildOptions(_Sent):
+class BuildOptions:
     """Options of a build.
 
     Attributes:
@@ -55,12 +46,12 @@ class BuildOptions(_Sent):
 
     @classmethod
     def from_json(cls, value: JsonObject) -> Self:
-        """Inverse of `as_json`; fields that are left out have their defaults."""
+        """Inverse of `asdict`; fields that are left out have their defaults."""
         return replace(cls(**value), bags=tuple(value.get("bags", ())), select=tuple(value.get("select", ())))
 
 
 @dataclass(frozen=True)
-class Event(_Sent):
+class Event:
     """Progress of a build.
 
     Attributes:
@@ -123,7 +114,7 @@ class OwnOutcome:
 
 
 @dataclass(frozen=True)
-class Remark(_Sent):
+class Remark:
     """A problem that a check found in a recording that was built.
 
     Attributes:
@@ -140,9 +131,11 @@ class Remark(_Sent):
 
 
 def remark_lines(remarks: Iterable[Remark]) -> list[str]:
-    """Return remarks as lines: errors first, what is alike once, and no more than fits on a screen."""
+    """Return remarks as lines: errors first, what is alike once, names, too, and no more than fits on a screen."""
     ranked = sorted(remarks, key=lambda remark: remark.severity != "error")
-    told = told_once(((one.severity, one.check), one.key, one.problem) for one in ranked)
+    told = told_once(
+        ((one.severity, one.check), one.key, one.problem.removeprefix(f"{one.key}: ")) for one in ranked
+    )
     lines = [
         visible(f"{one.kind[0]} {one.title or 'dataset'}: {one.text} ({one.kind[1]})")
         for one in told[:_MOST_REMARKS]

@@ -38,12 +38,12 @@ class SpaceNeeded:
     is_measured: bool
 
     def __str__(self) -> str:
-        what = f"{count_text(self.recordings, 'recording')} ({readable_bytes(self.recorded_bytes)})"
+        what = f"Images and clouds of {count_text(self.recordings, 'recording')} ({readable_bytes(self.recorded_bytes)})"
         return f"{what}: about {readable_bytes(self.bytes)} of disk space{'' if self.is_measured else ' or less'}"
 
 
 def space_needed(
-    plan: Plan, sizes: Mapping[str, int], todo: Collection[str], store: Store, assets: RecordingAssets
+    plan: Plan, sizes: Mapping[str, int], todo: Collection[str], assets: RecordingAssets
 ) -> SpaceNeeded | None:
     """Return what is needed to build some recordings; None if none of them is new with images or sweeps to extract.
 
@@ -54,7 +54,6 @@ def space_needed(
         plan: states of all recordings.
         sizes: size of each recording in bytes.
         todo: the recordings.
-        store: has the artifacts of those that are built.
         assets: the assets of recordings. Only the files of those of channels grow with a recording; the others take kilobytes.
     """
     large = [asset.name for asset in assets if asset.extract is not None]
@@ -67,7 +66,7 @@ def space_needed(
     size = sum(sizes[key] for key in compared)
     if not size:
         return SpaceNeeded(len(extracted), recorded_bytes, recorded_bytes, is_measured=False)
-    written = sum(_bytes_of(store, plan.bags[key].artifacts) for key in compared)
+    written = sum(_bytes_of(assets.store, plan.bags[key].artifacts) for key in compared)
     return SpaceNeeded(
         len(extracted), recorded_bytes, round(recorded_bytes * written / size), is_measured=True
     )

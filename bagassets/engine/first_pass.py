@@ -16,10 +16,9 @@ from bagassets.base.files import remove, write_atomically
 from bagassets.base.trace import span
 from bagassets.engine.inputs import RecordingInputs
 from bagassets.engine.process import keep_freed_memory
+from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.engine.source import MessageSource, Progress, progress_told, tell_progress
-from bagassets.recipe.model import Recipe
 from bagassets.recordings.digest import (
-    DigestIndex,
     HashedAlong,
     RecordingDigest,
     RecordingStat,
@@ -48,11 +47,9 @@ class FirstPass:
     inventory: Outcome | None = None
 
 
-def first_pass(
-    recipe: Recipe, store: Store, recording: RecordingFiles, stat: RecordingStat, index: DigestIndex
-) -> FirstPass:
+def first_pass(assets: RecordingAssets, recording: RecordingFiles, stat: RecordingStat) -> FirstPass:
     """Do what `read_first` does; if another process is at the same recording, wait for it, and tell how far that is."""
-    file, told = _reading_file(recipe.state, recording), b""
+    file, told = _reading_file(assets.recipe.state, recording), b""
 
     def relay() -> None:
         nonlocal told
@@ -61,13 +58,11 @@ def first_pass(
                 told = said
                 tell_progress(Progress(**json.loads(said)))
 
-    with only_reader(store, recording, stat, relay):
-        return read_first(recipe, store, recording, stat, index)
+    with only_reader(assets.store, recording, stat, relay):
+        return read_first(assets, recording, stat)
 
 
-def read_first(
-    recipe: Recipe, store: Store, recording: RecordingFiles, stat: RecordingStat, index: DigestIndex
-) -> FirstPass:
+def read_first(assets: RecordingAssets, recording: RecordingFiles, stat: RecordingStat) -> FirstPass:
     """Return the digest of a recording; if it has to be hashed, make its inventory in the same pass.
 
     A recording of which content of the same size is on record was most likely touched only, and is just hashed. An inventory
@@ -75,24 +70,23 @@ def read_first(
     again there, and is reported.
 
     Args:
-        recipe: the recipe.
-        store: where the inventory goes.
+        assets: the assets of recordings, where the inventory goes, and the digest.
         recording: its files.
         stat: their current sizes and times.
-        index: the project's index of digests.
 
     Raises:
         RecordingError: a file cannot be read.
         ChangedWhileReadError: a file changed while it was hashed.
         StoreError: the index cannot be written.
     """
+    index = assets.index
     rows = [(index.row(path), stat) for path, stat in stat_files(recording)]
     is_touched = all(row is not None and row.size == stat.st_size for row, stat in rows)
     if is_touched or stored_digest(recording, index) is not None:
         return FirstPass(recording_digest(recording, index))
     keep_freed_memory()
     with HashedAlong(recording, index) as along:
-        return _with_inventory(recipe, store, recording, stat, along)
+        return _with_inventory(assets, recording, stat, along)
 
 
 @contextmanager
@@ -106,8 +100,9 @@ def only_reader(
 
 
 def _with_inventory(
-    recipe: Recipe, store: Store, recording: RecordingFiles, stat: RecordingStat, along: HashedAlong
+    assets: RecordingAssets, recording: RecordingFiles, stat: RecordingStat, along: HashedAlong
 ) -> FirstPass:
+    recipe, store = assets.recipe, assets.store
     definitions, what = recipe.bags.message_definitions, "hash and inventory"
     source = MessageSource(recording, stat, definitions, recipe.limits, along.follow, what)
     inputs = RecordingInputs(store, recording, "", source)

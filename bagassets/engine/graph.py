@@ -26,11 +26,11 @@ from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.engine.source import MessageSource
 from bagassets.engine.unexpected import explained_error
 from bagassets.recipe.model import Rig
-from bagassets.recordings.digest import DigestIndex, RecordingStat, recording_digest, recording_stat
+from bagassets.recordings.digest import RecordingStat, recording_digest, recording_stat
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.action import Action, Step
 from bagassets.store.artifact import Artifact
-from bagassets.store.store import Outcome, Store
+from bagassets.store.store import Outcome
 
 BAG, SELECTION = "bag", "selection"
 _INDEX_VERSION = 1
@@ -106,7 +106,6 @@ class Graph:
 
     Attributes:
         assets: the assets of a recording under the recipe.
-        store: the artifact store.
         recording: its files.
         digest: its content digest; None if it is not known, and then nothing else is.
         stat: sizes and times of its files when the digest was taken.
@@ -119,7 +118,6 @@ class Graph:
     """
 
     assets: RecordingAssets
-    store: Store
     recording: RecordingFiles
     digest: str | None
     stat: RecordingStat
@@ -133,20 +131,20 @@ class Graph:
 
     def __post_init__(self) -> None:
         given = {name: artifact for name, artifact in self.given.items() if not self.makes(name)}
-        recipe = self.assets.recipe
+        recipe, self.store = self.assets.recipe, self.assets.store
         self.source = MessageSource(self.recording, self.stat, recipe.bags.message_definitions, recipe.limits)
         self.inputs = RecordingInputs(self.store, self.recording, self.digest or "", self.source, given)
 
     @classmethod
-    def of(cls, assets: RecordingAssets, store: Store, recording: RecordingFiles) -> Self:
+    def of(cls, assets: RecordingAssets, recording: RecordingFiles) -> Self:
         """Return the graph of a recording as it is on disk, whose files are hashed unless their digest is on record.
 
         Raises:
             RecordingError: it is gone, or changes while it is hashed.
         """
         stat = recording_stat(recording)
-        digest = recording_digest(recording, DigestIndex.of(assets.recipe))
-        return cls(assets, store, recording, digest.digest, stat.as_of(digest))
+        digest = recording_digest(recording, assets.index)
+        return cls(assets, recording, digest.digest, stat.as_of(digest))
 
     # --- nodes ---------------------------------------------------------------------------
 

@@ -1,9 +1,10 @@
 """What a build makes again because this version of bagassets makes it differently, and about how long that takes."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 
 from bagassets.base.alike import told_once
 from bagassets.base.quantities import readable_time
+from bagassets.engine.batches import Batch, batches
 from bagassets.engine.plan import Plan, Recorded
 from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.store.store import Store
@@ -13,29 +14,20 @@ _MOST_COMPARED = 20
 _RUN_S = 1.0  # what a run takes beside its work
 
 
-def made_again(
-    assets: RecordingAssets,
-    store: Store,
-    plan: Plan,
-    todo: Mapping[str, tuple[int, Sequence[str]]],
-    jobs: int,
-    runs: int,
-) -> str:
+def made_again(assets: RecordingAssets, plan: Plan, todo: Batch, jobs: int) -> str:
     """Return a line about the assets whose version was raised since they were recorded, then one about each; "" without any.
 
     Args:
-        assets: the assets of a recording, with their versions.
-        store: has the time that actions took.
+        assets: the assets of a recording, with their versions; the store has the time that actions took.
         plan: states of all recordings.
-        todo: recording that needs a run -> its size in bytes, and the assets that the run is about.
+        todo: recording that needs a run -> the assets that the run is about.
         jobs: recordings built at the same time.
-        runs: runs that all of `todo` takes.
     """
     recorded = plan.recorded
     found: dict[str, list[str]] = {}
     since: dict[str, int] = {}
     told: list[tuple[tuple[str, ...], str, str]] = []
-    for key, (_, names) in todo.items():
+    for key, names in todo.items():
         states, before = plan.bags[key].assets, recorded.get(key, {})
         changed = [name for name in names if states[name].state in {"stale", "unknown"} and name in before]
         versions = {name: _version(before[name]) for name in changed if name != "bag"}
@@ -50,9 +42,10 @@ def made_again(
         return ""
     what = "; ".join(f"{one.text} of {one.title}" for one in told_once(told, fewest=2))
     compared = list(found)[:: max(1, len(found) // _MOST_COMPARED)]
-    took_s = sum(_took_s(store, [recorded[key][name] for name in found[key]]) for key in compared)
-    share = sum(1 + todo[key][0] for key in compared) / sum(1 + todo[key][0] for key in found)
-    all_s = (took_s / share + runs * _RUN_S) / jobs
+    took_s = sum(_took_s(assets.store, [recorded[key][name] for name in found[key]]) for key in compared)
+    sizes = {key: plan.discovery.recordings[key].size for key in todo}
+    share = sum(1 + sizes[key] for key in compared) / sum(1 + sizes[key] for key in found)
+    all_s = (took_s / share + len(batches(todo, sizes, jobs)) * _RUN_S) / jobs
     time = f"; about {readable_time(all_s)}, going by what they took before" if took_s else ""
     line = f"made again: {what}, as far as this version of bagassets makes them differently (see its changelog){time}"
     differences = [

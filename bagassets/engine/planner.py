@@ -32,23 +32,17 @@ AT_A_TIME = 200
 
 
 def recorded_graph(
-    assets: RecordingAssets,
-    store: Store,
-    recording: RecordingFiles,
-    recorded: Mapping[str, Recorded],
-    index: DigestIndex | None = None,
+    assets: RecordingAssets, recording: RecordingFiles, recorded: Mapping[str, Recorded]
 ) -> Graph:
     """Return the graph of a recording beside what is on record; nothing is read of the recording.
 
     Args:
         assets: the assets of a recording under the recipe.
-        store: the artifact store.
         recording: its files.
         recorded: asset -> what Dagster recorded last; empty if the partition does not exist.
-        index: index of file digests.
     """
-    digest, stat, bag = _bag_state(recording, recorded.get("bag"), index)
-    return Graph(assets, store, recording, digest, stat, bag=bag, recorded=recorded)
+    digest, stat, bag = _bag_state(recording, recorded.get("bag"), assets.index)
+    return Graph(assets, recording, digest, stat, bag=bag, recorded=recorded)
 
 
 def plan_recording(graph: Graph) -> BagPlan:
@@ -76,13 +70,13 @@ def plan_recording(graph: Graph) -> BagPlan:
 
 
 def _bag_state(
-    recording: RecordingFiles, recorded: Recorded | None, index: DigestIndex | None
+    recording: RecordingFiles, recorded: Recorded | None, index: DigestIndex
 ) -> tuple[str | None, RecordingStat, AssetState]:
     stats = stat_files(recording)
     stat = RecordingStat(tuple((path.name, s.st_size, s.st_mtime_ns) for path, s in stats))
     digest = stored_digest(recording, index)
     if recorded is not None and recorded.stat == stat:
-        is_suspect = index is not None and any(index.suspects_edit(path, s) for path, s in stats)
+        is_suspect = any(index.suspects_edit(path, s) for path, s in stats)
         # Edited in place and hashed since, it has the size and time on record, and another digest.
         if not is_suspect and digest in {None, recorded.data_version}:
             state = AssetState("fresh", "size and time unchanged", recorded.data_version)
@@ -150,10 +144,8 @@ class Planner:
 
     Attributes:
         assets: the assets of a recording under the recipe.
-        store: the artifact store.
         discovery: the recordings on disk.
         registered: the existing partition keys.
-        index: index of file digests.
         project: fingerprint of the code, the recipe and the files that it names; None has all recordings examined.
         storage_ids: asset -> partition key -> id of Dagster's latest record.
         fetch: takes some of `storage_ids` and partition keys; returns partition key -> asset -> what Dagster recorded last.
@@ -163,10 +155,8 @@ class Planner:
     """
 
     assets: RecordingAssets
-    store: Store
     discovery: Discovery
     registered: frozenset[str]
-    index: DigestIndex
     project: str | None
     storage_ids: Mapping[str, Mapping[str, int]]
     fetch: Fetch
@@ -175,7 +165,7 @@ class Planner:
     thorough: bool = True
 
     def __post_init__(self) -> None:
-        artifacts = self.store.root / "artifacts"
+        artifacts = self.assets.store.root / "artifacts"
         self._cache = PlanCache(self.assets.recipe.state, artifacts, thorough=self.thorough)
         self._before = self._cache.load()
         self.kept = {key: bag for key, bag in self.kept.items() if self._still_holds(key, bag)}
@@ -206,7 +196,7 @@ class Planner:
             records = self.fetch(self.storage_ids, [key for key in some if key in self.registered])
             for key in some:
                 of_key = records.get(key, {})
-                graph = recorded_graph(self.assets, self.store, recordings[key], of_key, self.index)
+                graph = recorded_graph(self.assets, recordings[key], of_key)
                 bag = plan_recording(graph)
                 bags[key] = _once_more(bag) if key in self._unsettled else bag
             recorded |= {key: of for key, of in records.items() if not bags[key].settled}
@@ -232,7 +222,7 @@ class Planner:
         """Return the plan of a recording with nothing to do, with what is kept with it."""
         bag = replace(bag, findings=self.check(bag))
         with suppress(StoreError):  # whoever needs it reports that
-            return replace(bag, damage=damage_of(bag, self.store))
+            return replace(bag, damage=damage_of(bag, self.assets.store))
         return bag
 
     def touched(self) -> dict[str, Recorded]:
@@ -241,15 +231,20 @@ class Planner:
         They are those whose plan would say so (`BagPlan.touched`).
         """
         found = {}
+        same = {
+            key
+            for key, (entry, now) in self._last.items()
+            if (entry.fingerprint.files, entry.fingerprint.bag) == (now.files, now.bag)
+        }
         changed = [
             key
             for key in self.discovery.recordings
-            if key in self.registered and key not in self.kept and not self._has_same_files(key)
+            if key in self.registered and key not in self.kept and key not in same
         ]
         for some in _batches(changed):
             for key, records in self.fetch({"bag": self.storage_ids["bag"]}, some).items():
                 recorded = records.get("bag")
-                _, stat, state = _bag_state(self.discovery.recordings[key], recorded, self.index)
+                _, stat, state = _bag_state(self.discovery.recordings[key], recorded, self.assets.index)
                 if recorded is not None and _is_touched(state, recorded, stat):
                     found[key] = recorded
         return found
@@ -269,14 +264,6 @@ class Planner:
             )
         return found
 
-    def _has_same_files(self, key: str) -> bool:
-        """Return whether the files of a recording, and the record of `bag`, are those of its last plan."""
-        if key not in self._last:
-            return False
-        entry, now = self._last[key]
-        last = entry.fingerprint
-        return (last.files, last.bag) == (now.files, now.bag)
-
     def _unchanged(self) -> dict[str, BagPlan]:
         """Return the last plans of the recordings that have not changed since."""
         found: dict[str, BagPlan] = {}
@@ -293,7 +280,7 @@ class Planner:
         if key not in self._before:
             return not bag.settled
         if not (holds := self._cache.holds(self._before[key])):
-            _remove_incomplete(self.store, bag)
+            _remove_incomplete(self.assets.store, bag)
         return holds
 
     def _recorded_anew(self, keys: Iterable[str]) -> dict[str, BagPlan]:
@@ -312,7 +299,9 @@ class Planner:
             for key, records in self.fetch({"bag": self.storage_ids["bag"]}, some).items():
                 entry = self._before[key]
                 last = BagPlan.from_row(key, entry.row)
-                digest, _, state = _bag_state(self.discovery.recordings[key], records.get("bag"), self.index)
+                digest, _, state = _bag_state(
+                    self.discovery.recordings[key], records.get("bag"), self.assets.index
+                )
                 is_same = state.state == "fresh" and digest == last.assets["bag"].data_version
                 if is_same and self._cache.holds(entry):
                     found[key] = last

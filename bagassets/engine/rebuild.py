@@ -11,7 +11,7 @@ from bagassets.base.errors import BagAssetsError
 from bagassets.engine.execute import run_again
 from bagassets.engine.graph import Graph, Node
 from bagassets.engine.recording_assets import RecordingAssets
-from bagassets.recordings.digest import DigestIndex, recording_stat, stored_digest
+from bagassets.recordings.digest import recording_stat, stored_digest
 from bagassets.recordings.discover import discover
 from bagassets.store.store import Outcome, Store
 
@@ -56,15 +56,13 @@ class Rebuilt:
     error: str | None = None
 
 
-def known_actions(assets: RecordingAssets, store: Store) -> Iterator[KnownAction]:
+def known_actions(assets: RecordingAssets) -> Iterator[KnownAction]:
     """Yield the actions that the store knows, of all recordings whose digest is on record."""
-    recipe = assets.recipe
-    index = DigestIndex.of(recipe)
-    for key, recording in discover(recipe.bags).recordings.items():
-        digest = stored_digest(recording, index)
+    for key, recording in discover(assets.recipe.bags).recordings.items():
+        digest = stored_digest(recording, assets.index)
         if digest is None:
             continue
-        for node in Graph(assets, store, recording, digest, recording_stat(recording)).nodes():
+        for node in Graph(assets, recording, digest, recording_stat(recording)).nodes():
             outcome = node.outcome
             if outcome is not None:
                 step, artifact = node.known_action.step, outcome.artifact.digest
@@ -72,13 +70,12 @@ def known_actions(assets: RecordingAssets, store: Store) -> Iterator[KnownAction
 
 
 def rebuild(
-    assets: RecordingAssets, store: Store, key: str, actions: Collection[str], scratch: Path, *, threads: int
+    assets: RecordingAssets, key: str, actions: Collection[str], scratch: Path, *, threads: int
 ) -> list[Rebuilt]:
     """Run actions of one recording again and compare the new artifacts with the stored ones.
 
     Args:
-        assets: the assets of a recording under the recipe.
-        store: the store that knows the actions; it is not changed.
+        assets: the assets of a recording under the recipe; the store, which knows the actions, is not changed.
         key: partition key of the recording.
         actions: digests of the actions.
         scratch: empty folder for the new artifacts.
@@ -91,7 +88,7 @@ def rebuild(
     recording = discover(recipe.bags).recordings.get(key)
     if recording is None:
         raise BagAssetsError(f"{key}: no such recording below {recipe.bags.root}; it was removed meanwhile.")
-    graph = Graph.of(assets, store, recording)
+    graph = Graph.of(assets, recording)
     known = {
         node.outcome.action_digest: node
         for node in graph.nodes()

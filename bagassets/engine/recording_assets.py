@@ -1,4 +1,4 @@
-"""The assets of a recording under a recipe: a list of objects, their code versions, and what depends on what."""
+"""The assets of a recording under a recipe: a list of objects, their code versions, what depends on what, and where they are kept."""
 
 from collections.abc import Iterable, Iterator
 from functools import cached_property
@@ -7,7 +7,9 @@ from bagassets.assets.asset import AnyAsset, as_json
 from bagassets.base.errors import PluginError
 from bagassets.base.plugins import installed_decoders
 from bagassets.recipe.model import Recipe, Rig
+from bagassets.recordings.digest_record import DigestIndex
 from bagassets.store.canonical import digest_json
+from bagassets.store.store import Store
 
 
 class RecordingAssets:
@@ -53,6 +55,16 @@ class RecordingAssets:
     def __getitem__(self, name: str) -> AnyAsset:
         """Return an asset by name, including those that are only made along with others."""
         return self._by_name[name]
+
+    @cached_property
+    def store(self) -> Store:
+        """The artifact store."""
+        return Store(self.recipe.store_path)
+
+    @cached_property
+    def index(self) -> DigestIndex:
+        """Digests of recordings whose file system has no extended attributes."""
+        return DigestIndex.of(self.recipe)
 
     @cached_property
     def names(self) -> tuple[str, ...]:

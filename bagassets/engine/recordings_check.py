@@ -11,14 +11,7 @@ from bagassets.base.quantities import count_text
 from bagassets.engine.execute import run_again
 from bagassets.engine.graph import Graph
 from bagassets.engine.recording_assets import RecordingAssets
-from bagassets.recordings.digest import (
-    DigestIndex,
-    combined_digest,
-    hash_file,
-    name_in,
-    recording_stat,
-    stat_files,
-)
+from bagassets.recordings.digest import combined_digest, hash_file, name_in, recording_stat, stat_files
 from bagassets.recordings.digest_record import read_attribute
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.artifact import Artifact
@@ -104,19 +97,15 @@ class CheckedRecording:
         }
 
 
-def check_recording(
-    assets: RecordingAssets, store: Store, index: DigestIndex, recording: RecordingFiles
-) -> CheckedRecording:
+def check_recording(assets: RecordingAssets, recording: RecordingFiles) -> CheckedRecording:
     """Hash one recording and compare it with its record, which is in the index or stored with its files."""
     try:
-        return _check(assets, store, index, recording)
+        return _check(assets, recording)
     except BagAssetsError as err:
         return CheckedRecording(recording.key, 0, problem=str(err))
 
 
-def _check(
-    assets: RecordingAssets, store: Store, index: DigestIndex, recording: RecordingFiles
-) -> CheckedRecording:
+def _check(assets: RecordingAssets, recording: RecordingFiles) -> CheckedRecording:
     recorded: dict[str, str] = {}
     changed: list[ChangedFile] = []
     unrecorded: list[Path] = []
@@ -124,7 +113,7 @@ def _check(
     for path, stat in stat_files(recording):
         size += stat.st_size
         actual = hash_file(path, stat)
-        row = index.row(path)
+        row = assets.index.row(path)
         digest = read_attribute(path) if row is None else row.digest
         if digest is None:
             unrecorded.append(path)
@@ -135,7 +124,7 @@ def _check(
     if not changed:
         return CheckedRecording(recording.key, size, tuple(unrecorded))
     try:
-        topics = _changed_topics(assets, store, recording, combined_digest(recording, recorded))
+        topics = _changed_topics(assets, recording, combined_digest(recording, recorded))
         problem = None
     except BagAssetsError as err:
         topics, problem = (), f"its topics cannot be compared: {err}"
@@ -143,10 +132,10 @@ def _check(
 
 
 def _changed_topics(
-    assets: RecordingAssets, store: Store, recording: RecordingFiles, recorded_digest: str
+    assets: RecordingAssets, recording: RecordingFiles, recorded_digest: str
 ) -> tuple[ChangedTopic, ...]:
     """Return the topics whose digest differs from that in the inventory of the recorded content."""
-    graph = Graph(assets, store, recording, recorded_digest, recording_stat(recording))
+    graph = Graph(assets, recording, recorded_digest, recording_stat(recording))
     inventory = graph.node(INVENTORY.name)
     if inventory.artifact is None:
         raise BagAssetsError("the store has no inventory of the recorded content, which was never built.")

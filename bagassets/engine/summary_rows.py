@@ -11,13 +11,12 @@ from bagassets.store.store import Store
 
 
 def summary_rows(
-    report: BuildReport, store: Store, assets: RecordingAssets, *, most: int | None = None
+    report: BuildReport, assets: RecordingAssets, *, most: int | None = None
 ) -> list[SummaryRow]:
     """Return a row per recording, from the summaries of its current artifacts.
 
     Args:
         report: the report of the build.
-        store: the artifact store.
         assets: the assets of recordings.
         most: with more recordings than this, return only those that were built, failed or stopped.
     """
@@ -26,24 +25,22 @@ def summary_rows(
         return []
     if most is not None and len(outcomes) > most:
         outcomes = report.having("built", "failed", "stopped")
-    return [_row(store, key, plan.bags.get(key), outcome, assets) for key, outcome in outcomes.items()]
+    return [_row(key, plan.bags.get(key), outcome, assets) for key, outcome in outcomes.items()]
 
 
-def _row(
-    store: Store, key: str, bag: BagPlan | None, outcome: BagOutcome, assets: RecordingAssets
-) -> SummaryRow:
+def _row(key: str, bag: BagPlan | None, outcome: BagOutcome, assets: RecordingAssets) -> SummaryRow:
     counts: dict[str, int | None] = dict.fromkeys(assets.counted)
     if bag is None:
         reason = outcome.reason or "it was removed meanwhile, so the dataset is without it"
         return SummaryRow(key, None, None, counts, outcome.result, reason)
     lost: dict[str, dict[str, int]] = {}
     for asset in assets.by_channels:
-        summary = _summary(store, bag, asset)
+        summary = _summary(assets.store, bag, asset)
         counts |= {name: count(summary) for name, count in asset.face.counts.items()}
         for one in asset.face.losses(summary):
             reasons = lost.setdefault(one.source, {})
             reasons[one.reason] = reasons.get(one.reason, 0) + one.number
-    span_s = _summary(store, bag, INVENTORY).get("duration_s")
+    span_s = _summary(assets.store, bag, INVENTORY).get("duration_s")
     return SummaryRow(key, bag.format, span_s, counts, outcome.result, outcome.reason, lost)
 
 

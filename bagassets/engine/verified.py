@@ -19,10 +19,8 @@ from bagassets.base.files import write_atomically
 from bagassets.base.quantities import count_text, readable_bytes
 from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.engine.recordings_check import CheckedRecording, check_recording
-from bagassets.recordings.digest_record import DigestIndex
 from bagassets.recordings.discover import discover
 from bagassets.store.integrity import Damage, artifacts_in, check_artifact, check_records, record_folders
-from bagassets.store.store import Store
 
 RECENT_DAYS = 30
 _SAVE_S = 10.0  # so much is verified again after a kill
@@ -75,8 +73,7 @@ class Turns:
 
     Args:
         assets: the assets of a recording under the recipe.
-        store: the artifact store.
-        with_store: verify its artifacts, and records of actions.
+        with_store: verify the artifacts of the store, and records of actions.
         with_recordings: verify recordings.
 
     Attributes:
@@ -87,18 +84,16 @@ class Turns:
         RecordingError: the bag root is not there.
     """
 
-    def __init__(
-        self, assets: RecordingAssets, store: Store, *, with_store: bool, with_recordings: bool
-    ) -> None:
-        self._assets, self._store, self._index = assets, store, DigestIndex.of(assets.recipe)
+    def __init__(self, assets: RecordingAssets, *, with_store: bool, with_recordings: bool) -> None:
+        self._assets, self._store = assets, assets.store
         recordings = discover(assets.recipe.bags).recordings.values() if with_recordings else ()
         # One that is written to has another name, and counts as never verified.
         self._recordings = {f"{one.key} {one.size} {one.mtime_ns}": one for one in recordings}
-        self.artifacts = {one.digest: one for one in artifacts_in(store)} if with_store else {}
-        self._folders = {one.name: one for one in record_folders(store)} if with_store else {}
+        self.artifacts = {one.digest: one for one in artifacts_in(self._store)} if with_store else {}
+        self._folders = {one.name: one for one in record_folders(self._store)} if with_store else {}
         self._in_store = (*self._folders, *self.artifacts)
         self._made_by: dict[str, str] = {}
-        self.notes = self._stored, self._recorded = Verified(store.root), Verified(assets.recipe.state)
+        self.notes = self._stored, self._recorded = Verified(self._store.root), Verified(assets.recipe.state)
 
     def run(self, most_s: float = math.inf) -> Iterator[list[Damage] | CheckedRecording]:
         """Verify one after the other, the oldest first if there is little time, and yield what was found.
@@ -136,7 +131,7 @@ class Turns:
 
     def _verify(self, name: str) -> list[Damage] | CheckedRecording:
         if name in self._recordings:
-            return check_recording(self._assets, self._store, self._index, self._recordings[name])
+            return check_recording(self._assets, self._recordings[name])
         if name in self._folders:
             return list(check_records(self._store, self._folders[name], self._made_by))
         return list(check_artifact(self.artifacts[name], self._made_by.get(name)))

@@ -21,7 +21,8 @@ from bagassets.engine.build_report import Remark
 from bagassets.engine.freshness.artifacts import each_once, note_of
 from bagassets.engine.freshness.published import Publication
 from bagassets.engine.plan import BagPlan, KeptPlan, Plan
-from bagassets.formats.catalogue import known_assets, recording_assets
+from bagassets.engine.recording_assets import RecordingAssets
+from bagassets.formats.catalogue import known_assets
 from bagassets.formats.dataset_build import Dataset, datasets_of
 from bagassets.formats.dataset_lock import LOCK
 from bagassets.formats.format import AnyFormat, ByGroups
@@ -83,28 +84,22 @@ class Verdict:
 
 
 def check_bag(
-    recipe: Recipe,
-    store: Store,
-    discovery: Discovery,
-    bag: BagPlan,
-    *,
-    quick: bool = False,
+    assets: RecordingAssets, discovery: Discovery, bag: BagPlan, *, quick: bool = False
 ) -> Iterator[Verdict]:
     """Check the artifacts of one recording; a skipped recording has no verdicts.
 
     Args:
-        recipe: the recipe, with the thresholds.
-        store: has the artifacts.
+        assets: the assets of recordings under the recipe, which has the thresholds.
         discovery: the recordings on disk.
         bag: the recording.
         quick: run only those checks that take no time, on artifacts that are of its files and the recipe as they are now.
     """
-    recording = discovery.recordings.get(bag.key)
+    recipe, recording = assets.recipe, discovery.recordings.get(bag.key)
     rig = None if recording is None else choose_rig(recipe, *recording.names)
     if rig is None or bag.skipped is not None:
         return
-    evidence = Evidence(recipe, rig, store, partial(_artifact_on_record, store, bag))
-    for asset in recording_assets(recipe):
+    evidence = Evidence(recipe, rig, assets.store, partial(_artifact_on_record, assets.store, bag))
+    for asset in assets:
         for check in asset.checks:
             severity = severity_of(recipe.checks, check.section)
             if severity == "skip" or (quick and not check.quick):
@@ -163,15 +158,15 @@ class KeptVerdicts:
 
 
 def check_bags(
-    recipe: Recipe, store: Store, plan: Plan, bags: Iterable[BagPlan]
+    assets: RecordingAssets, plan: Plan, bags: Iterable[BagPlan]
 ) -> Iterator[tuple[str, list[Verdict]]]:
     """Yield key and verdicts of recordings; of those that have not changed since they were checked, as they were then."""
-    kept, recordings = KeptVerdicts(recipe, plan.project), plan.discovery.recordings
+    kept, recordings = KeptVerdicts(assets.recipe, plan.project), plan.discovery.recordings
     with kept.cache.kept_open():
         for bag in bags:
             # Of other plans, nobody has looked at the artifacts.
             known = kept.find(recordings[bag.key], bag.made) if isinstance(bag, KeptPlan) else None
-            found = [*check_bag(recipe, store, plan.discovery, bag)] if known is None else known
+            found = [*check_bag(assets, plan.discovery, bag)] if known is None else known
             if known is None and isinstance(bag, KeptPlan):
                 kept.keep(recordings[bag.key], bag.artifacts, found)
             yield bag.key, found
@@ -179,21 +174,21 @@ def check_bags(
 
 
 def remarks_on_record(
-    recipe: Recipe, store: Store, discovery: Discovery, bags: Iterable[BagPlan]
+    assets: RecordingAssets, discovery: Discovery, bags: Iterable[BagPlan]
 ) -> Iterator[Remark]:
     """Yield the findings of quick checks on recordings built earlier, such as losses and dropped keyframes."""
     for bag in bags:
         found = bag.findings
-        for one in quick_findings(recipe, store, discovery, bag) if found is None else found:
+        for one in quick_findings(assets, discovery, bag) if found is None else found:
             yield Remark(bag.key, *one)
 
 
 def quick_findings(
-    recipe: Recipe, store: Store, discovery: Discovery, bag: BagPlan
+    assets: RecordingAssets, discovery: Discovery, bag: BagPlan
 ) -> tuple[tuple[str, str, str], ...]:
     """Return what quick checks find in a recording; see `BagPlan.findings`."""
     found = []
-    for verdict in check_bag(recipe, store, discovery, bag, quick=True):
+    for verdict in check_bag(assets, discovery, bag, quick=True):
         if verdict.finding is not None and not verdict.finding.passed:
             first, *more = verdict.finding.sentences
             problem = first + (f" (and {len(more)} more)" if more else "")

@@ -16,7 +16,7 @@ from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.engine.splits import shares_of
 from bagassets.engine.track import track_on_record
 from bagassets.formats import trajectory_map
-from bagassets.formats.catalogue import formats, recording_assets
+from bagassets.formats.catalogue import formats
 from bagassets.formats.checking import Verdict, check_bags, check_datasets
 from bagassets.formats.dataset_build import DatasetInputs, dataset_contents, datasets_of, select_inputs
 from bagassets.formats.format import FACTS as PART_FACTS
@@ -29,14 +29,13 @@ from bagassets.report.trajectory_map import MapRoute
 from bagassets.report.write import write_page
 from bagassets.store.artifact import Artifact
 from bagassets.store.canonical import digest_bytes
-from bagassets.store.store import Outcome, Store
+from bagassets.store.store import Outcome
 
 _NO_SPLIT = "not in the dataset"
 
 
 def report_data(
-    recipe: Recipe,
-    store: Store,
+    assets: RecordingAssets,
     plan: Plan,
     discovery: Discovery | None = None,
     on_recording: Callable[[int], None] = lambda _number: None,
@@ -44,8 +43,7 @@ def report_data(
     """Return the report's data about all recordings.
 
     Args:
-        recipe: the recipe.
-        store: has the artifacts.
+        assets: the assets of recordings under the recipe.
         plan: states of all recordings.
         discovery: the recordings on disk, to be checked, which takes most of the time; None to leave out the checks.
         on_recording: called with 1 for each recording that is done.
@@ -53,13 +51,13 @@ def report_data(
     Raises:
         DatasetError: a file of a dataset cannot be read.
     """
+    recipe = assets.recipe
     dealt, copies = _dealt(recipe, plan), _copies(plan)
-    assets = recording_assets(recipe)
     recordings = []
     bags = dict(sorted(plan.bags.items()))
-    checked = None if discovery is None else check_bags(recipe, store, plan, bags.values())
+    checked = None if discovery is None else check_bags(assets, plan, bags.values())
     for key, bag in bags.items():
-        facts = _facts(recipe, assets, store, bag, dealt.get(key, ""))
+        facts = _facts(assets, bag, dealt.get(key, ""))
         if key in copies:
             facts = replace(facts, state="copy", reason=f"the same content as {copies[key]}")
         if checked is not None:
@@ -96,13 +94,14 @@ def report_path(recipe: Recipe) -> Path:
     return recipe.state / "report.html"
 
 
-def build_map(recipe: Recipe, store: Store, plan: Plan, inputs: DatasetInputs) -> Outcome:
+def build_map(assets: RecordingAssets, plan: Plan, inputs: DatasetInputs) -> Outcome:
     """Make the map of all recordings, write it to `map_path`, and note what it was made from.
 
     Raises:
         DatasetError: it cannot be written.
     """
-    outcome = trajectory_map.map_of(store, _map_routes(recipe, store, plan))
+    recipe = assets.recipe
+    outcome = trajectory_map.map_of(assets.store, _map_routes(assets, plan))
     page = outcome.artifact.path(trajectory_map.MAP).read_text(encoding="utf-8")
     write_page(map_path(recipe), page)
     trajectory_map.note_recordings(
@@ -134,12 +133,14 @@ def _copies(plan: Plan) -> dict[str, str]:
     return {key: other for key, other in same.items() if other != key}
 
 
-def _map_routes(recipe: Recipe, store: Store, plan: Plan) -> list[MapRoute]:
+def _map_routes(assets: RecordingAssets, plan: Plan) -> list[MapRoute]:
     """Return the recordings with poses in the order of their keys, without copies, coloured by split."""
-    splits, dealt, copies = sorted(recipe.splits.shares), _dealt(recipe, plan), _copies(plan)
+    recipe, copies = assets.recipe, _copies(plan)
+    splits, dealt = sorted(recipe.splits.shares), _dealt(recipe, plan)
     routes = []
     for key, bag in sorted(plan.bags.items()):
-        track = track_on_record(recipe, store, bag) if bag.skipped is None and key not in copies else None
+        is_in = bag.skipped is None and key not in copies
+        track = track_on_record(recipe, assets.store, bag) if is_in else None
         stamps_ns = [] if track is None else [point[0] for point in track.local or track.points]
         if track is None or not stamps_ns:  # a rig without poses, and without fixes
             continue
@@ -152,8 +153,8 @@ def _map_routes(recipe: Recipe, store: Store, plan: Plan) -> list[MapRoute]:
     return routes
 
 
-def _facts(recipe: Recipe, assets: RecordingAssets, store: Store, bag: BagPlan, split: str) -> RecordingFacts:
-    state, reason = _state(bag)
+def _facts(assets: RecordingAssets, bag: BagPlan, split: str) -> RecordingFacts:
+    store, (state, reason) = assets.store, _state(bag)
     inventory, poses = (bag.current_artifact(store, one.name) for one in (INVENTORY, EGO_POSES))
     kind = _first_format(bag)
     part = None if kind is None else bag.current_artifact(store, kind.part)
@@ -161,7 +162,7 @@ def _facts(recipe: Recipe, assets: RecordingAssets, store: Store, bag: BagPlan, 
         return RecordingFacts(bag.key, state, reason, bag.format)
     seen: JsonObject = inventory.read_json("inventory.json")
     is_in = state in {"ready", "stale"}
-    track = track_on_record(recipe, store, bag) if is_in else None
+    track = track_on_record(assets.recipe, store, bag) if is_in else None
     return RecordingFacts(
         key=bag.key,
         state=state,
@@ -180,18 +181,18 @@ def _facts(recipe: Recipe, assets: RecordingAssets, store: Store, bag: BagPlan, 
         points=() if track is None else track.on_earth,
         local=() if track is None else track.on_plane,
         notes=seen["notes"],
-        **_shown(assets, store, bag),
+        **_shown(assets, bag),
     )
 
 
-def _shown(assets: RecordingAssets, store: Store, bag: BagPlan) -> JsonObject:
+def _shown(assets: RecordingAssets, bag: BagPlan) -> JsonObject:
     """Return what the faces of a recording's assets show, as fields of `RecordingFacts`."""
     counts: dict[str, int] = {}
     lost: list[str] = []
     pictures: dict[str, Path] = {}
     found: JsonObject = {"counts": counts, "lost": lost, "pictures": pictures}
     for asset in assets.by_channels:
-        face, artifact = asset.face, bag.current_artifact(store, asset.name)
+        face, artifact = asset.face, bag.current_artifact(assets.store, asset.name)
         if artifact is None:
             continue
         summary = _summary(artifact)

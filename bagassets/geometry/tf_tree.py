@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from bagassets.base.alike import names_text
 from bagassets.base.errors import CalibrationError
 from bagassets.geometry.se3 import SE3, Floats, quaternion_multiply, rotate
 from bagassets.geometry.trajectory import Trajectory
@@ -281,9 +282,7 @@ class TfTree:
     def _describe_frames(self) -> str:
         if not self.frames:
             return "no frames are known at all"
-        named = ", ".join(self.frames[:MOST_FRAMES_NAMED])
-        more = len(self.frames) - MOST_FRAMES_NAMED
-        return f"known frames: {named}" + (f" and {more} more" if more > 0 else "")
+        return f"known frames: {names_text(self.frames, MOST_FRAMES_NAMED)}"
 
 
 def _remedy(edges: Iterable[Edge]) -> str:

@@ -183,8 +183,7 @@ def _head(
     for one in bare[:_LISTED]:
         reasons = "; ".join(f"{use.topic.name}: {use.text}" for use in one.topic_uses if use.text)
         sheet.note(0, f"left out: {one.path}: {one.reason}{f' ({reasons})' if reasons else ''}")
-    more = max(0, len(unreadable) - _LISTED) + max(0, len(bare) - _LISTED)
-    if more:
+    if more := max(0, len(unreadable) - _LISTED) + max(0, len(bare) - _LISTED):
         sheet.note(
             0, f"left out: {count_text(more, 'more recording')}, unreadable or without a usable sensor"
         )

@@ -13,6 +13,7 @@ from bagassets.propose.naming import (
     tokens,
 )
 from bagassets.propose.summary import RecordingSummary, TopicSummary, TopicUse
+from bagassets.recordings.topic import UNKNOWN
 
 _BY_FAMILY: dict[AnyFamily, Modality] = {
     "image": "camera",
@@ -95,6 +96,8 @@ def _unusable(topic: TopicSummary) -> TopicUse | None:
     """
     modality = modality_of(topic)
     if modality is None:
+        if topic.count > 0 and topic.msgtype == UNKNOWN:
+            return TopicUse(topic, "not decodable", "no schema says what its messages are; record one")
         if topic.count > 0 and not families_of(topic.msgtype) and is_sensor_type(topic.msgtype):
             return TopicUse(
                 topic,

@@ -185,7 +185,7 @@ def find_one(path: Path) -> RecordingFiles:
         raise RecordingError(f"{path}: {_NO_STORAGE}.")
     if recording is None:
         raise RecordingError(
-            f"{path}: expected a bag; a ROS 2 bag folder holds metadata.yaml and .db3 or .mcap files."
+            f"{path}: this is no ROS 2 bag folder (metadata.yaml with .db3 or .mcap files); name a recording in it."
         )
     return recording
 

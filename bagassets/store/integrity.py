@@ -37,15 +37,6 @@ class Damage:
         return f"{self.kind} {self.digest[:16]}{of_step}: {'; '.join(self.reasons[:3])}{more}"
 
 
-def check_store(store: Store) -> Iterator[Damage]:
-    """Read everything in the store and yield what is damaged; nothing is changed."""
-    made_by: dict[str, str] = {}
-    for folder in record_folders(store):
-        yield from check_records(store, folder, made_by)
-    for artifact in artifacts_in(store):
-        yield from check_artifact(artifact, made_by.get(artifact.digest))
-
-
 def record_folders(store: Store) -> list[Path]:
     """Return the folders of records of actions."""
     return sorted(store.root.glob("actions/*/"))

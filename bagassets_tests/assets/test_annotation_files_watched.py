@@ -8,6 +8,7 @@ from label_files import box_json
 from bagassets.defs.graph.location import build_definitions
 from bagassets.defs.graph.sensor_cursor import Cursor
 from bagassets.defs.graph.sensor_scan import Scan
+from bagassets.defs.records.events import Records
 from bagassets.defs.records.instance_plan import plan_instance
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.records.partitions import add_partitions
@@ -28,7 +29,7 @@ def project(tmp_path):
     data["rigs"][0]["annotation_files"] = [{"format": "boxes", "path": "{stem}.boxes.json"}]
     (tmp_path / "recipe.yaml").write_text(yaml.safe_dump(data))
     with dg.DagsterInstance.ephemeral() as instance:
-        add_partitions(instance, Naming(load_recipe(tmp_path / "recipe.yaml").name), ["a.mcap"])
+        add_partitions(Records(instance, Naming(load_recipe(tmp_path / "recipe.yaml").name)), ["a.mcap"])
         execute(tmp_path / "recipe.yaml", instance, None)
         yield tmp_path / "recipe.yaml", instance
 
@@ -42,7 +43,7 @@ def execute(recipe_file, instance, assets):
 
 
 def plan(recipe_file, instance):
-    return plan_instance(instance, Workspace(recipe_file=str(recipe_file))).bags["a.mcap"]
+    return plan_instance(Workspace(recipe_file=str(recipe_file)).on(instance)).bags["a.mcap"]
 
 
 def not_fresh(bag):
@@ -70,7 +71,7 @@ def test_the_sensor_asks_for_the_recording_once_per_edit(project):
     def look():
         nonlocal cursor, now_s
         now_s += 1
-        requests = Scan(instance, Workspace(recipe_file=str(recipe_file)), cursor).scan(now_s)
+        requests = Scan(Workspace(recipe_file=str(recipe_file)).on(instance), cursor).scan(now_s)
         cursor = Cursor.parse(cursor.text())
         return [(request.partition_key, request.tags["why"]) for request in requests]
 

@@ -320,6 +320,13 @@ class TestTf:
                 static("base", "base_link", mount), static("base", "base_link", other, stamp_ns=5),
             )  # fmt: skip
 
+    def test_an_edge_that_is_static_and_moves(self, tmp_path):
+        """A placeholder of the localisation in `/tf_static`; the correction in `/tf` must not be left out without a word."""
+        entries, mount = self.chain(np.arange(-0.3, 2.5, 0.25), TIMES)
+        entries.append(static("base", "base_link", mount))
+        with pytest.raises(PoseError, match=r"map -> odom is fixed in /tf_static and moves in /tf;"):
+            Posed(tmp_path / "moves", self.SOURCE, *entries, static("map", "odom", SE3()))
+
     def test_a_missing_link(self, tmp_path):
         entries, _ = self.chain([0.0, 1.0], TIMES)
         with pytest.raises(

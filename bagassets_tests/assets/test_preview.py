@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import cv2
 import numpy as np
+import pyarrow as pa
 import pytest
 
 from bagassets.assets.boxes.table import BoxTable
@@ -27,6 +28,7 @@ from bagassets.assets.pictures.canvas import (
     scaled_to,
     text,
     turbo,
+    within,
 )
 from bagassets.assets.pictures.channels import CameraImages, Clouds, View
 from bagassets.assets.pictures.over_camera import future_trajectory, lidar_over_camera
@@ -242,6 +244,62 @@ def facts_of(*topics, start_ns=START_NS, end_ns=START_NS + 10 * S):
     return timeline_facts(inventory)
 
 
+def camera_images(folder, images, **facts):
+    """Return a camera with these PNG images, one a second, as an artifact has them."""
+    for number, image in enumerate(images):
+        (folder / f"{number}.png").write_bytes(cv2.imencode(".png", image)[1].tobytes())
+    rows = [
+        {"stamp_ns": number * S, "file": f"{number}.png", "height": image.shape[0], "width": image.shape[1]}
+        for number, image in enumerate(images)
+    ]
+    artifact = SimpleNamespace(
+        path=folder.joinpath,
+        read_table=lambda _, columns: pa.Table.from_pylist(rows).select(columns),
+        read_json=lambda _: {"fileformat": "png", "camera_intrinsic": [], **facts},
+    )
+    return CameraImages.of("CAM_DEPTH", artifact, FORWARD, None)
+
+
+class TestDepth:
+    def ramp_mm(self, low, high):
+        """Return a row of each depth, and a corner without depth; few pixels are farther or nearer than all others."""
+        depth = np.tile(np.linspace(low, high, 200), (100, 1)).astype(np.uint16)
+        depth[:20, :20], depth[50, 0], depth[50, 1] = 0, 60_000, 1
+        return depth
+
+    def test_pixels_are_as_bright_as_they_are_far_in_one_range_for_all_images(self, tmp_path):
+        camera = camera_images(
+            tmp_path, [self.ramp_mm(500, 2000), self.ramp_mm(800, 2500), self.ramp_mm(500, 3000)]
+        )
+        low, high = camera.levels
+        assert low == pytest.approx(500, abs=40)
+        assert high == pytest.approx(3000, abs=120)
+        assert camera.title == f"CAM_DEPTH, grey {low} to {high}"
+        for number in range(3):
+            recorded = cv2.imread(str(tmp_path / f"{number}.png"), cv2.IMREAD_UNCHANGED)
+            shown = camera.read(number)[:, :, 0].astype(float)
+            share = (np.clip(recorded.astype(float), low, high) - low) / (high - low)
+            assert np.abs(shown - np.where(recorded > 0, 40 + 215 * share, 0)).max() <= 1
+            assert (camera.read_reduced(number, 200)[:, :, 0] == shown).all()
+
+    def test_the_range_is_in_metres_where_the_unit_is_known(self, tmp_path):
+        camera = camera_images(tmp_path, [self.ramp_mm(500, 3000)], depth={"unit_m": 0.002})
+        low, high = (level * 0.002 for level in camera.levels)
+        assert camera.title == f"CAM_DEPTH, {low:.2f} to {high:.2f} m"
+
+    def test_images_of_8_bits_stay_as_they_are(self, tmp_path):
+        grey = np.tile(np.arange(200, dtype=np.uint8), (100, 1))
+        camera = camera_images(tmp_path, [grey])
+        assert (camera.levels, camera.title) == (None, "CAM_DEPTH")
+        assert (camera.read(0)[:, :, 0] == grey).all()
+
+    @pytest.mark.parametrize("level", [0, 7])
+    def test_an_image_of_one_level_is_a_picture_too(self, tmp_path, level):
+        camera = camera_images(tmp_path, [np.full((10, 20), level, np.uint16)])
+        assert camera.read(0).shape == (10, 20, 3)
+        assert (camera.read(0) > 0).all() == (level > 0)
+
+
 TOPICS = (
     topic("/a", 100, START_NS, START_NS + 10 * S, 10.0),
     topic("/b", 40, START_NS + 5 * S, START_NS + 10 * S, 8.0, (Gap(START_NS + 7 * S, 1.0),)),
@@ -360,6 +418,14 @@ class TestCanvas:
         rows, columns, _ = read_reduced(tmp_path / "a.jpg", 1920, 213).shape
         assert rows > columns >= 213
 
+    def test_of_levels_the_lower_is_dark_the_upper_white_and_nothing_is_black(self, tmp_path):
+        depth_mm = np.tile(np.array([0, 500, 1000, 2000, 3000], np.uint16), (4, 1))
+        (tmp_path / "depth.png").write_bytes(cv2.imencode(".png", depth_mm)[1].tobytes())
+        shown = within(1000, 2000, read_image(tmp_path / "depth.png"))
+        assert shown.dtype == np.uint8
+        assert shown[0, :, 0].tolist() == [0, 40, 40, 255, 255]
+        assert (shown == shown[:, :, :1]).all()
+
     def test_colours_go_from_blue_to_red(self):
         low, high = turbo(np.array([0.1, 0.9]))
         assert low[0] > low[2]
@@ -449,12 +515,17 @@ class TestStep:
         assert checked >= 30
         assert right / checked > 0.8
 
-    def test_the_same_again_gives_the_same_bytes(self, built, tmp_path):
+    def test_the_same_again_gives_the_same_bytes(self, built, tmp_path, monkeypatch):
+        read, usual = [], CameraImages.read
+        monkeypatch.setattr(
+            CameraImages, "read", lambda camera, image: read.append(image) or usual(camera, image)
+        )
         recipe, _, made = built
         (tmp_path / "recipe.yaml").write_text((recipe.state.parent / "recipe.yaml").read_text())
         (tmp_path / "recordings").symlink_to(recipe.bags.root)
         again = build_recordings(load_recipe(tmp_path / "recipe.yaml"))["drive.mcap"]
         assert again["preview"].artifact.digest == made["preview"].artifact.digest
+        assert len(read) == 1, "two pictures show it"
 
     def test_what_a_recording_lacks_costs_just_the_pictures_of_it(self, built, tmp_path):
         recipe, _, _ = built

@@ -75,7 +75,7 @@ class Built:
         self.recipe = load_recipe(folder / "recipe.yaml")
         self.store = Store(self.recipe.store_path)
         found = discover(self.recipe.bags).recordings
-        self.graph = Graph.of(recording_assets(self.recipe), self.store, found[name])
+        self.graph = Graph.of(recording_assets(self.recipe), found[name])
         self.graph.wanted = ("inventory", "signals", *(["signal_plots"] if plots else []))
         self.errors, self.results = {}, {}
         try:

@@ -20,12 +20,12 @@ from bagassets.defs.runs.exclusive import exclusive
 from bagassets.engine.build_report import BagOutcome, BuildReport
 from bagassets.engine.plan import Plan
 from bagassets.engine.summary_rows import summary_rows
+from bagassets.formats.catalogue import recording_assets
 from bagassets.formats.guard import GUARD, guarded
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Bags
 from bagassets.recordings.discover import discover, find_one
 from bagassets.store.lease import action_lock, in_use, in_use_since_s
-from bagassets.store.store import Store
 from bagassets_tests.in_process import build, make_project
 from bagassets_tests.recording_build import ASSETS
 from bagassets_tests.small_drive import RECIPE, write_drive
@@ -291,7 +291,7 @@ def test_a_recording_removed_before_the_summary_has_a_row(tmp_path):
     report = BuildReport(
         Plan({}, {}, ()), outcomes={"a.bag": BagOutcome("built"), "b.bag": BagOutcome("failed", "Why.")}
     )
-    rows = summary_rows(report, Store(tmp_path), ASSETS)
+    rows = summary_rows(report, ASSETS)
     assert [(row.recording, row.result, row.reason) for row in rows] == [
         ("a.bag", "built", "it was removed meanwhile, so the dataset is without it"),
         ("b.bag", "failed", "Why."),
@@ -312,8 +312,6 @@ def test_a_recording_removed_during_a_build_costs_nothing_but_itself(tmp_path, m
 
     monkeypatch.setattr(project_build, "build_project", build_and_remove)
     report, _ = build(recipe_file, monkeypatch)
-    rows = {
-        row.recording: row for row in summary_rows(report, Store(load_recipe(recipe_file).store_path), ASSETS)
-    }
+    rows = {row.recording: row for row in summary_rows(report, recording_assets(load_recipe(recipe_file)))}
     assert rows["a.bag"].reason == "it was removed meanwhile, so the dataset is without it"
     assert (rows["b.mcap"].result, rows["b.mcap"].reason, report.dataset) == ("built", "", "updated")

@@ -14,7 +14,7 @@ from bagassets.base.quantities import span_text
 from bagassets.cli import progress
 from bagassets.cli.main import root
 from bagassets.cli.summary import counts_line, print_summary, splits_text, ui_command
-from bagassets.engine.build_report import BagOutcome, BuildReport, Event, SummaryRow
+from bagassets.engine.build_report import BagOutcome, BuildReport, Event, Remark, SummaryRow, remark_lines
 from bagassets.engine.plan import AssetState, BagPlan, Plan
 from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.engine.run_action import run_action
@@ -72,9 +72,14 @@ def report(tmp_path):
     )
 
 
+def rows_of(built, store, **options):
+    ASSETS.store = store
+    return summary_rows(built, ASSETS, **options)
+
+
 def test_a_row_holds_what_the_current_artifacts_say(report):
     store, built = report
-    a, b = summary_rows(built, store, ASSETS)
+    a, b = rows_of(built, store)
     assert a.as_json() == {
         "recording": "a",
         "format": "mcap",
@@ -103,14 +108,14 @@ def test_losses_are_listed_by_source_and_reason(report):
         "annotations": artifact(store, {"counts": {"/boxes": boxes}}),
     }
     built.plan.bags["a"] = bag_plan("a", versions)
-    assert summary_rows(built, store, ASSETS)[0].lost == {
+    assert rows_of(built, store)[0].lost == {
         "CAM_FRONT": {"damaged": 2}, "ego_poses": {"not finite": 4}, "/boxes": {"late": 2, "no pose": 3}
     }  # fmt: skip
 
 
 def test_a_row_survives_being_sent_and_has_its_counts_as_attributes(report):
     store, built = report
-    for row in summary_rows(built, store, ASSETS):
+    for row in rows_of(built, store):
         same = SummaryRow.from_json(json.loads(json.dumps(row.as_json())))
         assert same == row == copy.copy(row)
         assert same.keyframes == row.counts["keyframes"]
@@ -122,21 +127,19 @@ def test_an_artifact_that_is_gone_leaves_its_cells_empty(report):
     store, built = report
     for folder in (store.root / "artifacts").glob("*/*/manifest.json"):
         folder.unlink()
-    assert summary_rows(built, store, ASSETS)[0].images is None
+    assert rows_of(built, store)[0].images is None
 
 
 def test_with_many_recordings_only_those_where_something_happened_are_read(report):
     store, built = report
     built.outcomes["b"] = BagOutcome("fresh")
-    assert [row.recording for row in summary_rows(built, store, ASSETS, most=1)] == ["a"]
+    assert [row.recording for row in rows_of(built, store, most=1)] == ["a"]
 
 
 def test_the_table_fits_80_columns_and_shows_everything(report):
     store, built = report
     stream = io.StringIO()
-    print_summary(
-        built, summary_rows(built, store, ASSETS), Path("/p/recipe.yaml"), Console(file=stream, width=80)
-    )
+    print_summary(built, rows_of(built, store), Path("/p/recipe.yaml"), Console(file=stream, width=80))
     text = stream.getvalue()
     assert "keyframes result" in text
     (row,) = [line for line in text.splitlines() if line.lstrip().startswith("a ")]
@@ -161,7 +164,7 @@ def test_recordings_that_are_not_listed_are_counted_beside_those_that_are(report
         print_summary(built, rows, Path("/p/recipe.yaml"), Console(file=stream, width=80))
         return stream.getvalue()
 
-    rows = summary_rows(built, store, ASSETS)
+    rows = rows_of(built, store)
     assert len(rows) == 2
     assert "1 more recording; `bagassets status` lists all." in lines(rows[:1])
     assert "lists all" not in lines(rows)
@@ -174,9 +177,7 @@ def test_an_empty_dataset_is_called_so(report, recordings, is_said):
     for share in built.splits.values():
         share["recordings"] = recordings
     stream = io.StringIO()
-    print_summary(
-        built, summary_rows(built, store, ASSETS), Path("/p/recipe.yaml"), Console(file=stream, width=80)
-    )
+    print_summary(built, rows_of(built, store), Path("/p/recipe.yaml"), Console(file=stream, width=80))
     assert ("It is empty: no recording can be part of it" in stream.getvalue()) == is_said
 
 
@@ -193,6 +194,15 @@ def test_the_line_that_opens_the_ui_can_be_pasted(tmp_path, monkeypatch):
     assert ui_command(Path("recipe.yaml")) == "bagassets ui"
     assert ui_command(tmp_path / "my demo" / "recipe.yaml") == "bagassets ui --recipe 'my demo/recipe.yaml'"
     assert ui_command(Path("/elsewhere/recipe.yaml")) == "bagassets ui --recipe /elsewhere/recipe.yaml"
+
+
+def test_a_finding_about_the_file_of_a_recording_has_its_name_once():
+    (line,) = remark_lines(
+        [Remark("a.bag", "warn", "recording_whole", "a.bag: nothing says where it ended.")]
+    )
+    assert line == "warn a.bag: nothing says where it ended. (recording_whole)"
+    (other,) = remark_lines([Remark("a", "warn", "recording_whole", "a_0.bag: it has no index.")])
+    assert other == "warn a: a_0.bag: it has no index. (recording_whole)"
 
 
 def test_a_share_far_from_what_was_asked_for_is_said():

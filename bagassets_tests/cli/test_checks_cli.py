@@ -82,7 +82,7 @@ def test_what_has_not_changed_is_not_checked_again(with_checks, monkeypatch):
     checked, check_bag = [], checking.check_bag
 
     def noted(*args, **options):
-        checked.append(args[3].key)
+        checked.append(args[2].key)
         return check_bag(*args, **options)
 
     monkeypatch.setattr(checking, "check_bag", noted)

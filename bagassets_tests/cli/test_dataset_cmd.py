@@ -359,8 +359,8 @@ class TestMoreThanAHundredRecordings:
 
     def update(self, instance, workspace):
         """Do what the build does at its end."""
-        inputs = select_inputs(plan_instance(instance, workspace))
-        record_inputs(instance, workspace, inputs)
+        inputs = select_inputs(plan_instance(workspace.on(instance)))
+        record_inputs(workspace.on(instance), inputs)
         job = build_definitions(Path(workspace.recipe_file)).resolve_implicit_global_asset_job_def()
         result = job.execute_in_process(instance=instance, asset_selection=[dg.AssetKey("nuscenes_dataset")])
         assert result.success
@@ -374,7 +374,9 @@ class TestMoreThanAHundredRecordings:
         }
 
     def is_current(self, instance, workspace):
-        return dataset_is_current(instance, workspace, select_inputs(plan_instance(instance, workspace)))
+        return dataset_is_current(
+            workspace.on(instance), select_inputs(plan_instance(workspace.on(instance)))
+        )
 
     def test_a_change_and_a_removal_are_noticed_and_only_they_cost_anything(self, project):
         instance, workspace = project

@@ -210,6 +210,11 @@ def test_unfinished_files_are_examined_by_their_names(tmp_path, sound):
     assert status == 3, output
     assert "it is packed by zstd" in output
     assert "it is cut off: of " in output
+    assert (
+        "What to do next\n  Builds take no such file; `--write COPY` makes a ROS 2 bag folder of what can be read, which"
+        in output
+    )
+    assert "recover" not in output
     assert 100 < messages_of(tmp_path / "copy").total() < truth("folder").total()
 
 
@@ -247,6 +252,18 @@ def test_a_folder_whose_metadata_are_lost_is_one_recording_with_all_its_parts(tm
     found = json.loads(output)
     assert found["verdict"] == "mendable"
     assert sum(one["messages"] for one in found["topics"].values()) == truth("folder split").total()
+
+
+@pytest.mark.parametrize("names", [["tuesday.mcap"], ["tuesday_0.mcap", "tuesday_1.mcap"]])
+def test_a_folder_that_lacks_its_metadata_is_said_to(tmp_path, sound, names):
+    folder = tmp_path / "tuesday"
+    folder.mkdir()
+    for name in names:
+        shutil.copy(sound["mcap"], folder / name)
+    status, output = doctor(folder)
+    assert status == 3
+    assert "What is wrong\n  its metadata.yaml is missing.\n" in output
+    assert f"{len(names) * truth('mcap').total()} messages can be read" in output
 
 
 def test_names_that_cannot_be_written_are_refused(tmp_path, sound):

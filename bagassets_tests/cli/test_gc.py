@@ -28,12 +28,12 @@ from bagassets.recipe import load_recipe
 from bagassets.store import collect as module
 from bagassets.store.action import Step
 from bagassets.store.collect import collect, find_garbage
-from bagassets.store.integrity import check_store
 from bagassets.store.lease import action_lock, in_use, in_use_since_s
 from bagassets.store.store import Store
 from bagassets.store.users import User, forget_user, note_user, users_of
 from bagassets_tests import in_process
 from bagassets_tests.nuscenes_checks import check_dataset
+from bagassets_tests.store_check import check_store
 from bagassets_tests.whole.test_end_to_end import build_all, build_of, make_project
 
 pytestmark = pytest.mark.once

@@ -301,7 +301,7 @@ def test_a_project_of_an_older_version_gets_the_files_for_dg(init, tmp_path, cap
 
 
 @pytest.mark.parametrize("how", ["moved", "copied", "copied without its .env"])
-def test_a_project_that_was_moved_or_copied_does_not_write_to_where_it_was(tmp_path, monkeypatch, how):
+def test_a_project_that_was_moved_or_copied_does_not_write_to_where_it_was(tmp_path, monkeypatch, capfd, how):
     before, after = tmp_path / "before", tmp_path / "it is here"
     make_project(before)
     (shutil.move if how == "moved" else shutil.copytree)(before, after)
@@ -310,6 +310,10 @@ def test_a_project_that_was_moved_or_copied_does_not_write_to_where_it_was(tmp_p
     with pytest.raises(RecipeError, match="this project was moved or copied from there") as refused:
         build(after / "recipe.yaml", monkeypatch)
     assert f"`bagassets init {shlex.quote(str(after))}`" in str(refused.value)
+    if how == "moved":  # the server of a build meets it first
+        capfd.readouterr()
+        assert main(["build", "--recipe", str(after / "recipe.yaml")]) == 1
+        assert capfd.readouterr().err.splitlines()[-1] == f"error: {refused.value}"
     assert main(["init", str(after)]) == 0
     report, _ = build(after / "recipe.yaml", monkeypatch)
     assert report.succeeded

@@ -148,7 +148,8 @@ def test_an_interrupt_ends_the_runs_and_the_next_build_goes_on(folder):
     process.send_signal(signal.SIGINT)
     assert process.wait(120) != 0
     assert "KeyboardInterrupt: " in log.read_text()
-    with open_project(folder / "recipe.yaml") as (instance, _):
+    with open_project(folder / "recipe.yaml") as workspace:
+        instance = workspace.instance
         ended = {run.status.value for run in instance.get_runs()}
     assert "CANCELED" in ended
     assert ended <= {"CANCELED", "SUCCESS"}

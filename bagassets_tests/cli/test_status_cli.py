@@ -8,10 +8,13 @@ import sys
 
 import pytest
 from click.testing import CliRunner
+from rich.console import Console
 
+from bagassets.cli import summary
+from bagassets.cli.explain import _action_lines
 from bagassets.cli.main import root
 from bagassets.cli.summary import print_summary
-from bagassets.defs.records.events import all_assets, event_database, latest_ids
+from bagassets.defs.records.events import Records, all_assets, event_database
 from bagassets.defs.records.instances import open_instance
 from bagassets.defs.records.naming import Naming
 from bagassets.engine.build_report import BuildReport
@@ -112,6 +115,14 @@ def test_the_table_names_reasons_once(built):
     assert "1 failed" in done.stdout.splitlines()[-1]
 
 
+def test_in_a_narrow_terminal_no_letter_is_lost(built, monkeypatch):
+    wide = run("status", "--bag", GOOD, recipe=built).stdout
+    monkeypatch.setattr(summary, "summary_console", lambda: Console(highlight=False, width=30))
+    narrow = run("status", "--bag", GOOD, recipe=built).stdout
+    assert wide.endswith("assets of 1 recording: 8 fresh.\n")
+    assert narrow.count("fresh") == wide.count("fresh")
+
+
 def test_many_recordings_in_the_same_states_share_a_row(edited, monkeypatch):
     monkeypatch.setattr("bagassets.cli.status.MOST_ROWS", 1)
     new = [edited.parent / "bags" / name for name in ("d.bag", "e.bag", "f.bag", "g.bag")]
@@ -138,11 +149,37 @@ def test_reasons_lead_back_to_what_changed_first(edited):
     assert tables["state"] == "unknown"
     assert tables["reason"] == "waits for frames — CAM_FRONT: quality 90 -> 33"
     assert assets["sweeps"]["state"] == "fresh"
+    told = [
+        line for line in run("status", "--bag", GOOD, recipe=edited).stdout.splitlines() if "90 -> 33" in line
+    ]
+    assert told == [f"{GOOD}: frames stale: CAM_FRONT: quality 90 -> 33"], (
+        "what waits for it need not repeat it"
+    )
+
+
+def test_that_all_recordings_are_gone_is_said_as_the_build_takes_it(built):
+    bags, away = built.parent / "bags", built.parent / "away"
+    bags.rename(away)
+    bags.mkdir()
+    try:
+        shown = run("status", recipe=built).stdout
+        planned = run("build", "--dry-run", recipe=built).stdout
+    finally:
+        bags.rmdir()
+        away.rename(bags)
+    then = "the next build, with --allow-empty, removes its partition and its scenes"
+    assert f"{GOOD}: the recording is gone; {then}\n" in shown
+    assert (
+        f"{GOOD}\n  is gone: its partition and scenes would be removed with --allow-empty only\n" in planned
+    )
 
 
 def test_a_dry_run_runs_nothing_and_shows_what_would(edited):
     with open_instance(str(edited.parent)) as instance:
-        before = latest_ids(instance, Naming("test"), all_assets()), event_database(instance).stat().st_size
+        before = (
+            Records(instance, Naming("test")).latest_ids(all_assets()),
+            event_database(instance).stat().st_size,
+        )
     done = run("build", "--dry-run", recipe=edited)
     assert done.exit_code == ALL_WELL
     lines = [line.split() for line in done.stdout.splitlines()]
@@ -155,7 +192,7 @@ def test_a_dry_run_runs_nothing_and_shows_what_would(edited):
     assert list(value["recordings"]) == [GOOD, SHORT]  # that skips are of this recipe is recorded, too
     with open_instance(str(edited.parent)) as instance:
         assert (
-            latest_ids(instance, Naming("test"), all_assets()),
+            Records(instance, Naming("test")).latest_ids(all_assets()),
             event_database(instance).stat().st_size,
         ) == before
 
@@ -232,6 +269,34 @@ def test_explain_shows_both_actions_and_marks_what_differs(edited):
     assert pair["changes"] == [{"group": "params", "name": "quality", "before": 90, "now": 33}]
     assert pair["now"]["digest"] != pair["last"]["digest"]
     assert pair["now"]["inputs"] == pair["last"]["inputs"]
+
+
+def test_explain_shows_what_is_in_an_object_and_not_that_it_was_empty():
+    action = {"step": "annotations", "version": 1, "libraries": {}, "inputs": {}}
+    empty = {**action, "params": {"labels": {}, "tf": [], "files": {}}}
+    filled = {**action, "params": {"labels": {"boxes.json": "a1", "more": {}}, "tf": ["/tf"], "files": {}}}
+    told = [
+        [
+            line.strip()
+            for line in _action_lines({"channel": None, "last": last, "now": now})
+            if "param" in line
+        ]
+        for last, now in ((empty, filled), (filled, empty))
+    ]
+    assert told == [
+        [
+            "param files: {}",
+            "* param labels.boxes.json: a1 (new)",
+            "* param labels.more: {} (new)",
+            '* param tf: [] -> ["/tf"]',
+        ],
+        [
+            "param files: {}",
+            "* param labels.boxes.json: a1 -> none",
+            "* param labels.more: {} -> none",
+            '* param tf: ["/tf"] -> []',
+        ],
+    ]
 
 
 def test_explain_puts_no_parentheses_into_others(edited):

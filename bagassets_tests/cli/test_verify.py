@@ -25,12 +25,13 @@ from bagassets.recipe import load_recipe
 from bagassets.recordings.discover import find_one
 from bagassets.recordings.open import open_recording
 from bagassets.store.action import Step
-from bagassets.store.integrity import artifact_damage, check_store
+from bagassets.store.integrity import artifact_damage
 from bagassets.store.store import Store
 from bagassets_tests.formats.test_dataset import content
 from bagassets_tests.nuscenes_checks import check_dataset
 from bagassets_tests.services import make_project as make_command_project
 from bagassets_tests.small_drive import write_drive
+from bagassets_tests.store_check import check_store
 from bagassets_tests.whole.test_end_to_end import build_all, make_project
 
 pytestmark = pytest.mark.once
@@ -69,11 +70,7 @@ def store_of(recipe):
 
 
 def artifact_of(recipe, step, channel=""):
-    known = next(
-        k
-        for k in known_actions(recording_assets(recipe), store_of(recipe))
-        if (k.step, k.channel) == (step, channel)
-    )
+    known = next(k for k in known_actions(recording_assets(recipe)) if (k.step, k.channel) == (step, channel))
     return store_of(recipe).artifact(known.artifact)
 
 
@@ -489,7 +486,7 @@ class TestMinutes:
 
 class TestRebuild:
     def test_known_actions_are_those_of_the_recordings(self, project):
-        known = list(known_actions(recording_assets(project), store_of(project)))
+        known = list(known_actions(recording_assets(project)))
         assert {k.key for k in known} == {"a.bag", "c.mcap"}
         steps = {str(k) for k in known if k.key == "a.bag"}
         assert steps >= {"inventory of a.bag", "frames CAM_FRONT of a.bag", "sweeps LIDAR_TOP of a.bag"}
@@ -497,9 +494,7 @@ class TestRebuild:
     def test_every_action_gives_the_same_bytes_in_another_environment(self, project):
         result = run(project, "--rebuild", 1000, "--json")
         made = json.loads(result.stdout)
-        assert len(made["actions"]) == len(
-            {k.action for k in known_actions(recording_assets(project), store_of(project))}
-        )
+        assert len(made["actions"]) == len({k.action for k in known_actions(recording_assets(project))})
         assert {entry["result"] for entry in made["actions"]} == {"same"}
         assert made["environment"]["PYTHONHASHSEED"]
 
@@ -525,12 +520,10 @@ class TestRebuild:
             return real(use, recording, out)
 
         monkeypatch.setattr(calibration, "make_calibration", odd)
-        known = [k for k in known_actions(recording_assets(project), store_of(project)) if k.key == "a.bag"]
+        known = [k for k in known_actions(recording_assets(project)) if k.key == "a.bag"]
         digests = {k.action: k for k in known}
         scratch = tmp_path / "scratch"
-        made = rebuild(
-            recording_assets(project), store_of(project), "a.bag", set(digests), scratch, threads=2
-        )
+        made = rebuild(recording_assets(project), "a.bag", set(digests), scratch, threads=2)
         results = {digests[m.action].step: m for m in made}
         assert results["calibration"].differing == ("odd.txt",)
         assert results["inventory"].artifact == next(k.artifact for k in known if k.step == "inventory")

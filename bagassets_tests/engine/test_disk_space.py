@@ -12,7 +12,8 @@ from bagassets.engine import disk_space
 from bagassets.engine.build_report import Event
 from bagassets.engine.disk_space import SpaceNeeded, folders_written, require_disk_space, space_needed
 from bagassets.engine.plan import AssetState, BagPlan, Plan
-from bagassets.recipe import parse_recipe
+from bagassets.formats.catalogue import recording_assets
+from bagassets.recipe import load_recipe, parse_recipe
 from bagassets.store.store import Store
 from bagassets_tests.in_process import QUICK, build, make_project, survey
 from bagassets_tests.recording_build import ASSETS
@@ -34,20 +35,20 @@ def plan(*bags):
 
 def test_nothing_is_needed_where_images_and_sweeps_are_there(tmp_path):
     todo = bag("a", "fresh", nuscenes_tables="stale")
-    assert space_needed(plan(todo), {"a": 1000}, ["a"], Store(tmp_path), ASSETS) is None
+    assert space_needed(plan(todo), {"a": 1000}, ["a"], ASSETS) is None
 
 
 @pytest.mark.parametrize("state", ["unknown", "stale"])
 def test_what_was_made_before_may_be_there_still(tmp_path, state):
     touched = replace(bag("a", state), recorded={"frames": "0" * 64, "sweeps": "1" * 64})
-    assert space_needed(plan(touched), {"a": 1000}, ["a"], Store(tmp_path), ASSETS) is None
-    assert space_needed(plan(bag("a", state)), {"a": 1000}, ["a"], Store(tmp_path), ASSETS) is not None
+    assert space_needed(plan(touched), {"a": 1000}, ["a"], ASSETS) is None
+    assert space_needed(plan(bag("a", state)), {"a": 1000}, ["a"], ASSETS) is not None
 
 
 def test_without_built_recordings_it_is_at_most_their_size(tmp_path, monkeypatch):
-    needed = space_needed(plan(bag("a", "missing")), {"a": 30_000_000_000}, ["a"], Store(tmp_path), ASSETS)
+    needed = space_needed(plan(bag("a", "missing")), {"a": 30_000_000_000}, ["a"], ASSETS)
     assert needed is not None
-    assert str(needed) == "1 recording (30.0 GB): about 30.0 GB of disk space or less"
+    assert str(needed) == "Images and clouds of 1 recording (30.0 GB): about 30.0 GB of disk space or less"
     free(monkeypatch, 1_000_000)
     # Of 30 GB of raw images or unused topics anything may be left: nobody is refused for that.
     assert require_disk_space(needed, {"store": tmp_path}).endswith(f"; 1.0 MB free in {tmp_path}")
@@ -58,7 +59,7 @@ def test_much_too_little_is_refused_with_what_to_do(tmp_path, monkeypatch):
     free(monkeypatch, 1_600_000_000)
     text = require_disk_space(needed, {"store": tmp_path / "not" / "yet"})
     assert text == (
-        f"6 recordings (8.0 GB): about 3.0 GB of disk space; 1.6 GB free in {tmp_path / 'not' / 'yet'}"
+        f"Images and clouds of 6 recordings (8.0 GB): about 3.0 GB of disk space; 1.6 GB free in {tmp_path / 'not' / 'yet'}"
     )
     free(monkeypatch, 1_400_000_000)
     with pytest.raises(StoreError) as caught:
@@ -94,7 +95,7 @@ def test_a_build_measures_what_is_built_and_says_so(tmp_path, monkeypatch, capsy
     pending = survey(recipe)
     sizes = {key: one.size for key, one in pending.plan.discovery.recordings.items()}
     store = Store(tmp_path / ".bagassets" / "store")
-    needed = space_needed(pending.plan, sizes, pending.todo, store, ASSETS)
+    needed = space_needed(pending.plan, sizes, pending.todo, recording_assets(load_recipe(recipe)))
     assert needed.is_measured
     files = {
         file.stat().st_ino: file.stat().st_size for file in store.root.rglob("files/**/*") if file.is_file()

@@ -100,7 +100,8 @@ def test_without_a_face_the_summary_is_shown(made):
 def test_a_build_has_a_column_of_what_it_counts_and_says_what_it_lost(made, assets):
     store, _, plan = made
     report = BuildReport(plan, outcomes={"a": BagOutcome("built")})
-    (row,) = rows = summary_rows(report, store, assets)
+    assets.store = store
+    (row,) = rows = summary_rows(report, assets)
     assert (row.counts["doors"], row.lost) == (3, {"/door": {"ajar": 1}})
     stream = io.StringIO()
     print_summary(report, rows, Path("/p/recipe.yaml"), Console(file=stream, width=120))
@@ -122,7 +123,8 @@ def test_status_has_a_short_heading_for_it(monkeypatch):
 def test_a_report_counts_it_and_shows_what_it_lost_and_its_pictures(made, assets, tmp_path):
     store, artifact, plan = made
     (bag,) = plan.bags.values()
-    shown = report_data._shown(assets, store, bag)
+    assets.store = store
+    shown = report_data._shown(assets, bag)
     assert shown["counts"] == {"doors": 3}
     assert shown["lost"] == ["/door: 1 box lost, ajar"]
     assert shown["pictures"] == {"A door": artifact.path("inline/door.jpg")}
@@ -155,11 +157,9 @@ def test_what_a_face_of_a_package_raises_is_shown_and_costs_nothing_else(made):
     face = replace(DOORS.face, shown=broken, counts={"doors": broken}, losses=broken, pictures=broken)
     guarded = foreign._guarded(replace(DOORS, face=face), entry)
     store, artifact, plan = made
-    rows = summary_rows(
-        BuildReport(plan, outcomes={"a": BagOutcome("built")}),
-        store,
-        RecordingAssets(ASSETS.recipe, (*catalogue.OUR_ASSETS, guarded)),
-    )
+    assets = RecordingAssets(ASSETS.recipe, (*catalogue.OUR_ASSETS, guarded))
+    assets.store = store
+    rows = summary_rows(BuildReport(plan, outcomes={"a": BagOutcome("built")}), assets)
     assert (rows[0].counts["doors"], rows[0].lost) == (None, {})
     found = result_metadata(AssetResult(DOORS.name, artifact, "0" * 64, False, 1.0), guarded.face)
     assert found["problem"] == (

@@ -14,7 +14,7 @@ import zstandard
 from bagassets.base.errors import BagAssetsError, ChangedWhileReadError
 from bagassets.defs.builds.made_ahead import make_first
 from bagassets.defs.builds.pending_work import open_project
-from bagassets.defs.records.events import recorded_partition
+from bagassets.defs.records.events import Records
 from bagassets.defs.records.naming import Naming
 from bagassets.engine.execute import execute
 from bagassets.engine.first_pass import first_pass
@@ -22,14 +22,13 @@ from bagassets.engine.graph import Graph
 from bagassets.formats.catalogue import recording_assets
 from bagassets.recipe import load_recipe
 from bagassets.recordings import decompress, digest, rosbag2
-from bagassets.recordings.digest import DigestIndex, recording_digest, recording_stat
+from bagassets.recordings.digest import recording_digest, recording_stat
 from bagassets.recordings.discover import discover
 from bagassets.recordings.pack import PackedRecording
 from bagassets.recordings.recording import Recording
 from bagassets.sample.drive import Target, write_recordings
 from bagassets.sample.recipe import sample_recipe
 from bagassets.store import canonical
-from bagassets.store.store import Store
 from bagassets_tests.in_process import build, make_project
 
 pytestmark = pytest.mark.once
@@ -127,11 +126,10 @@ def one_of(recipe_file):
 def passed(recipe_file):
     """Make the first pass over the only recording; return its result, and what a graph needs."""
     recipe = load_recipe(recipe_file)
-    assets, store = recording_assets(recipe), Store(recipe.store_path)
-    recording = one_of(recipe_file)
+    assets, recording = recording_assets(recipe), one_of(recipe_file)
     stat = recording_stat(recording)
-    made = first_pass(recipe, store, recording, stat, DigestIndex.of(recipe))
-    return made, Graph(assets, store, recording, made.digest.digest, stat)
+    made = first_pass(assets, recording, stat)
+    return made, Graph(assets, recording, made.digest.digest, stat)
 
 
 @pytest.mark.parametrize("name", TARGETS)
@@ -146,8 +144,9 @@ def test_a_cold_build_reads_a_recording_twice(tmp_path, monkeypatch, name, diges
     report, _ = build(recipe, monkeypatch)
     assert report.counts()["built"] == 1
     assert 1.6 < disk.times <= 2.05
-    with open_project(recipe) as (instance, _):
-        assert recorded_partition(instance, Naming("test"), "inventory", name).cached is False
+    with open_project(recipe) as workspace:
+        instance = workspace.instance
+        assert Records(instance, Naming("test")).of("inventory", name).cached is False
 
 
 @pytest.mark.parametrize(

@@ -110,7 +110,8 @@ def project(bags, tmp_path):
         (recording,) = discover(recipe.bags).recordings.values()
         digest, stat = recording_digest(recording).digest, recording_stat(recording)
         known = RecordingAssets(recipe, (INVENTORY, *assets))
-        return Graph(known, Store(tmp_path / "store"), recording, digest, stat, **options)
+        known.store = Store(tmp_path / "store")
+        return Graph(known, recording, digest, stat, **options)
 
     return graph
 
@@ -448,7 +449,7 @@ def test_a_plan_names_the_artifacts_of_channels(project, ran):
     images = channels("images", ran, {"CAM": TOPICS["CAM"]}, INVENTORY, optional=True)
     graph = project(images)
     executed(graph)
-    plan = plan_recording(recorded_graph(graph.assets, graph.store, graph.recording, {}))
+    plan = plan_recording(recorded_graph(graph.assets, graph.recording, {}))
     assert plan.assets.keys() == {"bag", "inventory", "images"}
     assert plan.optional == {"images"}
     assert plan.channels == (graph.node("images").parts[0].artifact.digest,)

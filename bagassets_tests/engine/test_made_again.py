@@ -9,6 +9,8 @@ from bagassets.engine.made_again import made_again
 from bagassets.engine.plan import AssetState, BagPlan, Plan, Recorded
 from bagassets.formats.catalogue import known_assets, recording_assets
 from bagassets.recipe.load import parse_recipe
+from bagassets.recordings.discover import Discovery
+from bagassets.recordings.model import RecordingFiles
 from bagassets_tests.small_drive import RECIPE
 
 WHY = "as far as this version of bagassets makes them differently (see its changelog)"
@@ -29,7 +31,7 @@ class Actions:
 def said(tmp_path):
     assets = recording_assets(parse_recipe(RECIPE.format(name="x", root="bags"), tmp_path / "recipe.yaml"))
 
-    def of(*bags, jobs=1, store=None, sizes=1000, runs=0):
+    def of(*bags, jobs=1, store=None, sizes=1000):
         """Bags: (key, assets that are not fresh, those whose version was raised), or their names alone for frames."""
         plan, recorded = {}, {}
         for key, states, raised in bags:
@@ -40,9 +42,11 @@ def said(tmp_path):
                 name: Recorded("d", f"{assets[name].version - (name in raised)}-0123456789ab", action=name)
                 for name in assets.names
             } | {"bag": Recorded("d", "0")}
-        todo = dict.fromkeys(plan, (sizes, ("bag", *assets.names)))
-        planned = Plan(plan, {}, (), recorded=recorded)
-        return made_again(assets, store or Actions(), planned, todo, jobs, runs or len(plan))
+        todo = dict.fromkeys(plan, ("bag", *assets.names))
+        found = {key: RecordingFiles(key, key, tmp_path / key, "ros1", (), sizes, 0) for key in plan}
+        planned = Plan(plan, {}, (), recorded=recorded, discovery=Discovery(found, []))
+        assets.store = store or Actions()
+        return made_again(assets, planned, todo, jobs)
 
     return of
 
@@ -56,12 +60,12 @@ STATES = {"frames": "stale", "nuscenes_tables": "unknown", "preview": "unknown"}
 
 def test_frames_of_all_recordings_are_told_once_with_the_time_that_they_took(said):
     bags = [(f"{number:03}.bag", STATES, {"frames"}) for number in range(300)]
-    # A pass of 60 s, and 10 s each for the tables and the pictures made of it: 300 times, two at a time, in 20 runs.
-    assert first_line(said(*bags, jobs=2, runs=20)) == (
+    # A pass of 60 s, and 10 s each for the tables and the pictures made of it: 300 times, two at a time, in 6 runs.
+    assert first_line(said(*bags, jobs=2)) == (
         f"made again: frames of 300 recordings (000.bag, 001.bag, 002.bag and 297 more), {WHY}; about 3.3 h, going by what "
         "they took before"
     )
-    hours = (20 + 300 * (60 + 2 * 10)) / 2 / 3600
+    hours = (6 + 300 * (60 + 2 * 10)) / 2 / 3600
     assert hours == pytest.approx(3.3, abs=0.05)
 
 

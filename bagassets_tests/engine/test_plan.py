@@ -285,7 +285,8 @@ def test_a_missing_bag_root_is_reported_with_the_line_of_the_recipe(built):
 
 
 def test_a_plan_of_dagsters_empty_log_is_all_records(built, monkeypatch):
-    with open_project(built) as (instance, workspace):
+    with open_project(built) as workspace:
+        instance = workspace.instance
         live = frozenset(workspace.discover().recordings)
         for key in live:
             instance.delete_dynamic_partition(f"{workspace.recipe.name}_recordings", key)

@@ -78,7 +78,8 @@ def readings(instance):
 def test_a_long_run_says_what_is_being_done_and_how_far(project, at_once, monkeypatch):
     events = []
     build(project, monkeypatch, on_event=events.append, jobs=1)
-    with open_project(project) as (instance, _):
+    with open_project(project) as workspace:
+        instance = workspace.instance
         said = readings(instance)
     for what in PASSES:
         # Recordings with the same images share them: not every run reads them.
@@ -93,7 +94,8 @@ def test_a_long_run_says_what_is_being_done_and_how_far(project, at_once, monkey
 
 def test_a_short_run_says_nothing_of_it(project, monkeypatch):
     build(project, monkeypatch, jobs=1)
-    with open_project(project) as (instance, _):
+    with open_project(project) as workspace:
+        instance = workspace.instance
         assert list(readings(instance).values()) == [[]] * len(KEYS)
 
 

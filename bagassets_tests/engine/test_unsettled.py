@@ -69,7 +69,8 @@ def test_checks_that_a_worker_did_not_come_to_are_made_up_for(tmp_path, monkeypa
     assert survey(recipe_file).todo.keys() == {BROKEN}
     report, _ = build(recipe_file, monkeypatch, jobs=1)
     assert outcomes(report) == {key: "hit" if key == BROKEN else "fresh" for key in KEYS}
-    with pending_work.open_project(recipe_file) as (instance, _):
+    with pending_work.open_project(recipe_file) as workspace:
+        instance = workspace.instance
         recorded = checks(instance, recipe_file)
     assert {name for name, key in recorded if key == BROKEN} == {
         name for name, key in recorded if key != BROKEN
@@ -81,8 +82,8 @@ def test_a_worker_whose_run_was_given_up_leaves_no_note(tmp_path, monkeypatch):
     recipe_file = make(tmp_path, KEYS[:1])
     build(recipe_file, monkeypatch, jobs=1)
 
-    def given_up(instance, run_id, *_):
-        instance.report_run_failed(instance.get_run_by_id(run_id), "Its node failed.")
+    def given_up(step, *_):
+        step.instance.report_run_failed(step.instance.get_run_by_id(step.run_id), "Its node failed.")
 
     monkeypatch.setattr(several, "note_begun", given_up)
     names = Naming(load_recipe(recipe_file).name)
@@ -180,7 +181,8 @@ def states(recipe_file, key):
 
 def failed(recipe_file):
     """Return the recordings that the web UI shows as failed."""
-    with pending_work.open_project(recipe_file) as (instance, workspace):
+    with pending_work.open_project(recipe_file) as workspace:
+        instance = workspace.instance
         names = workspace.assets.names
         return set().union(*(partitions(instance, recipe_file, name, "failed") for name in names))
 

@@ -215,6 +215,8 @@ class TestWhileItIsBuilt:
         with pytest.raises(DatasetError, match=r"expected a dataset with one version; there is none"):
             bagassets.open_dataset(tmp_path / "empty")
         build(1)
+        with pytest.raises(DatasetError, match=f"there is none; name {tmp_path / 'nuscenes'}\\.$"):
+            bagassets.open_dataset(tmp_path)  # as of a project
         folder = tmp_path / "nuscenes" / VERSION
         assert len(bagassets.open_dataset(folder)) == len(bagassets.open_dataset(tmp_path / "nuscenes")) > 0
         assert len(bagassets.open_dataset(str(tmp_path / "nuscenes"), version=VERSION)) > 0

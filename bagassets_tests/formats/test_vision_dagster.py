@@ -7,6 +7,7 @@ import pytest
 
 from bagassets.defs.graph.dataset import dataset_is_current
 from bagassets.defs.graph.location import build_definitions
+from bagassets.defs.records.events import Records
 from bagassets.defs.records.instance_plan import plan_instance
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.records.partitions import add_partitions
@@ -24,7 +25,7 @@ def project(tmp_path_factory):
     write_drive(folder / "bags" / "a.bag", "ros1", duration_s=2.0)
     (folder / "recipe.yaml").write_text(RECIPE.format(name="test", root="bags") + EXTRA)
     with dg.DagsterInstance.ephemeral() as instance:
-        add_partitions(instance, Naming(load_recipe(folder / "recipe.yaml").name), ["a.bag"])
+        add_partitions(Records(instance, Naming(load_recipe(folder / "recipe.yaml").name)), ["a.bag"])
         yield folder / "recipe.yaml", instance, materialize(folder / "recipe.yaml", instance)
 
 
@@ -58,16 +59,16 @@ def test_all_of_them_are_made(project):
 def test_the_datasets_are_current_until_what_they_are_made_with_changes(project, tmp_path):
     recipe_file, instance, _ = project
     workspace = Workspace(recipe_file=str(recipe_file))
-    inputs = select_inputs(plan_instance(instance, workspace))
+    inputs = select_inputs(plan_instance(workspace.on(instance)))
     assert len(inputs.parts["vision"]) == 1
-    assert dataset_is_current(instance, workspace, inputs)
+    assert dataset_is_current(workspace.on(instance), inputs)
     for change in ("frames: 4", "frames: 5, files: one"):
         text = recipe_file.read_text().replace("frames: 5", change)
         other = recipe_file.with_name("other.yaml")
         other.write_text(text)
-        assert not dataset_is_current(instance, Workspace(recipe_file=str(other)), inputs)
+        assert not dataset_is_current(Workspace(recipe_file=str(other)).on(instance), inputs)
     (workspace.recipe.state / "trajectory_map.html").unlink()
-    assert not dataset_is_current(instance, workspace, inputs)
+    assert not dataset_is_current(workspace.on(instance), inputs)
 
 
 def test_people_see_pictures_shares_and_what_was_left_out(project):
@@ -100,7 +101,7 @@ def test_a_recording_without_sequences_still_enters_the_nuscenes_dataset(project
     monkeypatch.setattr("bagassets.formats.vision.recording_part.cut_sequences", fail)
     result = materialize(other, instance, ["vision_sequences"])
     assert not result.success
-    inputs = select_inputs(plan_instance(instance, Workspace(recipe_file=str(other))))
+    inputs = select_inputs(plan_instance(Workspace(recipe_file=str(other)).on(instance)))
     assert [part.key for part in inputs.parts["nuscenes"]] == ["a.bag"]
     assert inputs.parts["vision"] == ()
     assert inputs.failed["vision"] == {"a.bag": "this is a test"}

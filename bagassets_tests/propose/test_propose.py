@@ -15,6 +15,7 @@ from bagassets.propose.summary import RecordingSummary, TopicSummary
 from bagassets.recipe import parse_recipe
 from bagassets.recipe.yaml_text import read_yaml
 from bagassets.recordings.globs import matches
+from bagassets.recordings.topic import UNKNOWN
 
 IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 CLOUD, INFO, ODOMETRY = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/CameraInfo", "nav_msgs/msg/Odometry"
@@ -523,6 +524,16 @@ def test_a_sensor_that_nothing_decodes_is_named_with_its_type(msgtype):
     assert use.text.startswith(f"no decoder for {shown}; ")
     assert [question.subject for question in proposal.questions] == ["rigs"]
     assert f"/sensor: no decoder for {shown}" in proposal.questions[0].text
+
+
+def test_messages_without_a_schema_are_said_to_be():
+    proposal = propose_recipe({"a.mcap": summary(topic("/x", UNKNOWN, 7))}, name="yard", root="/bags")
+    (bare,) = proposal.bare
+    assert bare.reason == "no camera, lidar or radar that can be used"
+    assert [(use.status, use.text) for use in bare.topic_uses] == [
+        ("not decodable", "no schema says what its messages are; record one")
+    ]
+    assert "no sensor can be decoded. /x: no schema says" in proposal.questions[0].text
 
 
 @pytest.mark.parametrize(

@@ -355,13 +355,15 @@ def plan_of(recipe, made, number=1, content="x"):
 
 
 def made_map(recipe, store, plan):
-    return build_map(recipe, store, plan, DatasetInputs({}))
+    assets = recording_assets(recipe)
+    assets.store = store
+    return build_map(assets, plan, DatasetInputs({}))
 
 
 class TestGathered:
     def test_facts_are_those_of_the_artifacts(self, built):
         recipe, made = built
-        data = report_data(recipe, Store(recipe.store_path), plan_of(recipe, made))
+        data = report_data(recording_assets(recipe), plan_of(recipe, made))
         (recording,) = data.recordings
         assert recording.state == "ready"
         assert recording.counts["images"] == sum(
@@ -387,7 +389,7 @@ class TestGathered:
         plan = Plan(bags, {}, (), discovery=discovery)
 
         def gathered(checked):
-            return report_data(checked, Store(recipe.store_path), plan, discovery).recordings[0]
+            return report_data(recording_assets(checked), plan, discovery).recordings[0]
 
         strict = recipe.checks.poses_cover_sensors.model_copy(update={"max_speed_mps": 0.5})
         checks = recipe.checks.model_copy(update={"poses_cover_sensors": strict})
@@ -415,7 +417,7 @@ class TestGathered:
             name: AssetState("skipped", "too short") for name in ("bag", *recording_assets(recipe).names)
         }
         bags = dict(plan.bags) | {"torn": BagPlan("torn", failed), "short": BagPlan("short", skipped)}
-        data = report_data(recipe, Store(recipe.store_path), Plan(bags, {}, ()))
+        data = report_data(recording_assets(recipe), Plan(bags, {}, ()))
         assert {r.key: (r.state, r.reason) for r in data.recordings if r.state != "ready"} == {
             "torn": ("failed", "it is torn"),
             "short": ("skipped", "too short"),
@@ -424,7 +426,7 @@ class TestGathered:
 
     def test_a_copy_is_left_out_of_the_totals_as_it_is_of_the_dataset(self, built):
         recipe, made = built
-        data = report_data(recipe, Store(recipe.store_path), plan_of(recipe, made, 3))
+        data = report_data(recording_assets(recipe), plan_of(recipe, made, 3))
         assert [(r.state, r.reason) for r in data.recordings] == [
             ("ready", ""),
             *[("copy", "the same content as drive_0000")] * 2,
@@ -444,7 +446,7 @@ class TestGathered:
 
     def test_time_is_that_of_scenes_as_in_the_dataset(self, built):
         recipe, made = built
-        data = report_data(recipe, Store(recipe.store_path), plan_of(recipe, made))
+        data = report_data(recording_assets(recipe), plan_of(recipe, made))
         scenes_s = made["nuscenes_tables"].artifact.summary()["counts"]["duration_s"]
         assert data.recordings[0].scenes_s == scenes_s
         assert sum(share.duration_s for share in data.shares) == scenes_s
@@ -452,14 +454,14 @@ class TestGathered:
     def test_a_pin_that_holds_nothing_is_reported(self, built):
         recipe, made = built
         pinned = recipe.model_copy(update={"splits": Splits(pinned={"drive_0000": "val", "dirve": "val"})})
-        data = report_data(pinned, Store(recipe.store_path), plan_of(recipe, made))
+        data = report_data(recording_assets(pinned), plan_of(recipe, made))
         assert data.recordings[0].split == "val"
         assert data.idle_pins == ["dirve"]
         assert "not among the recordings: dirve" in Page(report_page(data)).text
 
     def test_a_thousand_recordings_make_a_page_below_five_megabytes(self, built):
         recipe, made = built
-        page = report_page(report_data(recipe, Store(recipe.store_path), plan_of(recipe, made, 1000)))
+        page = report_page(report_data(recording_assets(recipe), plan_of(recipe, made, 1000)))
         assert len(page.encode()) < 5_000_000
         assert page.count('class="t"') == 1000, "each with a picture"
 

@@ -58,7 +58,7 @@ def built(folder, kind):
     loaded = load_recipe(folder / "recipe.yaml")
     store = Store(loaded.store_path)
     (recording,) = discover(loaded.bags).recordings.values()
-    graph = Graph.of(recording_assets(loaded), store, recording)
+    graph = Graph.of(recording_assets(loaded), recording)
     graph.wanted = ("inventory", "calibration", "frames", "signals")
     return {
         one.asset: {name: store.artifact(digest) for name, digest in one.channels.items()}

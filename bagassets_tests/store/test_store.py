@@ -25,9 +25,10 @@ from bagassets.engine.run_action import run_action
 from bagassets.store.action import Action, Step
 from bagassets.store.canonical import canonical_json, digest_bytes, digest_file, digest_json
 from bagassets.store.identity import id_of_store, identify
-from bagassets.store.integrity import artifact_damage, check_store
+from bagassets.store.integrity import artifact_damage
 from bagassets.store.lease import HOLDERS, action_lock, in_use
 from bagassets.store.store import Store
+from bagassets_tests.store_check import check_store
 
 pytestmark = pytest.mark.once
 

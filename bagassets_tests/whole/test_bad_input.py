@@ -39,12 +39,12 @@ from bagassets.recordings.digest import DigestIndex, recording_digest, stored_di
 from bagassets.recordings.discover import discover, find_one
 from bagassets.recordings.open import open_recording
 from bagassets.recordings.recording import Recording
-from bagassets.store.integrity import check_store
 from bagassets.store.store import Store
 from bagassets_tests import in_process
 from bagassets_tests.build_process import make_dataset
 from bagassets_tests.nuscenes_checks import check_dataset
 from bagassets_tests.small_drive import RECIPE, write_drive
+from bagassets_tests.store_check import check_store
 from bagassets_tests.tiny_mcap import write_tiny
 from bagassets_tests.whole.test_end_to_end import build_all, build_of, make_project
 

@@ -14,11 +14,11 @@ from devkit import run_devkit
 from bagassets.forkserver.client import Client
 from bagassets.formats.dataset_lock import read_lock
 from bagassets.recipe import load_recipe
-from bagassets.store.integrity import check_store
 from bagassets.store.store import Store
 from bagassets_tests.defs.records.test_databases import kill_all
 from bagassets_tests.in_process import make_project
 from bagassets_tests.nuscenes_checks import check_dataset
+from bagassets_tests.store_check import check_store
 
 pytestmark = [pytest.mark.xdist_group("by_command"), pytest.mark.once]
 

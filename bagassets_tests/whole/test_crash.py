@@ -1,22 +1,37 @@
 """Simulated crashes and failures of the disk: a sample of what `make crash` tries in full."""
 
 import errno
+import json
 import os
 import random
 import shutil
 import socket
+import sqlite3
 import subprocess
+import sys
 import time
+from contextlib import closing
 from functools import partial
 from itertools import product
+from pathlib import Path
 
 import pytest
 
 from bagassets.base import files
+from bagassets.base.errors import StoreError
 from bagassets.formats import after_crash
 from bagassets.recipe import load_recipe
+from bagassets.store.store import Store
 from bagassets_tests import crash_project
-from bagassets_tests.crash_disk import Disk, Recording, crashed, lay_out, take
+from bagassets_tests.crash_disk import (
+    Disk,
+    Recording,
+    crashed,
+    databases,
+    lay_out,
+    take,
+    without_last_commit,
+)
 from bagassets_tests.crash_project import (
     SCENARIOS,
     STEPS,
@@ -29,9 +44,10 @@ from bagassets_tests.crash_project import (
     recorded,
     replay,
 )
-from bagassets_tests.in_process import build, make_project
+from bagassets_tests.in_process import build, make_project, states, survey
 
 SEED = 3
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
@@ -60,6 +76,39 @@ def test_a_change_that_fails_ends_in_a_sentence_and_the_next_build_is_right(proj
     chosen = random.Random(SEED).sample(list(failures(scenario)), 4)
     found = {failure: fail(project, scenario, failure) for failure in chosen}
     assert {failure: problem for failure, problem in found.items() if problem} == {}
+
+
+@pytest.mark.long
+@pytest.mark.once
+@pytest.mark.skipif(shutil.which("cc") is None, reason="the library that has reads fail is compiled")
+def test_a_read_that_fails_ends_in_a_sentence_and_the_next_build_is_right(tmp_path):
+    found = tmp_path / "found.json"
+    command = [
+        sys.executable,
+        "-m",
+        "benchmarks.crash",
+        "--only",
+        "read",
+        "--workers",
+        "1",
+        "--json",
+        str(found),
+    ]
+    done = subprocess.run(
+        [*command, "--share", "0.002", "--seed", str(SEED)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    tried = {
+        (part, command): (number, good)
+        for part, command, number, good in json.loads(found.read_text())["tried"]
+    }
+    assert {part for part, _ in tried} == {"read"}
+    assert sum(number for number, _ in tried.values()) > 8
+    assert all(number == good for number, good in tried.values())
 
 
 @pytest.mark.long
@@ -167,6 +216,56 @@ def test_a_lost_change_takes_along_what_rests_on_it_unless_its_folder_was_synced
     assert left == ({"/top/two": b"1"} if is_synced else {})
 
 
+def rows_in(folder):
+    with sqlite3.connect(folder / "a.db") as connection:
+        return [row for (row,) in connection.execute("SELECT x FROM t ORDER BY x")]
+
+
+def test_the_last_commit_of_a_log_is_taken_away_and_no_other(tmp_path):
+    with closing(sqlite3.connect(tmp_path / "a.db", isolation_level=None)) as connection:
+        connection.execute("PRAGMA journal_mode = WAL")
+        connection.execute("CREATE TABLE t (x)")
+        for number in range(3):
+            connection.execute("INSERT INTO t VALUES (?), (?)", (2 * number, 2 * number + 1))
+        connection.execute("PRAGMA wal_checkpoint(RESTART)")  # the next frames are written over the first
+        connection.execute("INSERT INTO t VALUES (6)")
+        connection.execute("INSERT INTO t VALUES (7)")
+        crashed_at = databases(tmp_path, "")
+    for taken, rows in ((0, [*range(8)]), (1, [*range(7)]), (2, [*range(6)]), (3, [*range(6)])):
+        folder = tmp_path / str(taken)
+        folder.mkdir()
+        left = dict(crashed_at)
+        for _ in range(taken):
+            left["a.db-wal"] = without_last_commit(left["a.db-wal"])
+        for name, data in left.items():
+            (folder / name).write_bytes(data)
+        assert rows_in(folder) == rows
+
+
+def test_files_that_others_wrote_are_recorded_when_their_folder_gets_its_name(disk, tmp_path):
+    top = tmp_path / "top"
+    files.make_folder(top / "new")
+    (top / "new" / "video").write_bytes(b"by PyAV")
+    files.move(top / "new", top / "there")
+    disk.databases.append({})
+    assert contents(crashed(disk, len(disk.changes))) == {"/top/there/video": b"by PyAV"}
+    assert contents(crashed(disk, len(disk.changes), how="half")) == {"/top/there/video": b"by "}
+
+
+def test_a_reflink_may_be_torn_as_a_copy_may(tmp_path, monkeypatch):
+    for name in ("os", "shutil", "ioctl", "_rename"):
+        monkeypatch.setattr(files, name, getattr(files, name))
+    monkeypatch.setattr(files, "open", open, raising=False)
+    (tmp_path / "top").mkdir()
+    (tmp_path / "top" / "one").write_bytes(b"whole")
+    recording = Recording(take(tmp_path, ["top"]))
+    Disk(tmp_path, recording=recording, links="reflinks").install()
+    assert files.clone(tmp_path / "top" / "one", tmp_path / "top" / "two")
+    recording.databases.append({})
+    left = contents(crashed(recording, len(recording.changes), how="half"))
+    assert left == {"/top/one": b"whole", "/top/two": b"wh"}
+
+
 def test_what_is_laid_out_has_its_links_and_seems_to_have_its_times(disk, tmp_path, monkeypatch):
     from bagassets.base import fingerprints
 
@@ -238,6 +337,21 @@ def test_what_a_killed_worker_had_begun_is_removed_by_the_next_build(built, monk
     assert {one.name for one in scratch.iterdir()} == {places["new"], places["alive"]}
     for one in scratch.iterdir():
         shutil.rmtree(one)
+
+
+@pytest.mark.parametrize(("times", "state"), [(1, "fresh"), (2, "failed")])
+def test_what_cannot_be_read_while_it_is_planned_is_asked_for_once_more(built, monkeypatch, times, state):
+    (load_recipe(built).state / "freshness.sqlite").unlink()
+    lookup, failed = Store.lookup, []
+
+    def failing(store, action):
+        if action.step == "nuscenes_tables" and len(failed) < times:
+            failed.append(action)
+            raise StoreError("the store cannot be read (Input/output error)")
+        return lookup(store, action)
+
+    monkeypatch.setattr(Store, "lookup", failing)
+    assert states(survey(built), "a.bag")["nuscenes_tables"] == state
 
 
 @pytest.fixture(scope="module")

@@ -11,6 +11,7 @@ from bagassets.defs.builds.pending_work import open_project
 from bagassets.defs.graph.location import build_definitions
 from bagassets.defs.graph.sensor_cursor import Cursor
 from bagassets.defs.graph.sensor_scan import Scan
+from bagassets.defs.records.events import Records
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.records.partitions import add_partitions
 from bagassets_tests.doors import (
@@ -38,8 +39,9 @@ def by_sensor(recipe_file, _monkeypatch):
     """Do what the daemon does: ask the sensor until it has nothing to request, and execute what it requests."""
     definitions, cursor = build_definitions(recipe_file), Cursor()
     for second in range(6):
-        with open_project(recipe_file) as (instance, workspace):
-            scan = Scan(instance, workspace, cursor)
+        with open_project(recipe_file) as workspace:
+            instance = workspace.instance
+            scan = Scan(workspace, cursor)
             requests = scan.scan(1e9 + 100 * second)
             cursor = Cursor.parse(scan.cursor.text())
             for request in requests:
@@ -58,8 +60,9 @@ def by_sensor(recipe_file, _monkeypatch):
 def by_partition(recipe_file, _monkeypatch, keys=KEYS):
     """Do what `dagster asset materialize --select '*' --partition KEY` does for each, then `--select 'dataset_inputs*'`."""
     job = build_definitions(recipe_file).resolve_implicit_global_asset_job_def()
-    with open_project(recipe_file) as (instance, _):
-        add_partitions(instance, Naming("test"), sorted(keys))
+    with open_project(recipe_file) as workspace:
+        instance = workspace.instance
+        add_partitions(Records(instance, Naming("test")), sorted(keys))
         for key in sorted(keys):
             job.execute_in_process(partition_key=key, instance=instance, raise_on_error=False)
         datasets = (
@@ -73,8 +76,9 @@ def by_range(recipe_file, _monkeypatch):
     job = build_definitions(recipe_file).resolve_implicit_global_asset_job_def()
     graph = job.asset_layer.asset_graph
     keys = sorted(KEYS)
-    with open_project(recipe_file) as (instance, _):
-        add_partitions(instance, Naming("test"), keys)
+    with open_project(recipe_file) as workspace:
+        instance = workspace.instance
+        add_partitions(Records(instance, Naming("test")), keys)
         for first, last in ((keys[0], keys[3]), (keys[4], keys[-1])):
             ends = {"dagster/asset_partition_range_start": first, "dagster/asset_partition_range_end": last}
             chosen = sorted(dg.AssetSelection.groups("recording").resolve(graph))
@@ -86,8 +90,9 @@ def by_range(recipe_file, _monkeypatch):
 def by_whole_range(recipe_file, _monkeypatch):
     """Do what `dagster asset materialize --select '*' --partition-range FIRST...LAST` does: all is one run."""
     job = build_definitions(recipe_file).resolve_implicit_global_asset_job_def()
-    with open_project(recipe_file) as (instance, _):
-        add_partitions(instance, Naming("test"), sorted(KEYS))
+    with open_project(recipe_file) as workspace:
+        instance = workspace.instance
+        add_partitions(workspace.records, sorted(KEYS))
         ends = {
             "dagster/asset_partition_range_start": min(KEYS),
             "dagster/asset_partition_range_end": max(KEYS),
@@ -101,8 +106,8 @@ def dataset_checks(recipe_file):
     """Return the states of the checks of what exists once, as Dagster keeps them."""
     graph = build_definitions(recipe_file).resolve_asset_graph()
     found = [key for key in graph.asset_check_keys if not graph.get(key.asset_key).is_partitioned]
-    with open_project(recipe_file) as (instance, _):
-        latest = instance.event_log_storage.get_latest_asset_check_execution_by_key(found)
+    with open_project(recipe_file) as workspace:
+        latest = workspace.instance.event_log_storage.get_latest_asset_check_execution_by_key(found)
     return {key.to_user_string(): record.status.value for key, record in latest.items()}
 
 
@@ -160,8 +165,9 @@ def test_a_click_on_the_dataset_alone_takes_all_recordings_and_says_so(tmp_path)
     job = build_definitions(recipe_file).resolve_implicit_global_asset_job_def()
     for number, name in enumerate((GOOD, SHORT)):
         write_drive(tmp_path / "bags" / name, "ros1", duration_s=1.0 + 0.1 * number)
-        with open_project(recipe_file) as (instance, _):
-            add_partitions(instance, Naming("test"), [name])
+        with open_project(recipe_file) as workspace:
+            instance = workspace.instance
+            add_partitions(Records(instance, Naming("test")), [name])
             recording = dg.AssetSelection.assets("nuscenes_tables").upstream()
             for selection, key in ((recording, name), (dg.AssetSelection.assets("nuscenes_dataset"), None)):
                 chosen = sorted(selection.resolve(job.asset_layer.asset_graph))
@@ -247,8 +253,9 @@ def test_a_backfill_of_everything_with_dagsters_own_programs(tmp_path, monkeypat
     expected = built_by_command(tmp_path / "command", bags, monkeypatch)
     recipe_file = make_door(tmp_path / "stock", bags, ALL)
     keys = KEYS - {TORN, LOST}
-    with open_project(recipe_file) as (instance, _):
-        add_partitions(instance, Naming("test"), sorted(keys))
+    with open_project(recipe_file) as workspace:
+        instance = workspace.instance
+        add_partitions(Records(instance, Naming("test")), sorted(keys))
     with stock_dagster(recipe_file) as port:
         assert materialize_all(port, keys) == "COMPLETED_SUCCESS"
         assert differences(result(recipe_file), expected) == {}
@@ -259,8 +266,9 @@ def test_a_backfill_of_everything_in_our_web_ui_beside_the_sensor(bags, tmp_path
     """Where something failed, Dagster requests no datasets; the sensor does."""
     expected = built_by_command(tmp_path / "command", bags, monkeypatch)
     recipe_file, port = make_door(tmp_path / "ui", bags, ALL), free_port()
-    with open_project(recipe_file) as (instance, _):
-        add_partitions(instance, Naming("test"), sorted(KEYS))
+    with open_project(recipe_file) as workspace:
+        instance = workspace.instance
+        add_partitions(Records(instance, Naming("test")), sorted(KEYS))
     command = [BIN / "bagassets", "ui", "--recipe", recipe_file, "--port", port, "--no-browser"]
     with running(command, tmp_path, tmp_path / "ui.log"):
         eventually(lambda: is_answering(port), "the web server answers")

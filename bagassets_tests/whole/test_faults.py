@@ -4,9 +4,9 @@ from collections import Counter
 
 import pytest
 
-from bagassets.store.integrity import check_store
 from bagassets.store.store import Store
 from bagassets_tests.faults import FAULTS, KINDS, OUTCOMES, Place
+from bagassets_tests.store_check import check_store
 
 pytestmark = pytest.mark.once
 ROWS = [

@@ -18,12 +18,12 @@ from bagassets.propose.project import write_project
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Bags
 from bagassets.recordings.discover import discover
-from bagassets.store.integrity import check_store
 from bagassets.store.store import Store
 from bagassets_tests import in_process
 from bagassets_tests.nuscenes_checks import check_dataset
 from bagassets_tests.recorded_bags import NOON_NS, text, write_ros1
 from bagassets_tests.small_drive import RECIPE, write_drive
+from bagassets_tests.store_check import check_store
 from bagassets_tests.whole.test_end_to_end import build_of
 
 pytestmark = pytest.mark.once
@@ -146,7 +146,7 @@ def test_what_failed_before_salvage_existed_is_tried_once_more_and_then_no_more(
 
     def state(recipe):
         recording = discover(recipe.bags).recordings["a.bag"]
-        return Graph.of(recording_assets(recipe), Store(recipe.store_path), recording).states()["inventory"]
+        return Graph.of(recording_assets(recipe), recording).states()["inventory"]
 
     assert state(refusing).state == "failed"
     recipe = project(tmp_path)

@@ -16,6 +16,7 @@ from bagassets.cli.dry_run import dry_run_lines, verdict
 from bagassets.cli.summary import print_summary
 from bagassets.defs.builds import snapshot
 from bagassets.defs.builds.pending_work import expected_moves, open_project
+from bagassets.defs.records.events import Records
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.records.partitions import _no_such_recording, add_partitions
 from bagassets.engine.build_report import BuildOptions, BuildReport
@@ -113,7 +114,7 @@ def test_parts_that_were_built_alone_are_joined_by_an_upgrade_and_their_old_keys
     lock = lock_of(tmp_path)
     assert dict(lock.splits) == {"drive.bag": "val", "other.bag": "train"}
     assert list(lock_of(tmp_path, "second").bags) == ["drive.bag"]
-    with open_project(recipe_file) as (_, workspace):
+    with open_project(recipe_file) as workspace:
         with pytest.raises(
             RecordingError, match=r"drive_1.bag: no such recording below .*; it is part of drive.bag now"
         ):
@@ -204,7 +205,7 @@ def test_the_sensor_makes_one_run_of_the_parts_once_all_are_quiet(tmp_path):
     shutil.move(parts[2], late)
     with dg.DagsterInstance.ephemeral() as instance:
         scanned = Project(project(tmp_path), instance)
-        add_partitions(instance, Naming("test"), ["drive_0.bag"])
+        add_partitions(Records(instance, Naming("test")), ["drive_0.bag"])
         assert list(scanned.scan()) == ["drive.bag"]
         assert "drive_0.bag joined into drive.bag" in scanned.cursor.said
         assert scanned.live == {"drive.bag"}

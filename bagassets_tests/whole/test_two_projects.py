@@ -15,7 +15,7 @@ from bagassets.defs import Workspace, build_definitions, follow_recordings, per_
 from bagassets.defs.builds.garbage import find_roots
 from bagassets.defs.launchers.slurm.launcher import SlurmRunLauncher
 from bagassets.defs.launchers.slurm.spool import Spool
-from bagassets.defs.records.events import live_partitions, recorded_partition
+from bagassets.defs.records.events import Records
 from bagassets.defs.records.instances import open_instance
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.records.partitions import active_runs, add_partitions, remove_partitions
@@ -172,7 +172,7 @@ def test_one_is_built_by_its_sensor_and_the_other_stays_as_it_was(place):
     assert {request.partition_key for request in requests} == {KEY, None}
     assert set(place.statuses(NORTH).values()) == {StaleStatus.FRESH}
     assert all(one.startswith("north/") for one in place.materialized())
-    assert live_partitions(place.instance, SOUTH) == frozenset()
+    assert Records(place.instance, SOUTH).live() == frozenset()
     assert place.tick(NORTH) == []
 
     place.tick(SOUTH)
@@ -217,17 +217,17 @@ def test_a_removed_recording_cancels_runs_of_its_own_project_only(place, monkeyp
         type(place.instance.run_launcher), "terminate", lambda _, run_id: cancelled.append(run_id)
     )
     for naming in (NORTH, SOUTH):
-        add_partitions(place.instance, naming, [KEY])
+        add_partitions(Records(place.instance, naming), [KEY])
         runs[naming] = place.instance.create_run_for_job(
             place.definitions.resolve_implicit_global_asset_job_def(),
             asset_selection=frozenset([naming.key("frames")]),
             tags={"dagster/partition": KEY},
             status=dg.DagsterRunStatus.STARTED,
         )
-    assert active_runs(place.instance, NORTH, ()) == {runs[NORTH].run_id: (KEY,)}
-    remove_partitions(place.instance, NORTH, [KEY])
+    assert active_runs(Records(place.instance, NORTH), ()) == {runs[NORTH].run_id: (KEY,)}
+    remove_partitions(Records(place.instance, NORTH), [KEY])
     assert cancelled == [runs[NORTH].run_id]
-    assert (live_partitions(place.instance, NORTH), live_partitions(place.instance, SOUTH)) == (
+    assert (Records(place.instance, NORTH).live(), Records(place.instance, SOUTH).live()) == (
         frozenset(),
         frozenset([KEY]),
     )
@@ -281,7 +281,7 @@ def test_a_project_that_is_gone_or_has_another_instance_keeps_no_keys(place, tmp
 def test_runs_note_the_recipes_of_their_projects(place):
     assert recipes_of(place.instance) == []
     for naming in (NORTH, SOUTH):
-        add_partitions(place.instance, naming, [KEY])
+        add_partitions(Records(place.instance, naming), [KEY])
         place.run([naming.key("bag")], KEY)
     assert recipes_of(place.instance) == sorted(place.recipes.values())
 
@@ -334,9 +334,9 @@ def launched(place, tmp_path, monkeypatch):
 
 
 def launch(instance, naming, location, *assets):
-    add_partitions(instance, naming, [KEY])
+    add_partitions(Records(instance, naming), [KEY])
     log = Path(instance.root_directory) / "code-server.log"
-    with RunPool(instance, naming, 1, lambda _event: None, log, location) as runs:
+    with RunPool(Records(instance, naming), 1, lambda _event: None, log, location) as runs:
         runs.work([{KEY: assets}])
     assert runs.ended[KEY].problem is None
     run = instance.get_run_by_id(runs.ended[KEY].run_id)
@@ -352,8 +352,8 @@ def test_the_launcher_serves_both_and_notices_that_one_recipe_changed(place, lau
     for _ in range(2):
         launch(launched, SOUTH, location, "calibration")
         version = recording_assets(load_recipe(place.recipes["south"])).versions["calibration"]
-        assert recorded_partition(launched, SOUTH, "calibration", KEY).code_version == version
-        assert recorded_partition(launched, NORTH, "calibration", KEY) is None
+        assert Records(launched, SOUTH).of("calibration", KEY).code_version == version
+        assert Records(launched, NORTH).of("calibration", KEY) is None
         text = place.recipes["south"].read_text()
         place.recipes["south"].write_text(
             text.replace("      LIDAR_TOP: {modality: lidar, topic: /points}\n", "")
@@ -367,7 +367,7 @@ def test_code_locations_of_the_same_module_have_the_recipes_of_their_own_env(pla
     plain, found = Naming("drives"), {}
     for name in place.recipes:
         launch(launched, plain, CodeLocation(name=name), "bag")
-        found[name] = recorded_partition(launched, plain, "bag", KEY).data_version
+        found[name] = Records(launched, plain).of("bag", KEY).data_version
     assert len(set(found.values())) == 2, "each run hashed the recording of its own project"
 
 
@@ -401,7 +401,7 @@ def test_gc_keeps_what_another_instance_than_the_projects_own_refers_to(place, l
     launch(launched, NORTH, location, "bag", "inventory")
     recipe = place.recipes["north"]
     store = Store(load_recipe(recipe).store_path)
-    version = recorded_partition(launched, NORTH, "inventory", KEY).data_version
+    version = Records(launched, NORTH).of("inventory", KEY).data_version
     assert version in find_roots(store, recipe).artifacts
     (note,) = (load_recipe(recipe).state / "instances").glob("*.json")
     assert note.stat().st_mode & 0o777 == 0o600

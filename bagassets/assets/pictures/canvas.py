@@ -3,6 +3,7 @@
 from bisect import bisect_left
 from functools import cache, partial
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -32,6 +33,7 @@ _TURBO: NDArray[np.uint8] = (
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
 _FONT_HEIGHT_PX = 22.0  # of a capital at scale 1
 _REDUCED = ((8, cv2.IMREAD_REDUCED_COLOR_8), (4, cv2.IMREAD_REDUCED_COLOR_4), (2, cv2.IMREAD_REDUCED_COLOR_2))
+_NEAREST_GREY = 40  # of depth, that black may be none
 _SLIGHT = 1.5  # times as wide
 _LEAST_SQUARES = 32  # one above the other; of fewer, what fills no square would be missed
 _QUALITIES = (85, 75, 65, 55, 45, 35, 25, 15)
@@ -44,19 +46,27 @@ def blank(width: int, height: int) -> Image:
     return np.broadcast_to(row, (height, width, 3)).copy()
 
 
-def read_image(path: Path) -> Image:
-    """Return an image file as (H, W, 3) BGR; grey ones and 16 bit become 8-bit BGR.
+def read_image(path: Path) -> NDArray[Any]:
+    """Return an image file as (H, W, 3) BGR, of 8 or 16 bits; of grey ones all three are equal.
 
     Raises:
         DatasetError: it cannot be read.
     """
-    image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    image = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
     if image is None:
         raise DatasetError(f"{path}: this image cannot be read; build again to replace it.")
     return np.asarray(image)
 
 
-def read_reduced(path: Path, width: int, least_width: int) -> Image:
+def within(low: int, high: int, image: NDArray[Any]) -> Image:
+    """Return an image of 16 bits with 8: the level `low` is dark grey, `high` white; 0, no depth, is black."""
+    shares = np.clip((np.arange(1 << 16) - low) / max(high - low, 1), 0.0, 1.0)
+    shown = np.rint(_NEAREST_GREY + (255 - _NEAREST_GREY) * shares).astype(np.uint8)
+    shown[0] = 0
+    return np.asarray(shown[image])
+
+
+def read_reduced(path: Path, width: int, least_width: int) -> NDArray[Any]:
     """Return an image file as `read_image` does; a JPEG of at least twice `least_width` at half, a quarter or an eighth of its size.
 
     That is several times faster.

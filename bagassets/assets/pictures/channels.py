@@ -2,14 +2,17 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bagassets.assets.lidar_file import read_lidar_file
-from bagassets.assets.pictures.canvas import Image, read_image, read_reduced
+from bagassets.assets.pictures.canvas import Image, read_image, read_reduced, within
 from bagassets.base.columns import numbers
+from bagassets.base.json_types import JsonMapping
 from bagassets.geometry.calibration import CameraLens
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.se3 import SE3, Floats
@@ -17,6 +20,7 @@ from bagassets.geometry.trajectory import Trajectory
 from bagassets.store.artifact import Artifact
 
 NEAREST_M = 0.5
+_DARK_PERCENT, _WHITE_PERCENT = 1, 99
 
 
 @dataclass(frozen=True)
@@ -89,10 +93,12 @@ class CameraImages(_Readings):
     Attributes:
         widths: (N,) of the images, in pixels.
         camera: model of the images as written; None if unknown.
+        facts: of the channel, as `channel.json` has them.
     """
 
     widths: NDArray[np.int32]
     camera: CameraModel | None
+    facts: JsonMapping
 
     @classmethod
     def of(
@@ -107,7 +113,8 @@ class CameraImages(_Readings):
             lens: that of the images, if they were written with their distortion, else None.
         """
         index = artifact.read_table("index.parquet", ["stamp_ns", "file", "width", "height"])
-        intrinsic = artifact.read_json("channel.json")["camera_intrinsic"]
+        facts = artifact.read_json("channel.json")
+        intrinsic = facts["camera_intrinsic"]
         camera = None
         if lens is not None:
             camera = CameraModel.from_calibration(lens)
@@ -123,15 +130,42 @@ class CameraImages(_Readings):
             ego_SE3_cam.normalised(),
             numbers(index.column("width")),
             camera,
+            facts,
         )
 
     def read(self, image: int) -> Image:
-        """Return an image; see `read_image`."""
-        return read_image(self.path(image))
+        """Return an image, of 16 bits in the range of `levels`."""
+        return self._shown(read_image(self.path(image)))
 
     def read_reduced(self, image: int, least_width: int) -> Image:
         """Return an image, smaller if it is much wider than `least_width`; see `read_reduced`."""
-        return read_reduced(self.path(image), int(self.widths[image]), least_width)
+        return self._shown(read_reduced(self.path(image), int(self.widths[image]), least_width))
+
+    def _shown(self, image: NDArray[Any]) -> Image:
+        return image if image.dtype == np.uint8 else within(*(self.levels or (0, 65_535)), image)
+
+    @cached_property
+    def levels(self) -> tuple[int, int] | None:
+        """The range in which images of 16 bits are shown, such as depth: percentiles of first, middle and last; None for 8 bits."""
+        if self.facts["fileformat"] != "png":
+            return None
+        last = len(self.files) - 1
+        images = [read_image(self.path(image)) for image in sorted({0, last // 2, last})]
+        known = [image[image > 0] for image in images if image.dtype == np.uint16]
+        if not any(map(len, known)):
+            return None
+        low, high = np.percentile(np.concatenate(known), (_DARK_PERCENT, _WHITE_PERCENT), method="nearest")
+        return int(low), int(high)
+
+    @property
+    def title(self) -> str:
+        """The name, and the range of levels if it is not all that there are."""
+        if self.levels is None:
+            return self.channel
+        if "depth" not in self.facts:
+            return "{}, grey {} to {}".format(self.channel, *self.levels)
+        low_m, high_m = (level * self.facts["depth"]["unit_m"] for level in self.levels)
+        return f"{self.channel}, {low_m:.2f} to {high_m:.2f} m"
 
     def view(self, image: int, trajectory: Trajectory) -> View | None:
         """Return the camera at the time of an image; None without intrinsics, or without an ego pose at that time."""

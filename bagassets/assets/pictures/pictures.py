@@ -115,6 +115,12 @@ class Pictures:
                     return camera, image
         raise CannotDrawError("there is no camera with images")
 
+    @cached_property
+    def _front_image(self) -> Image:
+        """The image of `_front`, which two pictures show: to read it takes as long as to draw one."""
+        camera, image = self._front()
+        return camera.read(image)
+
     def _view(self, camera: CameraImages, image: int) -> View:
         view = camera.view(image, self.trajectory)
         if view is None:
@@ -141,8 +147,8 @@ class Pictures:
         camera, image = self._front()
         points = self._points
         view = self._view(camera, image)
-        title = f"{self.clouds.channel if self.clouds else ''} over {camera.channel}"
-        return lidar_over_camera(camera.read(image), points, view, width=self.style.width, title=title)
+        title = f"{self.clouds.channel if self.clouds else ''} over {camera.title}"
+        return lidar_over_camera(self._front_image, points, view, width=self.style.width, title=title)
 
     def _birds_eye(self) -> Image:
         if self.moment_ns is None:
@@ -185,13 +191,13 @@ class Pictures:
         # Only up to the first moment without a pose, so that the trajectory has no gap.
         known = len(valid) if valid.all() else int(np.argmin(valid))
         return future_trajectory(
-            camera.read(image),
+            self._front_image,
             positions[:known],
             rotations[:known],
             (stamps_ns[:known] - start_ns) / 1e9,
             view,
             width=self.style.width,
-            title=f"{camera.channel}: the next {max(known - 1, 0) * _FUTURE_STEP_NS / 1e9:g} s",
+            title=f"{camera.title}: the next {max(known - 1, 0) * _FUTURE_STEP_NS / 1e9:g} s",
         )
 
     def _contact_sheet(self) -> Image:
@@ -207,9 +213,9 @@ class Pictures:
         tolerance_ns = max(_TOLERANCE_NS, (last_ns - first_ns) // (2 * columns))
         tile_width = self.style.width // columns
         tiles: dict[str, list[Image | None]] = {}
-        for name, camera in self.cameras.items():
+        for camera in self.cameras.values():
             found = [reading_at(camera.stamps_ns, moment, tolerance_ns) for moment in moments]
-            tiles[name] = [
+            tiles[camera.title] = [
                 None if image is None else camera.read_reduced(image, tile_width) for image in found
             ]
         start_ns = self.timeline_facts["start_ns"] or first_ns

@@ -11,7 +11,7 @@ from pathlib import Path
 import dagster as dg
 
 from bagassets.base.errors import DatasetError, RecipeError, StoreError
-from bagassets.defs.records.events import DATA_VERSION, all_assets, live_partitions
+from bagassets.defs.records.events import DATA_VERSION, Records, all_assets
 from bagassets.defs.records.instances import open_instance
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.records.projects import instances_of
@@ -87,13 +87,13 @@ def locks_of(recipe: Recipe) -> Iterator[Path]:
     yield from sorted((recipe.state / KEPT_LOCKS).glob("**/*.json"))
 
 
-def recorded_versions(instance: dg.DagsterInstance, names: Naming) -> set[str]:
+def recorded_versions(records: Records) -> set[str]:
     """Return the current data versions in an instance, those of users' own assets included.
 
     Those of removed recordings do not count.
     """
     versions: set[str] = set()
-    live = live_partitions(instance, names)
+    live, instance, names = records.live(), records.instance, records.names
     storage, kind = instance.event_log_storage, dg.DagsterEventType.ASSET_MATERIALIZATION
     once = storage.get_latest_tags_by_partition(names.key("bag"), kind, [DATA_VERSION])
     removed = once.keys() - live
@@ -137,7 +137,7 @@ def _add_project(recipe_file: Path, recipe: Recipe, roots: Roots) -> None:
     places = [(str(dagster_home(recipe_file, recipe)), ()), *instances_of(recipe.state)]
     for place, prefix in places:
         with open_instance(place) as instance:
-            roots.artifacts |= recorded_versions(instance, Naming(recipe.name, prefix))
+            roots.artifacts |= recorded_versions(Records(instance, Naming(recipe.name, prefix)))
 
 
 def _add_lock(lock: Path, roots: Roots) -> None:

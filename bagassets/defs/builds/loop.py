@@ -7,8 +7,6 @@ from contextlib import ExitStack
 from dataclasses import replace
 from typing import NoReturn
 
-import dagster as dg
-
 from bagassets.assets.inventory import INVENTORY
 from bagassets.base.alike import names_text
 from bagassets.base.errors import RecordingError
@@ -26,6 +24,7 @@ from bagassets.engine.batches import DATASET
 from bagassets.engine.build_report import BuildOptions, Event
 from bagassets.engine.disk_space import folders_written, require_disk_space, space_needed
 from bagassets.engine.first_pass import ahead_of_run, was_just_made
+from bagassets.engine.made_again import made_again
 from bagassets.engine.next_steps import Rules, State, Work, next_steps
 from bagassets.engine.planner import Planner
 from bagassets.engine.unsettled import Unsettled
@@ -35,12 +34,13 @@ class BuildLoop:
     """Brings our recordings and datasets up to date.
 
     Args:
-        instance: where materializations are recorded.
         own: the project, and the user's assets, which may be selected.
         options: of the build.
         on_event: called as the build goes on.
 
     Attributes:
+        workspace: the project.
+        options: of the build.
         before: the state when it began, once what was only touched had been recorded.
         now: the state when it was last looked at.
         snapshot: of what there was before everything was last looked at.
@@ -50,13 +50,10 @@ class BuildLoop:
         interrupted: the user pressed Ctrl-C.
     """
 
-    def __init__(
-        self, instance: dg.DagsterInstance, own: OwnProject, options: BuildOptions, on_event: Listener
-    ) -> None:
+    def __init__(self, own: OwnProject, options: BuildOptions, on_event: Listener) -> None:
         self.ended: Mapping[str, EndedRun] = {}
         self.interrupted = False
-        self._instance, self._own, self._options, self._on_event = instance, own, options, on_event
-        self._workspace = own.workspace
+        self.workspace, self._own, self.options, self._on_event = own.workspace, own, options, on_event
         asked, planner = self._begin_look()
         touched = {} if asked.assets == () else planner.touched()
         chosen = {
@@ -64,7 +61,7 @@ class BuildLoop:
             for key, recorded in touched.items()
             if key in asked.chosen
         }
-        self.unchanged = record_touched(instance, self._workspace, chosen, options.jobs, on_event)
+        self.unchanged = record_touched(self.workspace, chosen, options.jobs, on_event)
         self.before = self.now = self.look() if self.unchanged else self._end_look(asked, planner)
 
     def look(self) -> PendingWork:
@@ -87,22 +84,22 @@ class BuildLoop:
             if not self.snapshot.carry_on(found[key] for key in keys & found.keys()):
                 return self.look()
         with span("plan"):
-            plan = replan_instance(self._instance, self._workspace, self.now.plan, keys, self._on_planned)
-        self.now = work_of(self._instance, self._workspace, plan, self.now.asked)
+            plan = replan_instance(self.workspace, self.now.plan, keys, self._on_planned)
+        self.now = work_of(self.workspace, plan, self.now.asked)
         return self.now
 
     def _begin_look(self) -> tuple[Asked, Planner]:
-        self.snapshot, self.is_partial = Snapshot(self._instance, self._workspace, self._own.files), False
+        self.snapshot, self.is_partial = Snapshot(self.workspace, self._own.files), False
         self._worked_on: frozenset[str] = frozenset()
-        discovery = self._workspace.discover()
-        asked = what_is_asked(self._workspace, discovery, self._options, self._own)
+        discovery = self.workspace.discover()
+        asked = what_is_asked(self.workspace, discovery, self.options, self._own)
         with span("read records"):
-            return asked, planner_of(self._instance, self._workspace, discovery=discovery, thorough=False)
+            return asked, planner_of(self.workspace, discovery=discovery, thorough=False)
 
     def _end_look(self, asked: Asked, planner: Planner) -> PendingWork:
         with span("plan"):
             plan = planner.plan(self._on_planned)
-        return work_of(self._instance, self._workspace, plan, asked)
+        return work_of(self.workspace, plan, asked)
 
     def _on_planned(self, done: int, total: int) -> None:
         self._on_event(Event.planning(done, total))
@@ -121,14 +118,14 @@ class BuildLoop:
             RecordingError: all recordings are gone at once.
             StoreError: there is much too little disk space.
         """
-        names, log = self._workspace.names, self._workspace.recipe.state / "code-server.log"
+        log, records = self.workspace.recipe.state / "code-server.log", self.workspace.records
         following = self._going_on()
         tries: Counter[str] = Counter()
-        launching = launching_of(self._instance)
+        launching = launching_of(records.instance)
         rules = Rules(
-            launching.most_at_once or self._options.jobs,
+            launching.most_at_once or self.options.jobs,
             launching.recordings_per_run,
-            patience_s=0.0 if self._options.allow_empty else math.inf,
+            patience_s=0.0 if self.options.allow_empty else math.inf,
         )
         pool: RunPool | None = None
         with ExitStack() as stack:
@@ -137,16 +134,14 @@ class BuildLoop:
                 steps = next_steps(state, rules)
                 if steps.doubted_s is not None:
                     self._refuse()
-                remove_partitions(self._instance, names, steps.remove)
-                add_partitions(self._instance, names, steps.register)
+                remove_partitions(records, steps.remove)
+                add_partitions(records, steps.register)
                 if self.interrupted or not (steps.runs or following):
                     return
                 if pool is None:
                     self._on_event(self._planned())
                     pool = stack.enter_context(
-                        RunPool(
-                            self._instance, names, rules.jobs, self._on_run_event, log, self._own.location
-                        )
+                        RunPool(records, rules.jobs, self._on_run_event, log, self._own.location)
                     )
                     self.ended = pool.ended
                 pool.work(steps.runs, following, steps.without_steps)
@@ -156,12 +151,12 @@ class BuildLoop:
                 worked_on = asked.union(*following.values())
                 self._note_unsettled(worked_on)
                 # Most likely nothing is left to be done then, as only a look at everything can tell.
-                if DATASET in asked and self._options.is_whole and self.has_succeeded:
+                if DATASET in asked and self.options.is_whole and self.has_succeeded:
                     self.look_on(worked_on)
                     return
                 self.look_on(worked_on, everything=False)
                 if self.now.asked.datasets and DATASET not in worked_on and not self.interrupted:
-                    record_inputs(self._instance, self._workspace, self.now.inputs)  # as no run has done
+                    record_inputs(self.workspace, self.now.inputs)  # as no run has done
                 following = {}
 
     # --- looking -------------------------------------------------------------------------
@@ -195,14 +190,14 @@ class BuildLoop:
         """Return run -> keys for the runs of earlier builds that go on: those of launchers whose runs survive the build."""
         if not self.now.todo and self.now.dataset_is_current:
             return {}
-        waiting = launching_of(self._instance).waiting_runs()
-        names = self._workspace.names
-        active = active_runs(self._instance, names, self.now.asked.datasets) if waiting else {}
+        records = self.workspace.records
+        waiting = launching_of(records.instance).waiting_runs()
+        active = active_runs(records, self.now.asked.datasets) if waiting else {}
         return {run_id: keys for run_id, keys in active.items() if run_id in waiting}
 
     def _note_unsettled(self, keys: Collection[str]) -> None:
         """Note the recordings whose runs did not end well, also those of a worker that was killed."""
-        unsettled = Unsettled(self._workspace.recipe.state)
+        unsettled = Unsettled(self.workspace.recipe.state)
         noted = unsettled.noted()  # of most recordings nothing is: their worker has seen to it
         for key in frozenset(keys) & self.ended.keys() - {DATASET}:
             one = self.ended[key]
@@ -215,7 +210,7 @@ class BuildLoop:
 
     def _on_run_event(self, event: Event) -> None:
         """Say of a recording that was made ahead of its run that the run took only the rest of the time."""
-        if event.kind == "done" and was_just_made(self._workspace.recipe.state, ahead_of_run(event.key)):
+        if event.kind == "done" and was_just_made(self.workspace.recipe.state, ahead_of_run(event.key)):
             event = replace(event, message="made ahead")
         self._on_event(event)
 
@@ -225,17 +220,17 @@ class BuildLoop:
         Raises:
             StoreError: there is much too little disk space.
         """
-        now, recipe, store = self.now, self._workspace.recipe, self._workspace.store
+        now, assets = self.now, self.workspace.assets
         sizes = {key: one.size for key, one in now.plan.discovery.recordings.items()}
         said = [
             f"{names_text(keys)}: joined into {whole}, as its parts."
             for whole, keys in now.plan.joined.items()
         ]
-        said.append(now.made_again(self._workspace, self._options.jobs))
-        needed = space_needed(now.plan, sizes, now.todo, store, self._workspace.assets)
+        said.append(made_again(assets, now.plan, now.todo, self.options.jobs))
+        needed = space_needed(now.plan, sizes, now.todo, assets)
         if needed is not None:
-            folders = folders_written(store.root, recipe)
-            said.append(require_disk_space(needed, folders, ignore=self._options.ignore_disk_space))
+            folders = folders_written(assets.store.root, assets.recipe)
+            said.append(require_disk_space(needed, folders, ignore=self.options.ignore_disk_space))
         message = "\n".join(filter(None, said))
         return Event("planned", sizes={key: sizes[key] for key in now.todo}, message=message)
 
@@ -245,6 +240,6 @@ class BuildLoop:
         recordings = "the recording that was" if gone == 1 else f"all {gone} recordings that were"
         subject = "it is" if gone == 1 else "they are"
         raise RecordingError(
-            f"{self._workspace.recipe.bags.root}: {recordings} here before cannot be found; is the disk mounted, and are "
+            f"{self.workspace.recipe.bags.root}: {recordings} here before cannot be found; is the disk mounted, and are "
             f"bags.include and bags.exclude right? If {subject} gone for good, use --allow-empty."
         )

@@ -26,6 +26,7 @@ from bagassets.engine.choose import choose_recordings
 from bagassets.engine.execute import AssetResult, execute
 from bagassets.engine.first_pass import ahead_of_run, note_made, only_reader, read_first, reading_left
 from bagassets.engine.graph import Graph
+from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.forkserver.client import Client
 from bagassets.forkserver.server_files import ServerFiles
 from bagassets.forkserver.tasks import find_server
@@ -33,7 +34,7 @@ from bagassets.formats.catalogue import recording_assets
 from bagassets.propose.project import dagster_home
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Recipe
-from bagassets.recordings.digest import DigestIndex, recording_stat, stat_files, stored_digest
+from bagassets.recordings.digest import recording_stat, stat_files, stored_digest
 from bagassets.recordings.discover import discover
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.store import Store
@@ -61,13 +62,13 @@ def make_first(args: JsonObject) -> int:
     files, recipe_file = ServerFiles(Path(args["state"]), args["stamp"]), Path(args["recipe"])
     recipe = load_recipe(recipe_file)
     whole_bytes = 0 if args["select"] or not _has_our_launcher(recipe_file, recipe) else _LARGEST_WHOLE_BYTES
-    index, tried = DigestIndex.of(recipe), 0
-    known = index.digests()
+    assets, tried = recording_assets(recipe), 0
+    known = assets.index.digests()
     for recording in _chosen(recipe, args["bags"], _LARGEST_BYTES):
         if files.socket is not None:
             break
         tried += 1
-        _make(recipe, recording, index, known, whole_bytes)
+        _make(assets, recording, known, whole_bytes)
     return tried
 
 
@@ -113,14 +114,14 @@ def make_new(recipe: Recipe, bags: Collection[str]) -> None:
         bags: of `BuildOptions`.
     """
     began_s = time.monotonic()
-    index = DigestIndex.of(recipe)
-    known = index.digests()
+    assets = recording_assets(recipe)
+    known = assets.index.digests()
     for recording in _chosen(recipe, bags, _LARGEST_WHOLE_BYTES):
         if time.monotonic() - began_s > _BEGIN_S:
             break
         with suppress(BagAssetsError):
-            if stored_digest(recording, index) is None:
-                _make(recipe, recording, index, known, _LARGEST_WHOLE_BYTES)
+            if stored_digest(recording, assets.index) is None:
+                _make(assets, recording, known, _LARGEST_WHOLE_BYTES)
 
 
 def _has_our_launcher(recipe_file: Path, recipe: Recipe) -> bool:
@@ -168,38 +169,37 @@ def _chosen(recipe: Recipe, bags: Collection[str], largest_bytes: int) -> list[R
 
 
 def _make(
-    recipe: Recipe, recording: RecordingFiles, index: DigestIndex, known: Collection[str], whole_bytes: int
+    assets: RecordingAssets, recording: RecordingFiles, known: Collection[str], whole_bytes: int
 ) -> None:
     """Make all of a recording, of a larger one its inventory; if that is known, nothing: what is left was tried before.
 
     Its run waits until this is done, as no two processes make the digest of a recording.
 
     Args:
-        recipe: the recipe.
+        assets: the assets of recordings.
         recording: its files.
-        index: the project's index of digests.
-        known: the digests that were in it when this job began.
+        known: the digests that were in the index when this job began.
         whole_bytes: size of the largest recording of which all is made.
     """
-    store = Store(recipe.store_path)
+    state = assets.recipe.state
     try:
         stat = recording_stat(recording)
-        with only_reader(store, recording, stat), reading_left(recipe.state, recording):
-            first = read_first(recipe, store, recording, stat, index)
+        with only_reader(assets.store, recording, stat), reading_left(state, recording):
+            first = read_first(assets, recording, stat)
             # Of one that was built before, some may be made again: a build says that, once it has planned.
-            files = (index.row(path) for path, _ in stat_files(recording))
+            files = (assets.index.row(path) for path, _ in stat_files(recording))
             is_known = any(row is not None and row.digest in known for row in files)
             if first.inventory is None and first.digest.hashed_bytes:
                 return  # it is damaged: its run salvages it, and reports that
             is_new = first.inventory is not None and not first.inventory.cached
             if first.inventory is not None and is_new:
-                note_made(recipe.state, first.inventory.action_digest)
+                note_made(state, first.inventory.action_digest)
             wanted = {INVENTORY.name} if is_known or recording.size > whole_bytes else None
             source = recording, first.digest.digest, stat.as_of(first.digest)
-            for result in execute(Graph(recording_assets(recipe), store, *source, wanted=wanted)):
+            for result in execute(Graph(assets, *source, wanted=wanted)):
                 if isinstance(result, AssetResult) and not result.cached:
-                    note_made(recipe.state, result.action_digest)
-                    note_made(recipe.state, ahead_of_run(recording.key))
+                    note_made(state, result.action_digest)
+                    note_made(state, ahead_of_run(recording.key))
                 elif result.asset == INVENTORY.name and not is_new:
                     break
     except BagAssetsError as err:

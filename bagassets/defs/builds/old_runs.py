@@ -8,8 +8,7 @@ import dagster as dg
 
 from bagassets.defs.dagster_private import AssetCheckExecutionsTable, SqlEventLogStorage
 from bagassets.defs.records.batches import recordings_of
-from bagassets.defs.records.events import all_assets, event_database, live_partitions, recorded_states
-from bagassets.defs.records.naming import Naming
+from bagassets.defs.records.events import Records, all_assets, event_database
 from bagassets.engine.batches import DATASET
 from bagassets.formats.dataset_build import dataset_code_versions
 from bagassets.recipe.model import Recipe
@@ -18,9 +17,7 @@ _PAGE = 1000
 _BUSY_S = 60.0
 
 
-def superseded_runs(
-    instance: dg.DagsterInstance, recipe: Recipe, names: Naming, ended_before_s: float
-) -> list[str]:
+def superseded_runs(records: Records, recipe: Recipe, ended_before_s: float) -> list[str]:
     """Return the ids of runs of a recipe that ended long ago, and that nothing needs any more, the oldest last.
 
     Needed is a run that has the latest record of an asset of a recording, or of a dataset, and the last run about each,
@@ -28,22 +25,21 @@ def superseded_runs(
     gone (another project may have them) are never returned.
 
     Args:
-        instance: where the runs are.
+        records: of the project, in the instance where the runs are.
         recipe: whose runs.
-        names: of its project.
         ended_before_s: Unix time; runs that ended later are kept.
     """
     datasets = ("dataset_inputs", *dataset_code_versions(recipe))
-    live = live_partitions(instance, names)
-    recorded = recorded_states(instance, names, all_assets())
+    live, names = records.live(), records.names
+    recorded = records.states(all_assets())
     needed = {one.run_id for by_key in recorded.values() for one in by_key.values()}
     for name in datasets:
-        latest = instance.get_latest_materialization_event(names.key(name))
+        latest = records.instance.get_latest_materialization_event(names.key(name))
         needed |= {latest.run_id} if latest is not None else set()
     ours = {names.key(name) for name in (*all_assets(), *datasets)}
     seen: set[str] = set()
-    found, keys_of = [], recordings_of(instance, names)
-    for record in _runs(instance):
+    found, keys_of = [], recordings_of(records)
+    for record in _runs(records.instance):
         run = record.dagster_run
         keys = keys_of(run)
         is_batch = bool(keys) and run.job_name == names.batch_job

@@ -31,36 +31,31 @@ class OwnBuild:
     """Makes what is to be made.
 
     Attributes:
-        instance: where runs are recorded, and whose launcher executes them.
         project: the user's assets.
         options: of the build.
         on_event: called when a run begins and when it ends.
         interrupted: the user pressed Ctrl-C.
     """
 
-    instance: dg.DagsterInstance
     project: OwnProject
     options: BuildOptions
     on_event: Listener
     interrupted: bool = False
     _tried: dict[tuple[str, str], EndedRun | None] = field(default_factory=dict)
 
-    def work(self, pending: PendingWork, *, is_dataset_current: bool) -> OwnProject:
+    def work(self, pending: PendingWork) -> OwnProject:
         """Make everything that can be made; return how it stands then.
 
         Args:
             pending: the state of our assets, which are up to date as far as they can be.
-            is_dataset_current: the datasets on disk are up to date.
         """
-        self._code = code_digest()
+        self._code, records = code_digest(), self.project.workspace.records
         while True:
-            work = self.project.survey(
-                self.instance, pending, self.options, is_dataset_current=is_dataset_current
-            )
+            work = self.project.survey(pending, is_dataset_current=pending.dataset_is_current)
             to_make = work.having(*TO_MAKE)
             # Other runs are about to make some, as those of a sensor.
-            runs = self.instance.get_runs(dg.RunsFilter(statuses=ACTIVE)) if to_make else ()
-            keys_of = recordings_of(self.instance, self.project.workspace.names, of_ours=False)
+            runs = records.instance.get_runs(dg.RunsFilter(statuses=ACTIVE)) if to_make else ()
+            keys_of = recordings_of(records, of_ours=False)
             settled = self._tried.keys() | {
                 (asset.to_user_string(), partition)
                 for run in runs
@@ -106,9 +101,9 @@ class OwnBuild:
             for asset in assets:
                 tags[partition] |= inputs_tag(asset, work.evidence[asset.name][partition].now, self._code)
         workspace = self.project.workspace
-        log, names = workspace.recipe.state / "code-server-own.log", workspace.names
+        log, records = workspace.recipe.state / "code-server-own.log", workspace.records
         key_of = dg.AssetKey.from_user_string
-        with RunPool(self.instance, names, self.options.jobs, on_event, log, location, key_of, tags) as pool:
+        with RunPool(records, self.options.jobs, on_event, log, location, key_of, tags) as pool:
             pool.work(batches)
             self.interrupted = pool.interrupted
             for partition, ended in pool.ended.items():

@@ -13,7 +13,7 @@ from bagassets.defs.builds.pending_work import PendingWork
 from bagassets.defs.graph.own_assets import OwnAsset, Versions, find_own_assets, inputs_tag, told_inputs
 from bagassets.defs.graph.own_location import code_digest, files_of, home_of, load_locations
 from bagassets.defs.records.batches import PARTITION_TAG
-from bagassets.defs.records.events import fetch_recorded, latest_ids, recorded_whole, runs_of
+from bagassets.defs.records.events import runs_of
 from bagassets.defs.records.naming import DATASET_INPUTS
 from bagassets.defs.records.workspace import Workspace
 from bagassets.defs.runs.execution import CodeLocation, failure_of
@@ -69,27 +69,18 @@ class OwnProject:
                 found |= {read.name for read in self.assets[name].reads} & self.assets.keys()
         return found
 
-    def survey(
-        self,
-        instance: dg.DagsterInstance,
-        pending: PendingWork,
-        options: BuildOptions,
-        *,
-        is_dataset_current: bool = False,
-    ) -> "OwnProject":
+    def survey(self, pending: PendingWork, *, is_dataset_current: bool = False) -> "OwnProject":
         """Return the project with the state of each asset, for the chosen recordings.
 
         Args:
-            instance: where materializations are recorded.
-            pending: the state of our assets.
-            options: `retry_failed` takes what failed on the same inputs as to be made.
+            pending: the state of our assets. If it is asked for, what failed on the same inputs is to be made.
             is_dataset_current: the datasets are up to date, whatever `pending` says.
         """
         if not self.assets:
             return replace(self, datasets=pending.dataset_states)
-        survey = _Survey(instance, self, pending, {} if is_dataset_current else pending.dataset_states)
+        survey = _Survey(self, pending, {} if is_dataset_current else pending.dataset_states)
         for asset in self.assets.values():  # each after those that it reads
-            survey.add(asset, retry_failed=options.retry_failed)
+            survey.add(asset)
         return replace(self, states=survey.states, evidence=survey.evidence, datasets=pending.dataset_states)
 
     @property
@@ -160,7 +151,7 @@ def load_own(workspace: Workspace, options: BuildOptions | None = None) -> OwnPr
         return OwnProject(workspace, problem=str(err), files=files_of(home))
     prefix, location = home_of(home, Path(workspace.recipe_file), locations)
     if prefix != workspace.names.prefix:
-        workspace = Workspace(recipe_file=workspace.recipe_file, key_prefix=list(prefix))
+        workspace = workspace.below(prefix)
     if not locations:
         return OwnProject(workspace, files=files_of(home))
     assets, left_out = find_own_assets(locations, workspace.recipe, workspace.names, ours)
@@ -181,7 +172,6 @@ class _Survey:
     """Finds out how the user's assets stand; those that are not wanted, and are read by others, are taken as they are.
 
     Args:
-        instance: where materializations are recorded.
         project: the user's assets.
         pending: the state of our assets.
         datasets: state of the datasets that are brought up to date as well.
@@ -191,24 +181,18 @@ class _Survey:
         evidence: likewise.
     """
 
-    def __init__(
-        self,
-        instance: dg.DagsterInstance,
-        project: OwnProject,
-        pending: PendingWork,
-        datasets: Mapping[str, AssetState],
-    ) -> None:
+    def __init__(self, project: OwnProject, pending: PendingWork, datasets: Mapping[str, AssetState]) -> None:
         self.states: dict[str, dict[str, AssetState]] = {}
         self.evidence: dict[str, dict[str, Evidence]] = {}
-        self._instance, self._project, self._bags = instance, project, pending.plan.bags
+        self._project, self._bags = project, pending.plan.bags
         self._recordings = sorted(pending.asked.chosen & pending.plan.bags.keys())
-        self._names = project.workspace.names
-        self._versions = Versions(instance, self._names, pending.leaving)
-        self._code = code_digest()
+        self._records, self._names = project.workspace.records, project.workspace.names
+        self._instance, self._versions = self._records.instance, Versions(self._records, pending.leaving)
+        self._code, self._retry_failed = code_digest(), pending.asked.retry_failed
         behind = (one for one in datasets.values() if one.state != "fresh")
         self._datasets = {**datasets, DATASET_INPUTS: next(behind, AssetState("fresh", ""))}
 
-    def add(self, asset: OwnAsset, *, retry_failed: bool) -> None:
+    def add(self, asset: OwnAsset) -> None:
         """Find out how an asset stands, whose inputs of the user's have been added."""
         recorded = self._recorded(asset)
         runs: dict[str, str] = {}
@@ -230,7 +214,7 @@ class _Survey:
                 last,
                 {read.name: before.get(self._names.shorten(read.name), "") for read in asset.reads},
                 partial(told, "" if last is None else last.run_id),
-                failure=(lambda: "") if retry_failed else partial(self._failure, asset, partition, now),
+                failure=(lambda: "") if self._retry_failed else partial(self._failure, asset, partition, now),
             )
             self.evidence[asset.name][partition] = evidence
             above = ((read, state) for read in asset.reads for state in self._above(read, partition))
@@ -254,10 +238,9 @@ class _Survey:
 
     def _recorded(self, asset: OwnAsset) -> dict[str, Recorded]:
         if asset.is_partitioned:
-            ids = latest_ids(self._instance, self._names, [asset.key])
-            found = fetch_recorded(self._instance, self._names, ids, self._recordings)
+            found = self._records.fetch(self._records.latest_ids([asset.key]), self._recordings)
             return {key: made[asset.key] for key, made in found.items() if asset.key in made}
-        newest = recorded_whole(self._instance, self._names, asset.key)
+        newest = self._records.whole(asset.key)
         return {} if newest is None else {"": newest}
 
     def _failure(self, asset: OwnAsset, partition: str, reads: Mapping[str, str]) -> str:

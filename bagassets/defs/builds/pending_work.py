@@ -7,20 +7,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import dagster as dg
-
 from bagassets.defs.graph.dataset import dataset_states
 from bagassets.defs.records.databases import are_files
-from bagassets.defs.records.events import all_assets, fetch_recorded, latest_ids, live_partitions
+from bagassets.defs.records.events import all_assets
 from bagassets.defs.records.instance_plan import planner_of
 from bagassets.defs.records.instances import open_instance
 from bagassets.defs.records.partitions import active_runs, held_by_backfills
 from bagassets.defs.records.projects import noted_prefix
 from bagassets.defs.records.workspace import Workspace
-from bagassets.engine.batches import batches
 from bagassets.engine.build_report import BuildOptions
 from bagassets.engine.choose import choose_assets, choose_recordings
-from bagassets.engine.made_again import made_again
 from bagassets.engine.plan import AssetState, Plan
 from bagassets.engine.splits import moves
 from bagassets.engine.targets import TO_MAKE
@@ -85,13 +81,6 @@ class PendingWork:
         bags = {key: bag.failed for key, bag in self.plan.bags.items() if key in self.asked.chosen}
         return {key: reason for key, reason in bags.items() if reason is not None}
 
-    def made_again(self, workspace: Workspace, jobs: int) -> str:
-        """Return what is made again because of another version of bagassets; see `bagassets.engine.made_again`."""
-        recordings = self.plan.discovery.recordings
-        todo = {key: (recordings[key].size, assets) for key, assets in self.todo.items()}
-        runs = len(batches(self.todo, {key: size for key, (size, _) in todo.items()}, jobs))
-        return made_again(workspace.assets, workspace.store, self.plan, todo, jobs, runs)
-
     @property
     def leaving(self) -> frozenset[str]:
         """The registered recordings that are gone, and whose partitions a build removes."""
@@ -114,7 +103,6 @@ class PendingWork:
 
 
 def find_pending_work(
-    instance: dg.DagsterInstance,
     workspace: Workspace,
     options: BuildOptions | None = None,
     own: "OwnProject | None" = None,
@@ -123,8 +111,7 @@ def find_pending_work(
     """Plan everything and return what is to be done; nothing is changed.
 
     Args:
-        instance: where materializations are recorded.
-        workspace: recipe, store and recordings.
+        workspace: recipe, store, records and recordings.
         options: what is asked for; default: everything.
         own: the user's assets, which may be selected.
         on_planned: see `Planner.plan`.
@@ -134,8 +121,8 @@ def find_pending_work(
     """
     discovery = workspace.discover()
     asked = what_is_asked(workspace, discovery, options or BuildOptions(), own)
-    plan = planner_of(instance, workspace, discovery=discovery).plan(on_planned)
-    return work_of(instance, workspace, plan, asked)
+    plan = planner_of(workspace, discovery=discovery).plan(on_planned)
+    return work_of(workspace, plan, asked)
 
 
 def what_is_asked(
@@ -161,7 +148,7 @@ def what_is_asked(
     return Asked(chosen, assets, chosen_datasets, options.retry_failed)
 
 
-def work_of(instance: dg.DagsterInstance, workspace: Workspace, plan: Plan, asked: Asked) -> PendingWork:
+def work_of(workspace: Workspace, plan: Plan, asked: Asked) -> PendingWork:
     """Return what a build would do, as its plan says, and the state of the datasets."""
     todo = {
         key: assets
@@ -171,8 +158,8 @@ def work_of(instance: dg.DagsterInstance, workspace: Workspace, plan: Plan, aske
     }
     inputs = select_inputs(plan)
     waits_for = results_to_come(workspace.assets, plan, todo, retry_failed=asked.retry_failed)
-    states = dataset_states(instance, workspace, inputs, waits_for)
-    held = held_by_backfills(instance, frozenset(plan.removed))
+    states = dataset_states(workspace, inputs, waits_for)
+    held = held_by_backfills(workspace.instance, frozenset(plan.removed))
     return PendingWork(plan, asked, inputs, states, todo, held)
 
 
@@ -195,17 +182,16 @@ def rehearse(recipe_file: Path) -> None:
     recipe = load_recipe(recipe_file)
     if not are_files(dagster_home(recipe_file.absolute(), recipe)):
         return
-    with open_project(recipe_file) as (instance, workspace):
-        names = workspace.names
-        ids = latest_ids(instance, names, all_assets())
-        fetch_recorded(instance, names, ids, sorted(live_partitions(instance, names))[:1])
-        active_runs(instance, names, ())
-        dataset_states(instance, workspace, DatasetInputs({}))
+    with open_project(recipe_file) as workspace:
+        records = workspace.records
+        records.fetch(records.latest_ids(all_assets()), sorted(records.live())[:1])
+        active_runs(records, ())
+        dataset_states(workspace, DatasetInputs({}))
 
 
 @contextmanager
-def open_project(recipe_file: Path) -> Iterator[tuple[dg.DagsterInstance, Workspace]]:
-    """Open the Dagster instance and the workspace of a recipe, below the prefix that the instance knows it by.
+def open_project(recipe_file: Path) -> Iterator[Workspace]:
+    """Open the workspace of a recipe on its Dagster instance, below the prefix that the instance knows it by.
 
     Raises:
         RecipeError: the recipe is missing or wrong, or its project is another recipe's.
@@ -216,6 +202,5 @@ def open_project(recipe_file: Path) -> Iterator[tuple[dg.DagsterInstance, Worksp
     home = dagster_home(recipe_file.absolute(), workspace.recipe)
     os.environ["BAGASSETS_RECIPE"] = str(recipe_file.absolute())
     with open_instance(str(home)) as instance:
-        if prefix := noted_prefix(instance, recipe_file):
-            workspace = Workspace(recipe_file=workspace.recipe_file, key_prefix=list(prefix))
-        yield instance, workspace
+        prefix = noted_prefix(instance, recipe_file)
+        yield workspace.on(instance).below(prefix) if prefix else workspace.on(instance)

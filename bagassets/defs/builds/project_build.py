@@ -7,7 +7,7 @@ others, and an interrupt loses nothing that was finished.
 import signal
 import time
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 from bagassets.base.json_types import JsonObject
@@ -19,7 +19,6 @@ from bagassets.defs.builds.pending_work import open_project
 from bagassets.defs.builds.report import (
     checked_remarks,
     left_over,
-    outcomes_of,
     report_of,
     standing_remarks,
     warnings,
@@ -29,7 +28,7 @@ from bagassets.defs.records.projects import forget_other_prefixes, require_own_k
 from bagassets.defs.runs.orphaned_runs import end_orphaned_runs
 from bagassets.defs.runs.run_pool import Listener
 from bagassets.engine.batches import DATASET
-from bagassets.engine.build_report import BuildOptions, BuildReport, Event
+from bagassets.engine.build_report import BuildOptions, BuildReport
 from bagassets.engine.summary_rows import summary_rows
 from bagassets.engine.unsettled import Unsettled
 from bagassets.forkserver.worker import note
@@ -39,7 +38,6 @@ from bagassets.formats.dataset_build import split_on_disk
 from bagassets.formats.dataset_integrity import remove_changed_sources
 from bagassets.formats.report_data import report_path
 from bagassets.recipe import load_recipe
-from bagassets.store.store import Store
 
 
 def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) -> BuildReport:
@@ -51,12 +49,12 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
     started = time.monotonic()
     with (
         making_ahead(recipe_file, options),
-        open_project(recipe_file) as (instance, known_as),
+        open_project(recipe_file) as known_as,
         ExitStack() as stack,
     ):
         own = load_own(known_as, options)  # first, as it knows the prefix
         workspace = own.workspace
-        recipe = workspace.recipe
+        recipe, instance = workspace.recipe, workspace.instance
         require_own_keys(instance, workspace.names.prefix, recipe_file)
         if workspace.key_prefix:
             forget_other_prefixes(instance, workspace.names.prefix, recipe_file)
@@ -64,32 +62,30 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
         repaired = warnings("after_crash", stack.enter_context(noted_build(recipe, recipe_file)))
         repaired += warnings("changed_in_place", remove_changed_sources(recipe, workspace.store))
 
-        build = BuildLoop(instance, own, options, on_event)
+        build = BuildLoop(own, options, on_event)
         split_before = split_on_disk(recipe)
         build.work()
 
-        own_build, own_work = OwnBuild(instance, own, options, on_event), own
+        own_build, own_work = OwnBuild(own, options, on_event), own
         if own.wanted and not build.interrupted:
             # Recordings that came meanwhile are left to the next build.
-            ours = replace(build.now, asked=build.before.asked)
-            own_work = own_build.work(ours, is_dataset_current=ours.dataset_is_current)
+            own_work = own_build.work(replace(build.now, asked=build.before.asked))
         own_outcomes = own_build.outcomes(own_work) if own_work.states else {}
         is_partial = build.is_partial or own_build.has_run
         if is_partial and options.is_whole and build.has_succeeded and not own_work.failed:
-            own_work = own.survey(instance, build.look_on(), options)
+            own_work = own.survey(build.look_on())
 
         before, now = build.before, build.now
         if options.is_whole and now.plan.bags and not report_path(recipe).exists():
-            write_report(instance, workspace, now.plan)  # a crash tore it, or it could not be written
-        outcomes = outcomes_of(instance, build, is_whole=options.is_whole)
+            write_report(workspace, now.plan)  # a crash tore it, or it could not be written
         interrupted = build.interrupted or own_build.interrupted
-        report = report_of(instance, workspace, build, outcomes, split_before, interrupted=interrupted)
+        report = report_of(build, split_before, interrupted=interrupted)
         report.own_problem, report.own_left_out = own.problem, own.left_out
         report.own = own_outcomes
-        standing, checked = standing_remarks(recipe, before), checked_remarks(workspace, before, now)
+        standing, checked = standing_remarks(recipe, before), checked_remarks(build)
         held = warnings("removed", [f"{key} is gone: {why}." for key, why in before.held.items()])
         others = [one for one in checked if one.key not in build.ended.keys() - {DATASET}]
-        left = left_over(workspace, build, report) if options.is_whole and not interrupted else ()
+        left = left_over(build, report) if options.is_whole and not interrupted else ()
         report.remarks = (*left, *repaired, *standing, *held, *report.remarks, *others)
         Unsettled(recipe.state).forget_settled(now.plan)
         if options.is_whole and now.is_settled and own_work.is_up_to_date and not report.dataset_problem:
@@ -106,15 +102,11 @@ def build_project_in_worker(args: JsonObject) -> JsonObject:
     was done.
 
     Args:
-        args: `recipe` (file), `options` (`BuildOptions.as_json`), `most` (most rows of the table; None = all).
+        args: `recipe` (file), `options` (`BuildOptions` as JSON), `most` (most rows of the table; None = all).
     """
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     recipe_file = Path(args["recipe"])
-
-    def send(event: Event) -> None:
-        note({"build": event.as_json()})
-
-    report = build_project(recipe_file, BuildOptions.from_json(args["options"]), send)
-    recipe = load_recipe(recipe_file)
-    rows = summary_rows(report, Store(recipe.store_path), recording_assets(recipe), most=args["most"])
+    options = BuildOptions.from_json(args["options"])
+    report = build_project(recipe_file, options, lambda event: note({"build": asdict(event)}))
+    rows = summary_rows(report, recording_assets(load_recipe(recipe_file)), most=args["most"])
     return {**report.as_json(), "summary": [row.as_json() for row in rows]}

@@ -3,15 +3,12 @@
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-import dagster as dg
-
 from bagassets.base.fingerprints import recipe_fingerprint
 from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.defs.builds.loop import BuildLoop
 from bagassets.defs.builds.pending_work import PendingWork
 from bagassets.defs.graph.check_records import remarks_of_runs
 from bagassets.defs.records.events import recordings_made
-from bagassets.defs.records.workspace import Workspace
 from bagassets.defs.runs.run_pool import EndedRun
 from bagassets.engine.batches import DATASET
 from bagassets.engine.build_report import BagOutcome, BuildReport, Remark
@@ -25,26 +22,16 @@ from bagassets.formats.emptiness import left_behind, why_empty
 from bagassets.recipe.model import Recipe
 
 
-def report_of(
-    instance: dg.DagsterInstance,
-    workspace: Workspace,
-    build: BuildLoop,
-    outcomes: dict[str, BagOutcome],
-    split_before: Mapping[str, str],
-    *,
-    interrupted: bool,
-) -> BuildReport:
+def report_of(build: BuildLoop, split_before: Mapping[str, str], *, interrupted: bool) -> BuildReport:
     """Return the report of a build, without the user's own assets, and with the remarks on what its runs have made.
 
     Args:
-        instance: where the runs were recorded.
-        workspace: the project.
         build: what was found and done.
-        outcomes: see `outcomes_of`.
         split_before: recording -> its split on disk when the build began.
         interrupted: somebody stopped the build.
     """
-    recipe, before, now = workspace.recipe, build.before, build.now
+    workspace, before, now = build.workspace, build.before, build.now
+    recipe = workspace.recipe
     lock = first_lock(recipe)
     locked: JsonMapping = {} if lock is None else lock.value
     left_out = locked.get("failed", {})
@@ -62,10 +49,10 @@ def report_of(
         problem = problem or why_empty(recipe, recipe_file, workspace.store, before.asked.datasets)
     return BuildReport(
         plan=now.plan,
-        outcomes=outcomes,
+        outcomes=_outcomes(build),
         excluded=now.plan.excluded,
         removed=tuple(key for key in before.plan.gone if key not in before.held),
-        remarks=tuple(remarks_of_runs(instance, {one.run_id for one in build.ended.values()})),
+        remarks=tuple(remarks_of_runs(workspace.instance, {one.run_id for one in build.ended.values()})),
         duplicates=locked.get("duplicates", {}),
         left_out={key: reason for key, reason in left_out.items() if key not in before.asked.chosen}
         | misfits,
@@ -111,11 +98,11 @@ def standing_remarks(recipe: Recipe, before: PendingWork) -> tuple[Remark, ...]:
     return (*packages, *left, *warnings("series", before.plan.asked.values()))
 
 
-def left_over(workspace: Workspace, build: BuildLoop, report: BuildReport) -> tuple[Remark, ...]:
+def left_over(build: BuildLoop, report: BuildReport) -> tuple[Remark, ...]:
     """Return what is left to the next build although this one was asked for everything, and nothing else says so."""
-    if recipe_fingerprint(workspace.recipe_file) != workspace.recipe_fingerprint:
+    if recipe_fingerprint(build.workspace.recipe_file) != build.workspace.recipe_fingerprint:
         # Some runs may have read it anew: what is left to do, only the next plan knows.
-        name = Path(workspace.recipe_file).name
+        name = Path(build.workspace.recipe_file).name
         return warnings("left_over", [f"{name} was edited while this was built; build again"])
     told = {key for key, one in report.outcomes.items() if one.result in {"failed", "stopped"}}
     told.update(report.removed)  # since the last look
@@ -124,34 +111,29 @@ def left_over(workspace: Workspace, build: BuildLoop, report: BuildReport) -> tu
     return tuple(Remark(key, "warn", "left_over", why) for key in came)
 
 
-def checked_remarks(workspace: Workspace, before: PendingWork, now: PendingWork) -> list[Remark]:
+def checked_remarks(build: BuildLoop) -> list[Remark]:
     """Return what quick checks find in the recordings that the build was asked for."""
-    bags = [bag for key, bag in sorted(now.plan.bags.items()) if key in before.asked.chosen]
-    return [*remarks_on_record(workspace.recipe, workspace.store, now.plan.discovery, bags)]
+    plan = build.now.plan
+    bags = [bag for key, bag in sorted(plan.bags.items()) if key in build.before.asked.chosen]
+    return [*remarks_on_record(build.workspace.assets, plan.discovery, bags)]
 
 
 # --- recordings --------------------------------------------------------------------------
 
 
-def outcomes_of(instance: dg.DagsterInstance, build: BuildLoop, *, is_whole: bool) -> dict[str, BagOutcome]:
-    """Return recording -> its outcome, sorted, for those that the build was asked for, and others whose runs it followed.
-
-    Args:
-        instance: where the runs recorded what they made.
-        build: what was found and done.
-        is_whole: the build was asked for everything.
-    """
+def _outcomes(build: BuildLoop) -> dict[str, BagOutcome]:
+    """Return recording -> its outcome, sorted, for those that the build was asked for, and others whose runs it followed."""
     bags = build.now.plan.bags
     ended = {key: one for key, one in build.ended.items() if key != DATASET}
     # A run about one recording notes no such thing in its log; its events show it.
     unknown = {one.run_id for one in ended.values() if one.has_made is None} - {""}
-    made_by_run = {run_id: recordings_made(instance, run_id) for run_id in unknown}
+    made_by_run = {run_id: recordings_made(build.workspace.instance, run_id) for run_id in unknown}
     found = {key: BagOutcome("hit", seconds=seconds) for key, seconds in build.unchanged.items()}
     for key, one in ended.items():
         has_made = one.has_made or key in made_by_run.get(one.run_id, ())
         found[key] = _of_run(one, has_made=has_made)
     for key in build.before.asked.chosen & bags.keys():
-        found[key] = _of_recording(bags[key], found.get(key), is_whole=is_whole)
+        found[key] = _of_recording(bags[key], found.get(key), is_whole=build.options.is_whole)
     return dict(sorted(found.items()))
 
 

@@ -4,8 +4,6 @@ from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-import dagster as dg
-
 from bagassets.base.fingerprints import PlanNeeded, tree_lines
 from bagassets.defs.records.events import event_database
 from bagassets.defs.records.instance_plan import workspace_fingerprint
@@ -27,10 +25,8 @@ class Snapshot:
     So whatever changes while the plan is made differs from the snapshot, and the next build plans in full.
     """
 
-    def __init__(
-        self, instance: dg.DagsterInstance, workspace: Workspace, own_files: Sequence[str] = ()
-    ) -> None:
-        self._workspace, self._recipe = workspace, workspace.recipe
+    def __init__(self, workspace: Workspace, own_files: Sequence[str] = ()) -> None:
+        self._workspace, self._recipe, instance = workspace, workspace.recipe, workspace.instance
         self._marks: dict[str, str] | None = None
         self._tree: list[str] = []
         recipe_file = Path(workspace.recipe_file).absolute()

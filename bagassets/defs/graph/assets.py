@@ -93,7 +93,7 @@ def _definition(
                 _make_range(context, workspace, lock, wanted)
                 return
             key = context.partition_key
-            recorder = Recorder(context.instance, workspace, key, context, wanted)
+            recorder = Recorder(workspace, key, context, wanted)
             with recorder.giving_up(own):
                 lock.take(context)
                 recording = workspace.recording(key)

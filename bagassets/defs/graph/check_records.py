@@ -15,10 +15,10 @@ _BATCH = 500
 
 
 def findings_on_record(
-    instance: dg.DagsterInstance, workspace: Workspace
+    workspace: Workspace,
 ) -> tuple[Mapping[str, Sequence[Problem]], Mapping[str, int]]:
     """Return recording -> what its checks found, and how many found nothing, if they ran on what is recorded last."""
-    storage, names = instance.event_log_storage, workspace.names
+    storage, names = workspace.instance.event_log_storage, workspace.names
     checks = [
         dg.AssetCheckKey(names.key(asset), one.name)
         for asset, of_asset in wanted_checks(workspace.recipe).items()

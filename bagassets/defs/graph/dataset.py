@@ -13,7 +13,6 @@ from bagassets.base.errors import BagAssetsError
 from bagassets.base.escaping import markdown
 from bagassets.defs.graph.check_records import findings_on_record
 from bagassets.defs.records.artifact_files import page_link
-from bagassets.defs.records.events import recorded_whole, recorded_wholes
 from bagassets.defs.records.fence import refuse_if_ended
 from bagassets.defs.records.instance_plan import plan_instance
 from bagassets.defs.records.naming import DATASET_INPUTS, Naming
@@ -50,28 +49,25 @@ MOST_REPORTED = 1000
 _INPUTS = """Which recordings the datasets are made from, and why others are left out.
 
 Its data version is a digest over the partition keys and data versions of all recordings that take part, so it changes
-with each of them and when one is removed, however many there are; Dagster itself compares fewer than 100. The
-sensor and `bagassets build` record it without a run."""
+with each of them and when one is removed, however many there are; Dagster itself compares fewer than 100 partitions.
+The sensor and `bagassets build` record it without a run."""
 
 
-def dataset_is_current(instance: dg.DagsterInstance, workspace: Workspace, inputs: DatasetInputs) -> bool:
+def dataset_is_current(workspace: Workspace, inputs: DatasetInputs) -> bool:
     """Return whether all datasets on disk were made from `inputs` with this recipe and code."""
-    return all(one.state == "fresh" for one in dataset_states(instance, workspace, inputs).values())
+    return all(one.state == "fresh" for one in dataset_states(workspace, inputs).values())
 
 
-def dataset_states(
-    instance: dg.DagsterInstance, workspace: Workspace, inputs: DatasetInputs, waits_for: str = ""
-) -> dict[str, AssetState]:
+def dataset_states(workspace: Workspace, inputs: DatasetInputs, waits_for: str = "") -> dict[str, AssetState]:
     """Return the state of each dataset, and of the map.
 
     Args:
-        instance: where materializations are recorded.
-        workspace: recipe and store.
+        workspace: recipe, store and records.
         inputs: what they would be made from.
         waits_for: results that are yet to come, and change what they are made from.
     """
     recipe, versions = workspace.recipe, dataset_code_versions(workspace.recipe)
-    recorded = recorded_wholes(instance, workspace.names, versions)
+    recorded = workspace.records.wholes(versions)
     now, is_due = {DATASET_INPUTS: inputs.digest}, any(inputs.parts.values())
     found = {}
     for asset, version in versions.items():
@@ -89,14 +85,14 @@ def dataset_states(
     return found
 
 
-def record_inputs(instance: dg.DagsterInstance, workspace: Workspace, inputs: DatasetInputs) -> None:
+def record_inputs(workspace: Workspace, inputs: DatasetInputs) -> None:
     """Record `dataset_inputs` without a run (about 10 ms) if it changed, or records that it points to did.
 
     Its tags name its inputs, as those of a run would: without them Dagster would mark it as stale.
     """
     read = dict.fromkeys(_read_of_recordings(workspace.recipe), inputs.digest)
     made = Made(DATASET_INPUTS, inputs.digest, INPUTS_CODE_VERSION, {}, read)
-    recorder = Recorder(instance, workspace, DATASET)
+    recorder = Recorder(workspace, DATASET)
     if not recorder.is_recorded(made):
         recorder.record(replace(made, metadata=inputs_metadata(inputs)))
 
@@ -128,23 +124,22 @@ def dataset_assets(recipe: Recipe, names: Naming) -> list[dg.AssetsDefinition]:
             backfill_policy=range_policy(),
         )
         def made_once(context: dg.AssetExecutionContext) -> Iterator[dg.MaterializeResult[None]]:
-            instance, workspace = context.instance, Workspace.of(context, names.workspace)
+            workspace = Workspace.of(context, names.workspace)
             with errors_explained():
                 # Made once, so that all datasets that the run makes have the same inputs.
-                look = partial(plan_instance, instance, workspace)
-                plan = workspace.once_in_run(context.run.run_id, look)
+                plan = workspace.once_in_run(context.run.run_id, partial(plan_instance, workspace))
                 inputs = select_inputs(plan)
                 if asset == DATASET_INPUTS:
                     made = Made(asset, inputs.digest, version, inputs_metadata(inputs), {})
                 else:
                     # Also if it is made alone. What a step reads Dagster looks up before the step begins.
-                    recorded = recorded_whole(instance, names, DATASET_INPUTS)
+                    recorded = workspace.records.whole(DATASET_INPUTS)
                     if recorded is None or recorded.data_version != inputs.digest:
-                        record_inputs(instance, workspace, inputs)
+                        record_inputs(workspace, inputs)
                         step = context.op_execution_context.get_step_execution_context()
                         step.fetch_external_input_asset_version_info()
-                    made = make_dataset(instance, workspace, plan, inputs, asset, context.run.run_id)
-                yield from Recorder(instance, workspace, DATASET, context).record(made)
+                    made = make_dataset(workspace, plan, inputs, asset, context.run.run_id)
+                yield from Recorder(workspace, DATASET, context).record(made)
 
         return made_once
 
@@ -157,14 +152,7 @@ def dataset_assets(recipe: Recipe, names: Naming) -> list[dg.AssetsDefinition]:
     return found
 
 
-def make_dataset(
-    instance: dg.DagsterInstance,
-    workspace: Workspace,
-    plan: Plan,
-    inputs: DatasetInputs,
-    asset: str,
-    run_id: str,
-) -> Made:
+def make_dataset(workspace: Workspace, plan: Plan, inputs: DatasetInputs, asset: str, run_id: str) -> Made:
     """Make a dataset, or the map, from what is planned, and return what is to be recorded of it.
 
     Raises:
@@ -173,10 +161,13 @@ def make_dataset(
     """
     recipe = workspace.recipe  # as it is now: this process may be older
     dataset, read = made_once(recipe)[asset], {DATASET_INPUTS: inputs.digest}
-    version, permit = dataset.code_version(recipe.splits), partial(refuse_if_ended, instance, run_id)
+    version, permit = (
+        dataset.code_version(recipe.splits),
+        partial(refuse_if_ended, workspace.instance, run_id),
+    )
     if not isinstance(dataset, Dataset):
         permit()
-        outcome = build_map(recipe, workspace.store, plan, inputs)
+        outcome = build_map(workspace.assets, plan, inputs)
         metadata = {
             "map": dg.MetadataValue.md(page_link("map", map_path(recipe))),
             "cached": outcome.cached,
@@ -186,17 +177,17 @@ def make_dataset(
     summary = build_dataset(dataset, recipe, workspace.store, plan, inputs, permit)
     failed = inputs.failed.get(dataset.kind.name, {})
     is_first = dataset.kind in formats_of(recipe)[:1] and dataset.selection is None  # the report is about all
-    report = {"report": write_report(instance, workspace, plan)} if is_first else {}
+    report = {"report": write_report(workspace, plan)} if is_first else {}
     return Made(asset, summary.digest, version, report | dataset_metadata(summary, failed), read)
 
 
-def write_report(instance: dg.DagsterInstance, workspace: Workspace, plan: Plan) -> dg.MarkdownMetadataValue:
+def write_report(workspace: Workspace, plan: Plan) -> dg.MarkdownMetadataValue:
     """Write the report with what the checks of recordings found when they ran; return a link to it, or why there is none."""
     if len(plan.bags) > MOST_REPORTED:
         return dg.MetadataValue.md(f"`bagassets report` writes it (more than {MOST_REPORTED} recordings)")
     try:
-        data = report_data(workspace.recipe, workspace.store, plan)
-        problems, passed = findings_on_record(instance, workspace)
+        data = report_data(workspace.assets, plan)
+        problems, passed = findings_on_record(workspace)
         recordings = [
             replace(one, problems=problems.get(one.key, ()), checks_passed=passed.get(one.key, 0))
             for one in data.recordings

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from bagassets.assets.inventory import INVENTORY
 from bagassets.base.errors import StoreError
-from bagassets.defs.records.events import CONTENT, MADE_ALONG, SEVERAL, last_failure, recorded_partition
+from bagassets.defs.records.events import CONTENT, MADE_ALONG, SEVERAL
 from bagassets.defs.records.recorder import Made, Recorder
 from bagassets.defs.records.reporting import (
     BAG_CODE_VERSION,
@@ -41,16 +41,16 @@ def read_bag(recorder: Recorder, recording: RecordingFiles) -> tuple[Recorded, M
     Raises:
         RecordingError: it cannot be read, or changed meanwhile.
     """
-    workspace, run_id = recorder.workspace, recorder.run_id
+    workspace, run_id = recorder.workspace, recorder.step.run_id
     stat, made_along = recording_stat(recording), ""
     if INVENTORY.name in recorder.wanted:
-        with readings_noted(recorder.instance, run_id, recording.key):
-            first = first_pass(workspace.recipe, workspace.store, recording, stat, workspace.index)
+        with readings_noted(recorder.step, recording.key):
+            first = first_pass(workspace.assets, recording, stat)
         if first.inventory is not None and not first.inventory.cached:
             made_along = first.inventory.action_digest
         digest = first.digest
     else:
-        digest = recording_digest(recording, workspace.index)
+        digest = recording_digest(recording, workspace.assets.index)
     # On record, as the step that makes the inventory may be another process.
     metadata = bag_metadata(recording, stat, digest) | ({MADE_ALONG: made_along} if made_along else {})
     made = Made("bag", digest.digest, BAG_CODE_VERSION, metadata, {})
@@ -68,14 +68,14 @@ def make_recording(recorder: Recorder, recording: RecordingFiles, assets: Collec
         RecordingError: it cannot be read, or changed meanwhile.
         StoreError: `bag` never was recorded, or an artifact that they need is not in the store.
     """
-    instance, workspace, run_id = recorder.instance, recorder.workspace, recorder.run_id
-    key, project, names = recording.key, workspace.assets, workspace.names
+    workspace, run_id = recorder.workspace, recorder.step.run_id
+    key, project, records = recording.key, workspace.assets, workspace.records
     bag: Recorded | None
     if "bag" in assets:
         bag, made = read_bag(recorder, recording)
         yield made
     else:
-        bag = recorded_partition(instance, names, "bag", key)
+        bag = records.of("bag", key)
     wanted = {*assets} - {"bag"}
     if not wanted:
         return
@@ -85,18 +85,18 @@ def make_recording(recorder: Recorder, recording: RecordingFiles, assets: Collec
     upstream = {INVENTORY.name, *(name for asset in wanted for name in project.upstream(asset))} - wanted
     found, failures = {}, {}
     for name in sorted(upstream):
-        record = recorded_partition(instance, names, name, key)
+        record = records.of(name, key)
         if record is not None and not record.is_skip:
             found[name] = record
-        elif (why := last_failure(instance, names, name, key)) is not None:
+        elif (why := records.last_failure(name, key)) is not None:
             failures[name] = why
     given = {name: workspace.store.artifact(record.data_version) for name, record in found.items()}
     contents = {bag.data_version, *(record.content for record in found.values())}
     # Of assets that an older version recorded, it is not known.
     content = "" if "" in contents else bag.data_version if len(contents) == 1 else SEVERAL
     source = recording, bag.data_version, bag.stat
-    graph = Graph(project, workspace.store, *source, wanted=wanted, given=given, failures=failures)
-    with readings_noted(instance, run_id, key):
+    graph = Graph(project, *source, wanted=wanted, given=given, failures=failures)
+    with readings_noted(recorder.step, key):
         for result in execute(graph):
             if isinstance(result, Skipped):
                 version, metadata = skip_version(result.reason), skip_metadata(result.reason)

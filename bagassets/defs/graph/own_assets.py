@@ -10,7 +10,7 @@ import dagster as dg
 
 from bagassets.defs.dagster_private import AssetGraph
 from bagassets.defs.graph.own_location import Locations, code_digest
-from bagassets.defs.records.events import DATA_VERSION, live_partitions, recorded_whole
+from bagassets.defs.records.events import DATA_VERSION, Records
 from bagassets.defs.records.naming import DATASET_INPUTS, Naming
 from bagassets.defs.runs.execution import CodeLocation
 from bagassets.engine.plan import is_skip
@@ -127,14 +127,12 @@ class Versions:
     """The newest versions of assets, each asked for once.
 
     Args:
-        instance: where they are recorded.
-        names: of the project.
+        records: of the project.
         leaving: registered recordings whose partitions are about to be removed.
     """
 
-    def __init__(self, instance: dg.DagsterInstance, names: Naming, leaving: Collection[str] = ()) -> None:
-        self._instance, self._names = instance, names
-        self._live = live_partitions(instance, names) - frozenset(leaving)
+    def __init__(self, records: Records, leaving: Collection[str] = ()) -> None:
+        self._records, self._live = records, records.live() - frozenset(leaving)
         self._whole, self._parts = cache(self._find_whole), cache(self._find_parts)
 
     def of(self, read: Read, partition: str) -> str | None:
@@ -156,16 +154,16 @@ class Versions:
     def _find_whole(self, name: str) -> str | None:
         """Return the version of an asset as it was recorded or, if nobody makes it here, observed last."""
         key = dg.AssetKey.from_user_string(name)
-        newest = recorded_whole(self._instance, self._names, key)
+        newest = self._records.whole(key)
         if newest is not None:
             return newest.data_version
-        for record in self._instance.fetch_observations(key, limit=1).records:
+        for record in self._records.instance.fetch_observations(key, limit=1).records:
             if record.asset_observation is not None:
                 return (record.asset_observation.tags or {}).get(DATA_VERSION)
         return None
 
     def _find_parts(self, name: str) -> dict[str, str]:
-        tags = self._instance.event_log_storage.get_latest_tags_by_partition(
+        tags = self._records.instance.event_log_storage.get_latest_tags_by_partition(
             dg.AssetKey.from_user_string(name), dg.DagsterEventType.ASSET_MATERIALIZATION, [DATA_VERSION]
         )
         versions = {part: found.get(DATA_VERSION, "") for part, found in tags.items()}
@@ -176,7 +174,7 @@ class Versions:
 
 
 def sensor_tags(
-    context: dg.SensorEvaluationContext, names: Naming, key: dg.AssetKey, ours: Collection[str]
+    context: dg.SensorEvaluationContext, records: Records, key: dg.AssetKey, ours: Collection[str]
 ) -> dict[str, str] | None:
     """Return the tag of a run of an asset that a sensor requests; None if it was made from the same, as by a build.
 
@@ -185,9 +183,9 @@ def sensor_tags(
     if context.repository_def is None:
         return {}
     graph = context.repository_def.asset_graph
-    asset = _own_asset(graph, key, CodeLocation(), names, ours, is_automatic=True)
-    reads = Versions(context.instance, names).read_by(asset, "")
-    newest = recorded_whole(context.instance, names, key)
+    asset = _own_asset(graph, key, CodeLocation(), records.names, ours, is_automatic=True)
+    reads = Versions(records).read_by(asset, "")
+    newest = records.whole(key)
     run = None if newest is None else context.instance.get_run_by_id(newest.run_id)
     is_same = run is not None and told_inputs(run, key) == inputs_digest(asset, reads)
     return None if is_same else inputs_tag(asset, reads, code_digest())

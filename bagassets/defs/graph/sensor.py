@@ -65,10 +65,10 @@ def recordings_sensor(
     def recordings(context: dg.SensorEvaluationContext, **_resources: object) -> dg.SensorResult:
         loaded = Workspace.of(context, names.workspace)
         # The recipe as it is now: that one was read when the code location was loaded.
-        workspace = Workspace(recipe_file=loaded.recipe_file, key_prefix=loaded.key_prefix)
+        workspace = loaded.below(loaded.key_prefix)
         with errors_explained():
             require_own_keys(context.instance, names.prefix, Path(workspace.recipe_file))
-            return _watch(Scan(context.instance, workspace, Cursor.parse(context.cursor)))
+            return _watch(Scan(workspace, Cursor.parse(context.cursor)))
 
     return recordings
 

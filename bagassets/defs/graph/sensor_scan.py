@@ -14,7 +14,7 @@ from bagassets.base.quantities import count_text
 from bagassets.defs.graph.dataset import dataset_is_current, record_inputs
 from bagassets.defs.graph.sensor_cursor import Cursor, Request
 from bagassets.defs.records.batches import PARTITION_TAG, batch_config, recordings_of
-from bagassets.defs.records.events import all_assets, live_partitions
+from bagassets.defs.records.events import all_assets
 from bagassets.defs.records.instance_plan import planner_of, workspace_fingerprint
 from bagassets.defs.records.naming import WHOLE_GRAPH
 from bagassets.defs.records.partitions import (
@@ -58,11 +58,10 @@ _ENDED = [dg.DagsterRunStatus.SUCCESS, dg.DagsterRunStatus.FAILURE, dg.DagsterRu
 class Scan:
     """Scans recordings, records and runs, once or several times; the cursor carries over from one scan to the next."""
 
-    def __init__(self, instance: dg.DagsterInstance, workspace: Workspace, cursor: Cursor) -> None:
+    def __init__(self, workspace: Workspace, cursor: Cursor) -> None:
         self.cursor = cursor
-        self._instance = instance
-        self._workspace = workspace
-        self._names = workspace.names
+        self._workspace, self._records = workspace, workspace.records
+        self._instance, self._names = workspace.instance, workspace.names
         self._next_settled_s: float | None = None
         self._active: frozenset[str] = frozenset()
         self._unsettled = Unsettled(workspace.recipe.state)
@@ -76,7 +75,7 @@ class Scan:
         """Bring the partitions up to date and return the runs to request."""
         cursor, settle_s = self.cursor, self._workspace.recipe.bags.settle_s
         self._next_settled_s, self._active = None, frozenset()
-        live = live_partitions(self._instance, self._names)
+        live = self._records.live()
         active = self._active_runs()
         self._active = frozenset(key for keys in active.values() for key in keys)
         ended, noted = self._ended_runs(), self._unsettled.noted()
@@ -91,7 +90,7 @@ class Scan:
         state = self._without_gone(live, there, now_s)
         if state is None:
             return []
-        plan = planner_of(self._instance, self._workspace, live, discovery, thorough=False).plan()
+        plan = planner_of(self._workspace, live, discovery, thorough=False).plan()
         inputs = select_inputs(plan)
         self._unsettled.forget_settled(plan)
         known = {key for key, bag in plan.bags.items() if bag.assets["bag"].state == "fresh"}
@@ -110,9 +109,9 @@ class Scan:
             busy_since_s=cursor.busy_since_s,
         )
         steps = next_steps(state, self._rules())
-        add_partitions(self._instance, self._names, steps.register)
+        add_partitions(self._records, steps.register)
         if steps.is_over:
-            record_inputs(self._instance, self._workspace, inputs)
+            record_inputs(self._workspace, inputs)
         requests = [self._request(run, todo, now_s) for run in steps.runs]
         cursor.busy_since_s = steps.busy_since_s
         cursor.said = self._describe(plan, finished, state.held, len(active))
@@ -135,7 +134,7 @@ class Scan:
                 f"They will be dropped in {steps.doubted_s:.0f} s."
             )
             return None
-        remove_partitions(self._instance, self._names, steps.remove)
+        remove_partitions(self._records, steps.remove)
         cursor.forget([key for key in cursor.asked if key not in there and key != DATASET])
         return replace(state, gone=tuple(held))
 
@@ -147,9 +146,9 @@ class Scan:
 
     def _active_runs(self) -> dict[str, tuple[str, ...]]:
         datasets = dataset_code_versions(self._workspace.recipe)
-        active = active_runs(self._instance, self._names, datasets)
+        active = active_runs(self._records, datasets)
         if active and end_orphaned_runs(self._instance)[0]:
-            active = active_runs(self._instance, self._names, datasets)
+            active = active_runs(self._records, datasets)
         return active
 
     def _ended_runs(self) -> dict[str, dg.DagsterRun]:
@@ -161,7 +160,7 @@ class Scan:
             return {}
         since = dt.datetime.fromtimestamp(self.cursor.looked_s - _CLOCKS_DIFFER_S, dt.UTC)
         filters = dg.RunsFilter(statuses=_ENDED, updated_after=since)
-        keys_of = recordings_of(self._instance, self._names)
+        keys_of = recordings_of(self._records)
         ended: dict[str, dg.DagsterRun] = {}
         for record in self._instance.get_run_records(filters, order_by="update_timestamp", ascending=True):
             run = record.dagster_run
@@ -249,7 +248,7 @@ class Scan:
 
     def _was_cancelled(self, key: str) -> bool:
         """Return whether the last run of a recording was cancelled: then the same is not requested again."""
-        names, keys_of = self._names, recordings_of(self._instance, self._names)
+        names, keys_of = self._names, recordings_of(self._records)
         asked = [dg.RunsFilter(tags={PARTITION_TAG: key})]
         asked += [dg.RunsFilter(job_name=name) for name in (names.batch_job, WHOLE_GRAPH)]
         records = [
@@ -263,7 +262,7 @@ class Scan:
 
     def _datasets(self, inputs: DatasetInputs) -> dict[str, Work]:
         """Return that the datasets are to be made, all of them, if one of them is behind."""
-        if dataset_is_current(self._instance, self._workspace, inputs):
+        if dataset_is_current(self._workspace, inputs):
             self.cursor.forget([DATASET])
             return {}
         what = inputs.digest

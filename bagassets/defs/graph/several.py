@@ -35,7 +35,6 @@ from bagassets.forkserver.client import Client, ServerRefusedError
 from bagassets.forkserver.worker import note
 from bagassets.formats.checking import KeptVerdicts
 from bagassets.formats.dataset_build import dataset_code_versions, select_inputs
-from bagassets.recordings.model import RecordingFiles
 from bagassets.store.lease import HOLDERS, in_use
 
 _MOST_NAMED = 3
@@ -64,12 +63,20 @@ def make_each(
     with ExitStack() as stack:
         with suppress(StoreError):  # each recording reports it
             stack.enter_context(in_use(workspace.store.root))  # one lease for all of them
+        unsettled = Unsettled(workspace.recipe.state)
         kept = KeptVerdicts(workspace.recipe, workspace_fingerprint(workspace))
         stack.callback(kept.write)
         for key, assets in batch.items():
-            recorder, ended = Recorder(step.instance, workspace, key, step, assets), Ended()
-            with noted(step, recorder, ended):
-                _make_recording(step, recorder, lock, found.get(key), kept)
+            recorder, ended = Recorder(workspace, key, step, assets), Ended()
+            # Not before it is held: a worker whose run was given up meanwhile has nothing to do with what its successor made.
+            with noted(recorder, ended), lock.hold(step, key):
+                unsettled.add(key)
+                # Asked for once more, a recording that is gone says what to do.
+                recording = found[key] if key in found else workspace.recording(key)
+                for made in make_recording(recorder, recording, assets):
+                    recorder.record(made)
+                recorder.record_checks(check_recording(recorder, recording, recorder.made, kept))
+                unsettled.discard(key)
             yield key, ended[key]
 
 
@@ -118,7 +125,7 @@ def _make_parts(
         why = event.get("reason") or error.get("message")
         for key, assets in at_work.pop(event["job"]).items():
             if key not in ended:
-                with noted(step, Recorder(step.instance, workspace, key, step, assets), ended):
+                with noted(Recorder(workspace, key, step, assets), ended):
                     raise BagAssetsError(f"{key}: the process that made it is gone: {why}")
 
 
@@ -133,26 +140,25 @@ def make_part(args: JsonObject) -> None:
     name_process(f"worker: {count_text(len(args['batch']), 'recording')} of run {run_id[:8]}")
     with open_instance(args["instance"]) as instance:
         HOLDERS.name, HOLDERS.has_ended = run_id, partial(run_has_ended, instance)
-        workspace = Workspace(recipe_file=args["recipe"], key_prefix=args["prefix"])
+        workspace = Workspace(recipe_file=args["recipe"], key_prefix=args["prefix"]).on(instance)
         step = RunStep(instance, run_id, *of_step)
         for key, problem in make_each(step, workspace, RecordingLock(folder=args["locks"]), args["batch"]):
             note({key: problem})
 
 
 @contextmanager
-def noted(step: RunStep, recorder: Recorder, ended: Ended) -> Iterator[None]:
+def noted(recorder: Recorder, ended: Ended) -> Iterator[None]:
     """Note in the log of the run that a recording, or the datasets, is begun and ended; one that fails does not stop the others.
 
     Args:
-        step: of the run.
         recorder: records what is made in this block.
         ended: gets how it ended.
 
     Raises:
         RunEndedError: the run was given up while this worker was at work.
     """
-    key, log = recorder.key, (step.instance, step.run_id, step.job_name, recorder.key)
-    note_begun(*log)
+    step, key = recorder.step, recorder.key
+    note_begun(step, key)
     ended[key] = None
     try:
         with (
@@ -168,42 +174,22 @@ def noted(step: RunStep, recorder: Recorder, ended: Ended) -> Iterator[None]:
     except Exception as err:  # noqa: BLE001  (one recording does not stop the others)
         ended[key] = f"{type(err).__name__}: {err}"
         step.log(f"{key or 'the datasets'}: an unexpected error\n\n{traceback.format_exc()}", logging.ERROR)
-    note_ended(*log, ended[key], has_made=recorder.has_made)
-
-
-def _make_recording(
-    step: RunStep,
-    recorder: Recorder,
-    lock: RecordingLock,
-    recording: RecordingFiles | None,
-    kept: KeptVerdicts,
-) -> None:
-    workspace, key = recorder.workspace, recorder.key
-    unsettled = Unsettled(workspace.recipe.state)
-    # Not before it is held: a worker whose run was given up meanwhile has nothing to do with what its successor made.
-    with lock.hold(step, key):
-        unsettled.add(key)
-        # Asked for once more, a recording that is gone says what to do.
-        recording = recording or workspace.recording(key)
-        for made in make_recording(recorder, recording, recorder.wanted):
-            recorder.record(made)
-        recorder.record_checks(check_recording(recorder, recording, recorder.made, kept))
-        unsettled.discard(key)
+    note_ended(step, key, ended[key], has_made=recorder.has_made)
 
 
 def make_datasets(step: RunStep, workspace: Workspace, wanted: Collection[str], ended: Ended) -> None:
     """Make those datasets of `wanted`, of all that is recorded, unless they are current; note in `ended` how that ends."""
-    instance, problems = step.instance, list[str]()
-    plan = plan_instance(instance, workspace)
+    problems = list[str]()
+    plan = plan_instance(workspace)
     inputs = select_inputs(plan)
-    record_inputs(instance, workspace, inputs)
-    if dataset_is_current(instance, workspace, inputs):
+    record_inputs(workspace, inputs)
+    if dataset_is_current(workspace, inputs):
         return
-    recorder = Recorder(instance, workspace, DATASET, step, wanted)
-    with noted(step, recorder, ended):
+    recorder = Recorder(workspace, DATASET, step, wanted)
+    with noted(recorder, ended):
         for asset in filter(wanted.__contains__, dataset_code_versions(workspace.recipe)):
             try:
-                recorder.record(make_dataset(instance, workspace, plan, inputs, asset, step.run_id))
+                recorder.record(make_dataset(workspace, plan, inputs, asset, step.run_id))
                 recorder.record_checks(run_dataset_checks(workspace, asset))
             except RunEndedError:
                 raise

@@ -12,7 +12,7 @@ from bagassets.assets.face import Face
 from bagassets.base.errors import StoreError
 from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.defs.graph.own_assets import FOLLOWS, sensor_tags
-from bagassets.defs.records.events import live_partitions, recorded_partition, recorded_states
+from bagassets.defs.records.events import Records
 from bagassets.defs.records.naming import AssetName, Naming, checked_prefix
 from bagassets.defs.records.partitions import ACTIVE, recording_partitions
 from bagassets.defs.records.reporting import errors_explained, result_metadata, skip_metadata
@@ -71,14 +71,14 @@ def all_recordings(
     Raises:
         StoreError: an artifact is not in the store.
     """
-    versions = _versions(context.instance, workspace.names, asset)
+    versions = _versions(Records(context.instance, workspace.names), asset)
     return {key: workspace.store.artifact(version) for key, version in versions.items()}
 
 
-def _versions(instance: dg.DagsterInstance, names: Naming, asset: AssetName) -> dict[str, str]:
+def _versions(records: Records, asset: AssetName) -> dict[str, str]:
     """Return partition key -> data version of an asset, of the recordings that are registered."""
-    recorded = recorded_states(instance, names, [asset])[asset]
-    live = sorted(live_partitions(instance, names) & recorded.keys())
+    recorded = records.states([asset])[asset]
+    live = sorted(records.live() & recorded.keys())
     return {key: recorded[key].data_version for key in live if not recorded[key].is_skip}
 
 
@@ -94,7 +94,7 @@ def skipped(
         workspace: its resource.
         asset: what the step reads: name of one of our assets, or the key of any.
     """
-    recorded = recorded_partition(context.instance, workspace.names, asset, context.partition_key)
+    recorded = Records(context.instance, workspace.names).of(asset, context.partition_key)
     if recorded is None or not recorded.is_skip:
         return None
     version = dg.DataVersion(recorded.data_version)
@@ -182,12 +182,12 @@ def follow_recordings(
     def follow(context: dg.SensorEvaluationContext, **_resources: object) -> dg.SensorResult:
         workspace = Workspace.of(context, resource_key)
         with errors_explained():
-            now = digest_json(_versions(context.instance, workspace.names, upstream))
+            now = digest_json(_versions(workspace.records, upstream))
         runs = context.instance.get_runs(dg.RunsFilter(statuses=ACTIVE))
         busy = any(key in (run.asset_selection or ()) for run in runs)
         if now == context.cursor or busy:
             return dg.SensorResult()
-        tags = sensor_tags(context, workspace.names, key, ("bag", *workspace.assets.names))
+        tags = sensor_tags(context, workspace.records, key, ("bag", *workspace.assets.names))
         if tags is None:  # a build has made it meanwhile
             return dg.SensorResult(cursor=now)
         return dg.SensorResult(run_requests=[dg.RunRequest(asset_selection=[key], tags=tags)], cursor=now)

@@ -49,6 +49,7 @@ _AHEAD = (
     "bagassets.defs.sqlite_storage",
     *RUN_MODULES,
     "dateutil.relativedelta",
+    "numpy.ma",
     "rosbags.serde.primitives",
     "sqlalchemy.dialects.sqlite",
     "upath.implementations.local",

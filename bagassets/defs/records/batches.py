@@ -10,7 +10,7 @@ from typing import Any
 
 import dagster as dg
 
-from bagassets.defs.records.events import all_assets
+from bagassets.defs.records.events import Records, all_assets
 from bagassets.defs.records.naming import BATCH_JOB, BATCH_OP, Naming
 from bagassets.engine.batches import Batch
 
@@ -37,14 +37,13 @@ def batch_of(run: dg.DagsterRun, names: Naming | None = None) -> tuple[str, ...]
         return ()
 
 
-def recordings_of(
-    instance: dg.DagsterInstance, names: Naming, *, of_ours: bool = True
-) -> Callable[[dg.DagsterRun], tuple[str, ...]]:
+def recordings_of(records: Records, *, of_ours: bool = True) -> Callable[[dg.DagsterRun], tuple[str, ...]]:
     """Return a function that returns the partition keys of a run, with `DATASET` if it is a batch that makes datasets, too.
 
     With `of_ours` it returns none for a run of users' own assets alone, or of another project's.
     """
-    registered = cache(lambda: list(instance.get_dynamic_partitions(names.partitions)))
+    names = records.names
+    registered = cache(lambda: list(records.instance.get_dynamic_partitions(names.partitions)))
     ours = frozenset(all_assets())
 
     def found(run: dg.DagsterRun) -> tuple[str, ...]:

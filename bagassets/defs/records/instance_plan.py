@@ -5,22 +5,18 @@ from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
 
-import dagster as dg
-
 from bagassets.base.fingerprints import PlanNeeded, loaded_code_fingerprint, project_fingerprint
 from bagassets.base.garbage import uncollected
-from bagassets.defs.records.events import all_assets, fetch_recorded, latest_ids, live_partitions
-from bagassets.defs.records.naming import Naming
+from bagassets.defs.records.events import all_assets
 from bagassets.defs.records.workspace import Workspace
 from bagassets.engine.inputs import named_files
-from bagassets.engine.plan import BagPlan, Plan, Recorded
+from bagassets.engine.plan import BagPlan, Plan
 from bagassets.engine.planner import Planner
 from bagassets.formats.checking import quick_findings
 from bagassets.recordings.discover import Discovery
 
 
 def planner_of(
-    instance: dg.DagsterInstance,
     workspace: Workspace,
     live: frozenset[str] | None = None,
     discovery: Discovery | None = None,
@@ -32,8 +28,7 @@ def planner_of(
     """Return what plans everything, from what Dagster's records and the folders are now.
 
     Args:
-        instance: where materializations are recorded.
-        workspace: recipe, store and recordings.
+        workspace: recipe, store, records and recordings.
         live: partition keys to take as registered; default: those that are.
         discovery: recordings to take as being on disk; default: those that are.
         ids: see `Plan.storage_ids`; default: as they are.
@@ -43,31 +38,27 @@ def planner_of(
     Raises:
         BagAssetsError: the recipe or the bag root is not usable.
     """
-    names = workspace.names
-    found = workspace.discover() if discovery is None else discovery
+    records, found = workspace.records, workspace.discover() if discovery is None else discovery
     with uncollected():
         return Planner(
             workspace.assets,
-            workspace.store,
             found,
-            live_partitions(instance, names) if live is None else live,
-            workspace.index,
+            records.live() if live is None else live,
             workspace_fingerprint(workspace),
-            latest_ids(instance, names, all_assets()) if ids is None else ids,
-            partial(fetch_recorded, instance, names),
+            records.latest_ids(all_assets()) if ids is None else ids,
+            records.fetch,
             kept,
-            partial(quick_findings, workspace.recipe, workspace.store, found),
+            partial(quick_findings, workspace.assets, found),
             thorough=thorough,
         )
 
 
-def plan_instance(instance: dg.DagsterInstance, workspace: Workspace) -> Plan:
+def plan_instance(workspace: Workspace) -> Plan:
     """Plan everything, as a build does."""
-    return planner_of(instance, workspace, thorough=False).plan()
+    return planner_of(workspace, thorough=False).plan()
 
 
 def replan_instance(
-    instance: dg.DagsterInstance,
     workspace: Workspace,
     before: Plan,
     worked_on: Collection[str],
@@ -79,15 +70,13 @@ def replan_instance(
     changed on disk is left to the next plan.
 
     Args:
-        instance: where materializations are recorded.
-        workspace: recipe, store and recordings.
+        workspace: recipe, store, records and recordings.
         before: the plan that the runs were made from.
         worked_on: recordings that had a run; others with new records, whoever wrote them, are found by these
             records.
         on_planned: see `Planner.plan`.
     """
-    live = live_partitions(instance, workspace.names)
-    ids = latest_ids(instance, workspace.names, all_assets())
+    live, ids = workspace.records.live(), workspace.records.latest_ids(all_assets())
     now = replace(before, live=live, storage_ids=ids)
     kept = {
         key: bag
@@ -100,17 +89,10 @@ def replan_instance(
         if key in kept or all(path.exists() for path in recording.files)
     }
     discovery = replace(before.discovery, recordings=there)
-    planner = planner_of(instance, workspace, live, discovery, ids, kept, thorough=False)
+    planner = planner_of(workspace, live, discovery, ids, kept, thorough=False)
     plan = planner.plan(on_planned)
     same = {key: records for key, records in before.recorded.items() if key in planner.kept}
     return replace(plan, recorded={**same, **plan.recorded})
-
-
-def recorded_assets(instance: dg.DagsterInstance, names: Naming, key: str) -> Mapping[str, Recorded]:
-    """Return asset -> latest record of one recording; nothing if it is not registered."""
-    if key not in live_partitions(instance, names):
-        return {}
-    return fetch_recorded(instance, names, latest_ids(instance, names, all_assets()), [key])[key]
 
 
 def workspace_fingerprint(workspace: Workspace) -> str | None:

@@ -24,7 +24,7 @@ from bagassets.defs.dagster_private import (
     SqlEventLogStorage,
 )
 from bagassets.defs.records.batches import PARTITION_TAG, recordings_of
-from bagassets.defs.records.events import all_assets, in_batches
+from bagassets.defs.records.events import Records, all_assets, in_batches
 from bagassets.defs.records.naming import Naming
 from bagassets.engine.batches import DATASET
 from bagassets.recipe.model import Bags
@@ -123,23 +123,21 @@ def _no_such_recording(key: str, bags: Bags, found: Discovery) -> str:
     return f"{key}: no recording with this partition key below {bags.root}; {hint}"
 
 
-def active_runs(
-    instance: dg.DagsterInstance, names: Naming, datasets: Iterable[str]
-) -> dict[str, tuple[str, ...]]:
+def active_runs(records: Records, datasets: Iterable[str]) -> dict[str, tuple[str, ...]]:
     """Return run id -> partition keys, and `DATASET` if it makes one of `datasets`, for runs that have not ended."""
-    once, keys_of = frozenset(datasets), recordings_of(instance, names)
+    once, keys_of = frozenset(datasets), recordings_of(records)
     active: dict[str, tuple[str, ...]] = {}
-    for run in instance.get_runs(filters=dg.RunsFilter(statuses=ACTIVE)):
+    for run in records.instance.get_runs(filters=dg.RunsFilter(statuses=ACTIVE)):
         if keys := keys_of(run):
             active[run.run_id] = keys
-        elif run.asset_selection and names.is_about(run, once):
+        elif run.asset_selection and records.names.is_about(run, once):
             active[run.run_id] = (DATASET,)
     return active
 
 
-def add_partitions(instance: dg.DagsterInstance, names: Naming, keys: Sequence[str]) -> None:
+def add_partitions(records: Records, keys: Sequence[str]) -> None:
     """Register recordings; keys that are registered already are kept."""
-    _register(instance, names.partitions, keys)
+    _register(records.instance, records.names.partitions, keys)
 
 
 def _register(instance: dg.DagsterInstance, partitions: str, keys: Sequence[str]) -> None:
@@ -174,8 +172,9 @@ def held_by_backfills(instance: dg.DagsterInstance, keys: AbstractSet[str]) -> d
     return held
 
 
-def remove_partitions(instance: dg.DagsterInstance, names: Naming, keys: Collection[str]) -> None:
+def remove_partitions(records: Records, keys: Collection[str]) -> None:
     """Cancel the runs of recordings that are gone, then delete their partitions."""
+    instance, names = records.instance, records.names
     gone, assets = frozenset(keys), frozenset(all_assets())
     for run in instance.get_runs(dg.RunsFilter(statuses=_UNFINISHED)) if gone else ():
         key = run.tags.get(PARTITION_TAG)

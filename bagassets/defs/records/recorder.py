@@ -70,13 +70,13 @@ class Recorder:
     """Records what is made of a recording, or of the datasets.
 
     Args:
-        instance: where it is recorded.
-        workspace: recipe and store.
+        workspace: recipe, store, and the instance where it is recorded.
         key: partition key of the recording; `DATASET` for what exists once.
         context: of the step that makes it, or the step itself if it is about several recordings; None if there is no run.
         wanted: names of the assets that the run is to make of it.
 
     Attributes:
+        step: of the run.
         made: names of the assets that were recorded.
         skipped: those of them that were skipped.
         has_made: any of them was made, rather than found in the store.
@@ -85,23 +85,20 @@ class Recorder:
 
     def __init__(
         self,
-        instance: dg.DagsterInstance,
         workspace: Workspace,
         key: str,
         context: dg.AssetExecutionContext | RunStep | None = None,
         wanted: Collection[str] = (),
     ) -> None:
-        self.instance, self.workspace, self.key, self.wanted = instance, workspace, key, wanted
+        self.instance, self.workspace, self.key, self.wanted = workspace.instance, workspace, key, wanted
         self.made: set[str] = set()
         self.skipped: set[str] = set()
         self.has_made, self.artifacts = False, set[str]()
-        self.run_id, self._job, self._step = "", "", None
-        self._is_planned = False
-        if context is not None:
-            step = context if isinstance(context, RunStep) else RunStep.of(context, is_planned=True)
-            self.run_id, self._job, self._step = step.run_id, step.job_name, step.step
-            self._is_planned = step.is_planned
-        self._fence = Fence(instance, self.run_id) if context is not None else None
+        if context is None or isinstance(context, RunStep):
+            self.step = context or RunStep(workspace.instance)
+        else:
+            self.step = RunStep.of(context, is_planned=True)
+        self._fence = Fence(self.instance, self.step.run_id) if context is not None else None
         self._context, self._names, self._of = context, workspace.names, f" of {key}" if key else ""
         self._latest: dict[str, dg.EventLogRecord] = {}
 
@@ -182,9 +179,9 @@ class Recorder:
     def _forget_planned_checks(self) -> None:
         """Drop what Dagster has noted of checks that the run is to make: if another recording fails, what is without result is red."""
         storage, table = self.instance.event_log_storage, AssetCheckExecutionsTable
-        is_range = isinstance(self._context, RunStep) and self._is_planned
+        is_range = isinstance(self._context, RunStep) and self.step.is_planned
         if is_range and isinstance(storage, SqlEventLogStorage):
-            ours = table.c.run_id == self.run_id, table.c.partition == self.key
+            ours = table.c.run_id == self.step.run_id, table.c.partition == self.key
             with storage.index_connection() as connection:
                 connection.execute(table.delete().where(*ours, table.c.execution_status == _PLANNED))
 
@@ -217,7 +214,7 @@ class Recorder:
     def _give_up(self, asset: str, why: str) -> None:
         key, partition, kinds = self._names.key(asset), self.key or None, dg.DagsterEventType
         message = f"{asset}{self._of} was not made"
-        if not self._is_planned:
+        if not self.step.is_planned:
             # By the end of the run, it has failed. Dagster records it beforehand of each asset of a step; here it would be a
             # tenth of what is kept of a recording.
             planned = AssetMaterializationPlannedData(key, partition=partition)
@@ -235,8 +232,8 @@ class Recorder:
         """
         event = dg.DagsterEvent(
             event_type_value=kind.value,
-            job_name=self._job,
-            step_key=self._step,
+            job_name=self.step.job_name,
+            step_key=self.step.step,
             event_specific_data=data,  # type: ignore[arg-type]  # a union of all kinds
             message=message,
         )
@@ -244,10 +241,10 @@ class Recorder:
             error_info=None,
             level=logging.DEBUG,
             user_message="",
-            run_id=self.run_id,
+            run_id=self.step.run_id,
             timestamp=time.time(),
-            step_key=self._step,
-            job_name=self._job,
+            step_key=self.step.step,
+            job_name=self.step.job_name,
             dagster_event=event,
         )
 

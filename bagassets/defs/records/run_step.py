@@ -9,7 +9,7 @@ import dagster as dg
 
 @dataclass(frozen=True)
 class RunStep:
-    """The step of a run that makes several recordings.
+    """The step of a run that makes recordings or datasets; with an instance alone, it stands for no run.
 
     Attributes:
         instance: has the run.
@@ -21,9 +21,9 @@ class RunStep:
     """
 
     instance: dg.DagsterInstance
-    run_id: str
-    job_name: str
-    step: str
+    run_id: str = ""
+    job_name: str = ""
+    step: str | None = None
     is_planned: bool = False
     logger: logging.Logger | None = None
 

@@ -13,8 +13,6 @@ from queue import Empty, SimpleQueue
 from threading import Event as Flag
 from threading import Lock
 
-import dagster as dg
-
 from bagassets.base.errors import BagAssetsError
 from bagassets.base.quantities import count_text, readable_bytes
 from bagassets.base.trace import span
@@ -39,7 +37,6 @@ _Read = tuple[RecordingStat, RecordingDigest, float]  # status before, digest, s
 
 
 def record_touched(
-    instance: dg.DagsterInstance,
     workspace: Workspace,
     touched: Mapping[RecordingFiles, Recorded],
     jobs: int,
@@ -50,8 +47,7 @@ def record_touched(
     What cannot be read, or changes meanwhile, is left to its run, which reports it.
 
     Args:
-        instance: where `bag` is recorded.
-        workspace: recipe, index and recordings.
+        workspace: recipe, index and recordings, and where `bag` is recorded.
         touched: recordings of which only the time seems to have changed -> the latest record of `bag`.
         jobs: processors that may be used.
         on_event: called now and then while recordings are read.
@@ -76,7 +72,7 @@ def record_touched(
                 about = "Recorded without a run: only the time of its files had changed."
                 metadata = bag_metadata(recording, stat, digest)
                 made = Made("bag", digest.digest, BAG_CODE_VERSION, metadata, {}, about)
-                Recorder(instance, workspace, recording.key).record(made)
+                Recorder(workspace, recording.key).record(made)
             same[recording.key] = seconds
     return same
 
@@ -88,7 +84,7 @@ def _read(
 
     Several are read at a time; now and then `on_event` is told how far all are.
     """
-    index, store = workspace.index, workspace.store
+    assets = workspace.assets
     size, read = sum(one.size for one in touched), 0
     mutex, stopped = Lock(), Flag()
     ended: SimpleQueue[Future[_Read]] = SimpleQueue()
@@ -102,8 +98,8 @@ def _read(
 
     def digest_of(recording: RecordingFiles) -> _Read:
         began, stat = time.monotonic(), recording_stat(recording)
-        with only_reader(store, recording, stat):
-            digest = recording_digest(recording, index, between=note)
+        with only_reader(assets.store, recording, stat):
+            digest = recording_digest(recording, assets.index, between=note)
         return stat, digest, time.monotonic() - began
 
     # If all processors may be used, more are read at a time than there are: recordings of one size then end together,

@@ -1,6 +1,6 @@
 """The resource that assets and users' own steps share: recipe, store and recordings."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Self, TypeVar
@@ -10,13 +10,12 @@ from pydantic import Field, PrivateAttr
 
 from bagassets.base.errors import BagAssetsError, RecordingError, StoreError
 from bagassets.base.fingerprints import recipe_fingerprint
-from bagassets.defs.records.events import recorded_partition
+from bagassets.defs.records.events import Records
 from bagassets.defs.records.naming import AssetName, Naming
 from bagassets.defs.records.projects import note_instance, note_project
 from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.formats.catalogue import recording_assets
 from bagassets.recipe import Recipe, load_recipe, where_in
-from bagassets.recordings.digest import DigestIndex
 from bagassets.recordings.discover import Discovery, discover
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.artifact import Artifact
@@ -36,15 +35,36 @@ class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get
     key_prefix: list[str] = Field(default=[])
     _recipe: Recipe | None = PrivateAttr(default=None)
     _assets: RecordingAssets | None = PrivateAttr(default=None)
-    _store: Store | None = PrivateAttr(default=None)
     _recipe_fingerprint: str = PrivateAttr(default="")
     _found_in_run: tuple[str, Any] | None = PrivateAttr(default=None)
+    _instance: dg.DagsterInstance | None = PrivateAttr(default=None)
 
     @classmethod
     def of(cls, context: Any, resource_key: str) -> Self:
-        """Return the one that a step, a check or a sensor was given."""
+        """Return the one that a step, a check or a sensor was given, on its instance."""
         workspace: Self = getattr(context.resources, resource_key)
-        return workspace
+        return workspace.on(context.instance)
+
+    def on(self, instance: dg.DagsterInstance | None) -> Self:
+        """Return it as the project that has its records in an instance."""
+        self._instance = instance
+        return self
+
+    def below(self, prefix: Sequence[str]) -> Self:
+        """Return the project of the same recipe, in the same instance, below another prefix, and with the recipe as it is now."""
+        return type(self)(recipe_file=self.recipe_file, key_prefix=list(prefix)).on(self._instance)
+
+    @property
+    def instance(self) -> dg.DagsterInstance:
+        """The instance that has its records."""
+        if self._instance is None:
+            raise TypeError("a workspace without an instance has no records")
+        return self._instance
+
+    @property
+    def records(self) -> Records:
+        """What its instance has on record of it."""
+        return Records(self.instance, self.names)
 
     def setup_for_execution(self, context: dg.InitResourceContext) -> None:
         """Note that the instance has this project; what to do if there is another, sensors and builds say."""
@@ -69,9 +89,10 @@ class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get
 
     @property
     def assets(self) -> RecordingAssets:
-        """The assets of a recording under this recipe."""
+        """The assets of a recording under this recipe; the project is noted as a user of their store."""
         if self._assets is None:
             self._assets = recording_assets(self.recipe)
+            note_user(self._assets.store.root, Path(self.recipe_file))
         return self._assets
 
     @property
@@ -81,16 +102,8 @@ class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get
 
     @property
     def store(self) -> Store:
-        """The artifact store, in which this project is noted as a user."""
-        if self._store is None:
-            self._store = Store(self.recipe.store_path)
-            note_user(self._store.root, Path(self.recipe_file))
-        return self._store
-
-    @property
-    def index(self) -> DigestIndex:
-        """Digests of recordings whose file system has no extended attributes."""
-        return DigestIndex.of(self.recipe)
+        """The artifact store."""
+        return self.assets.store
 
     def discover(self) -> Discovery:
         """Look for recordings below the bag root (file names and sizes only).
@@ -143,7 +156,7 @@ class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get
             StoreError: the asset is not materialized or was skipped, or its artifact is not in the store.
         """
         key, names = context.partition_key, self.names
-        recorded = recorded_partition(context.instance, names, asset, key)
+        recorded = Records(context.instance, names).of(asset, key)
         if recorded is None or recorded.is_skip:
             name = names.key(asset).to_user_string()
             problem = (

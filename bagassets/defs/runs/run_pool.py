@@ -19,7 +19,7 @@ from bagassets.base.errors import BagAssetsError
 from bagassets.base.interrupts import deferred_interrupts
 from bagassets.base.trace import span
 from bagassets.defs.records.batches import batch_config
-from bagassets.defs.records.naming import Naming
+from bagassets.defs.records.events import Records
 from bagassets.defs.runs.code_server import LaunchWorkspace
 from bagassets.defs.runs.execution import CodeLocation, create_job_run, create_run, fail_if_lost, failure_of
 from bagassets.defs.runs.launching import launching_of
@@ -84,8 +84,7 @@ class RunPool:
     """Launches runs, at most `jobs` at the same time; a context manager.
 
     Attributes:
-        instance: where runs are recorded, and whose launcher executes them.
-        names: of the project whose assets are made.
+        records: of the project whose assets are made, in the instance whose launcher executes the runs.
         jobs: most runs at the same time, unless they wait in a queue of the launcher's own (`most_at_once`).
         on_event: called when a run begins and when it ends.
         log: log file of the code server, if the launcher needs one.
@@ -96,8 +95,7 @@ class RunPool:
         interrupted: the user pressed Ctrl-C.
     """
 
-    instance: dg.DagsterInstance
-    names: Naming
+    records: Records
     jobs: int
     on_event: Listener
     log: Path
@@ -112,6 +110,7 @@ class RunPool:
     _looked_at: float = 0.0
 
     def __post_init__(self) -> None:
+        self.instance, self.names = self.records.instance, self.records.names
         self.jobs = launching_of(self.instance).most_at_once or self.jobs
         self._key_of = self.key_of or self.names.key
         # Below a prefix, steps of assets are run by whatever executor the location names, perhaps a process each.

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import dagster as dg
 
 from bagassets.defs.dagster_private import EngineEventData
+from bagassets.defs.records.run_step import RunStep
 from bagassets.engine.source import Progress, progress_told
 
 _RECORDING, _STATE, _PROBLEM, _SHARE, _MADE = "recording", "state", "problem", "share", "made"
@@ -51,42 +52,33 @@ class RunProgress:
                 yield key, True
 
 
-def note_begun(instance: dg.DagsterInstance, run_id: str, job_name: str, key: str) -> None:
+def note_begun(step: RunStep, key: str) -> None:
     """Note in the log of a run about several recordings that it has begun with one."""
-    _note(instance, run_id, job_name, f"{key or _DATASETS}: {_BEGUN}.", {_RECORDING: key, _STATE: _BEGUN})
+    _note(step, f"{key or _DATASETS}: {_BEGUN}.", {_RECORDING: key, _STATE: _BEGUN})
 
 
-def note_ended(
-    instance: dg.DagsterInstance, run_id: str, job_name: str, key: str, problem: str | None, *, has_made: bool
-) -> None:
+def note_ended(step: RunStep, key: str, problem: str | None, *, has_made: bool) -> None:
     """Note in the log of a run about several recordings that it is done with one, or that this failed."""
     if problem is None:
         metadata: dict[str, str | float] = {_RECORDING: key, _STATE: _DONE, _MADE: has_made}
-        _note(instance, run_id, job_name, f"{key or _DATASETS}: {_DONE}.", metadata)
+        _note(step, f"{key or _DATASETS}: {_DONE}.", metadata)
     else:
         metadata = {_RECORDING: key, _STATE: _FAILED, _PROBLEM: problem}
-        _note(instance, run_id, job_name, f"{key or _DATASETS}: {_FAILED}. {problem}", metadata)
+        _note(step, f"{key or _DATASETS}: {_FAILED}. {problem}", metadata)
 
 
-def readings_noted(instance: dg.DagsterInstance, run_id: str, key: str) -> AbstractContextManager[None]:
+def readings_noted(step: RunStep, key: str) -> AbstractContextManager[None]:
     """Note in the log of a run now and then how far it has come with reading a large recording, in this block."""
 
     def note(reading: Progress) -> None:
-        run = instance.get_run_by_id(run_id)
-        if run is not None:
-            metadata: dict[str, str | float] = {_RECORDING: key, _STATE: _READING}
-            metadata[_SHARE] = round(reading.share, 3)
-            _note(instance, run_id, run.job_name, str(reading), metadata)
+        share = round(reading.share, 3)
+        _note(step, str(reading), {_RECORDING: key, _STATE: _READING, _SHARE: share})
 
     return progress_told(note)
 
 
-def _note(
-    instance: dg.DagsterInstance,
-    run_id: str,
-    job_name: str,
-    message: str,
-    metadata: Mapping[str, str | float],
-) -> None:
+def _note(step: RunStep, message: str, metadata: Mapping[str, str | float]) -> None:
     data = EngineEventData(metadata)
-    instance.report_engine_event(message, run_id=run_id, job_name=job_name, engine_event_data=data)
+    step.instance.report_engine_event(
+        message, engine_event_data=data, run_id=step.run_id, job_name=step.job_name
+    )

@@ -34,7 +34,7 @@ def said(recording: Recording, topic: str, field: str | tuple[str, ...]) -> list
     Raises:
         DecodeError: a message cannot be decoded.
     """
-    found = []
+    found = list[Said]()
     for message in recording.messages([topic]):
         try:
             decoded = recording.decode(message)

@@ -90,9 +90,8 @@ class _Camera:
 
 @dataclass(frozen=True)
 class _Episode:
-    """An episode that keeps its rules: where it is, its task if the recording says it, and its frames."""
+    """An episode that keeps its rules: its task if the recording says it, and its frames."""
 
-    span: Span
     task: str | None
     frames: Frames
 
@@ -157,7 +156,7 @@ class _Maker:
                     piece, self.sources, params.fps, cuts.trim_s, cuts.min_length_s, self._use.start_ns
                 )
                 self._check_sizes(frames, made)
-                made.append(_Episode(piece, task, frames))
+                made.append(_Episode(task, frames))
             except DecodeError as err:
                 self._leave_out(piece.start_ns, str(err))
         return made

@@ -448,7 +448,9 @@ def _folder_of(path: Path, version: str | None) -> TableFolder:
 
 def _offer(path: Path) -> str:
     names = _versions(path)
-    return f"there is {', '.join(names)}." if names else "there is none."
+    below = sorted(one.parents[1] for at in ("*/*", "dataset/*/*") for one in path.glob(f"{at}/{LOCK}"))
+    name_one = f"; name {' or '.join(map(str, below))}" if below and not names else ""  # of a project
+    return f"there is {', '.join(names) or 'none'}{name_one}."
 
 
 def _versions(path: Path) -> list[str]:

@@ -77,7 +77,8 @@ def examine(path: Path) -> Examined:
     path = path.absolute()
     if not path.exists():
         raise RecordingError(f"{path}: no such file or folder.")
-    if path.is_dir() and not (path / METADATA).exists():
+    lacks_metadata = path.is_dir() and not (path / METADATA).exists()
+    if lacks_metadata:
         _refuse_folder_of_recordings(path)
     behind = [*_behind_end(path)]
     try:
@@ -95,7 +96,7 @@ def examine(path: Path) -> Examined:
     except RecordingError as err:
         if err.transient:
             raise
-        problem = str(err)
+        problem = f"{path}: its {METADATA} is missing." if lacks_metadata else str(err)
     try:
         with open_salvaged(path) as recording:
             counts, missing = _read(recording)

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from unittest.mock import Mock
@@ -375,10 +376,10 @@ def test_a_build_goes_through_the_launcher_that_dagster_yaml_names(tmp_path):
 
 def test_reports_events_and_options_survive_the_way():
     options = BuildOptions(3, True, ("a", "b*"), ("frames",))
-    assert BuildOptions.from_json(json.loads(json.dumps(options.as_json()))) == options
+    assert BuildOptions.from_json(json.loads(json.dumps(asdict(options)))) == options
     assert BuildOptions.from_json({"jobs": 3}) == BuildOptions(3)
     event = Event("failed", "a", "because", {"a": 1})
-    assert Event(**json.loads(json.dumps(event.as_json()))) == event
+    assert Event(**json.loads(json.dumps(asdict(event)))) == event
     report = BuildReport(
         outcomes={"a": BagOutcome("failed", "why", 1.5)},
         excluded={"x": "y"},

@@ -21,6 +21,7 @@ from bagassets.engine.first_pass import first_pass, only_reader, reading_left, w
 from bagassets.engine.source import Progress, progress_told, tell_progress
 from bagassets.forkserver.client import Client
 from bagassets.forkserver.server_files import ServerFiles
+from bagassets.formats.catalogue import recording_assets
 from bagassets.formats.trajectory_map import SHELL, map_shell_of
 from bagassets.recipe import load_recipe
 from bagassets.recordings.digest import DigestIndex, recording_digest, recording_stat
@@ -139,7 +140,7 @@ def test_a_run_waits_for_what_is_being_made_of_its_recording(project, monkeypatc
         return execute(graph)
 
     monkeypatch.setattr(made_ahead, "execute", held_up)
-    asked_for = recipe, Store(recipe.store_path), recording, recording_stat(recording), DigestIndex.of(recipe)
+    asked_for = recording_assets(recipe), recording, recording_stat(recording)
     with ThreadPoolExecutor() as pool:
         ahead = pool.submit(make_first, asked(project, "a.bag"))
         assert began.wait(30)
@@ -154,7 +155,7 @@ def test_a_run_waits_for_what_is_being_made_of_its_recording(project, monkeypatc
 def test_a_run_that_waits_tells_how_far_the_other_process_is(project, monkeypatch):
     monkeypatch.setattr(lease, "_LOOK_S", 0.0)
     recipe = load_recipe(project)
-    store, recording = Store(recipe.store_path), discover(recipe.bags).recordings["a.bag"]
+    assets, recording = recording_assets(recipe), discover(recipe.bags).recordings["a.bag"]
     stat, is_told, told = recording_stat(recording), threading.Event(), []
     reading = Progress("hash and inventory", 0.25, recording.size, 1e6)
 
@@ -164,10 +165,10 @@ def test_a_run_that_waits_tells_how_far_the_other_process_is(project, monkeypatc
 
     def wait():
         with progress_told(tell):
-            return first_pass(recipe, store, recording, stat, DigestIndex.of(recipe))
+            return first_pass(assets, recording, stat)
 
     with ThreadPoolExecutor() as pool:
-        with only_reader(store, recording, stat), reading_left(recipe.state, recording):
+        with only_reader(assets.store, recording, stat), reading_left(recipe.state, recording):
             waiting = pool.submit(wait)
             tell_progress(reading)
             assert is_told.wait(10.0)

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from bagassets.cli.main import root
 from bagassets.defs.builds import loop, pending_work
 from bagassets.defs.records import instance_plan
-from bagassets.defs.records.events import recorded_partition
+from bagassets.defs.records.events import Records
 from bagassets.defs.runs.execution import create_run, execute_run
 from bagassets.engine import planner
 from bagassets.engine.build_report import remark_lines
@@ -23,8 +23,8 @@ KEY = "a.bag"
 
 
 def find_state(recipe_file):
-    with pending_work.open_project(recipe_file) as (instance, workspace):
-        return pending_work.find_pending_work(instance, workspace)
+    with pending_work.open_project(recipe_file) as workspace:
+        return pending_work.find_pending_work(workspace)
 
 
 def planned(recipe_file, monkeypatch):
@@ -37,7 +37,7 @@ def planned(recipe_file, monkeypatch):
         return plan(graph)
 
     def note_whole(*args, **options):
-        whole["all"] += len(args) == 2  # else some are kept, and what runs have changed is planned again
+        whole["all"] += len(args) == 1  # else some are kept, and what runs have changed is planned again
         return begin(*args, **options)
 
     with monkeypatch.context() as patch:
@@ -67,22 +67,20 @@ def test_many_recordings_are_planned_some_at_a_time_and_the_build_says_how_many_
 ):
     recipe = make_project(tmp_path, [KEY, "b.mcap", "c.bag"])
     assert build(recipe, monkeypatch)[0].succeeded
-    with pending_work.open_project(recipe) as (instance, workspace):
-        whole = instance_plan.plan_instance(instance, workspace)
-        fetched, fetch = [], instance_plan.fetch_recorded
+    with pending_work.open_project(recipe) as workspace:
+        whole = instance_plan.plan_instance(workspace)
+        fetched, fetch = [], Records.fetch
 
-        def note(instance, names, ids, keys):
+        def note(records, ids, keys):
             fetched.append(list(keys))
-            return fetch(instance, names, ids, fetched[-1])
+            return fetch(records, ids, fetched[-1])
 
-        monkeypatch.setattr(instance_plan, "fetch_recorded", note)
+        monkeypatch.setattr(Records, "fetch", note)
         monkeypatch.setattr(planner, "AT_A_TIME", 2)
         told = []
         for fingerprint in ("other code", None):
             monkeypatch.setattr(instance_plan, "workspace_fingerprint", lambda _, it=fingerprint: it)
-            now = instance_plan.planner_of(instance, workspace).plan(
-                lambda done, total: told.append((done, total))
-            )
+            now = instance_plan.planner_of(workspace).plan(lambda done, total: told.append((done, total)))
             assert now == whole
             assert now.recorded == {}, "nobody asks for the records of what is settled"
     assert fetched == [[KEY, "b.mcap"], ["c.bag"]] * 2
@@ -138,7 +136,7 @@ def _record(_bags, instance, _workspace):
 
 
 def _damage(_bags, instance, workspace):
-    frames = recorded_partition(instance, workspace.names, "frames", "b.bag")
+    frames = Records(instance, workspace.names).of("frames", "b.bag")
     workspace.store.artifact(frames.data_version).path("channels.json").unlink()
 
 
@@ -161,7 +159,7 @@ def test_what_others_change_before_a_build_ends_is_seen_as_by_a_look_at_everythi
             return look_on(self, *args, everything=False)
         for change in (_nothing, _replace_what_was_built, _damage, _record, _replace, _add, _remove):
             looked.clear()
-            change(tmp_path / "bags", self._instance, self._workspace)
+            change(tmp_path / "bags", self.workspace.instance, self.workspace)
             found = look_on(self, *args)
             seen[change] = len(looked)
             whole = look(self)
@@ -220,7 +218,8 @@ def test_what_a_build_has_made_is_built_although_another_has_recorded_it_since(t
 
     def meanwhile(event):
         if (event.kind, event.key) == ("done", KEY):
-            with pending_work.open_project(recipe) as (instance, workspace):
+            with pending_work.open_project(recipe) as workspace:
+                instance = workspace.instance
                 names = [dg.AssetKey(name) for name in ("bag", *workspace.assets.names)]
                 execute_run(instance, create_run(instance, names, partition_key=KEY))
 
@@ -231,14 +230,15 @@ def test_what_a_build_has_made_is_built_although_another_has_recorded_it_since(t
 def test_what_another_run_recorded_meanwhile_is_planned_again(tmp_path, monkeypatch):
     recipe = make_project(tmp_path, [KEY, "b.mcap"])
     build(recipe, monkeypatch)
-    with pending_work.open_project(recipe) as (instance, workspace):
-        before = instance_plan.plan_instance(instance, workspace)
-        unchanged = instance_plan.replan_instance(instance, workspace, before, [])
+    with pending_work.open_project(recipe) as workspace:
+        instance = workspace.instance
+        before = instance_plan.plan_instance(workspace)
+        unchanged = instance_plan.replan_instance(workspace, before, [])
         assert unchanged == before
         instance.report_runless_asset_event(
             dg.AssetMaterialization("inventory", partition=KEY, tags={"dagster/data_version": "0" * 64})
         )
-        now = instance_plan.replan_instance(instance, workspace, before, [])
+        now = instance_plan.replan_instance(workspace, before, [])
         assert now.bags[KEY].assets["inventory"].state == "record-only"
         assert now.bags["b.mcap"] is before.bags["b.mcap"]
 

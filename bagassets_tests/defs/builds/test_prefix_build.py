@@ -73,7 +73,8 @@ def name_locations(recipe, *modules):
 
 def recorded(recipe):
     """Return the runs, the keys of assets with records, and recording -> version of its frames below the prefix."""
-    with pending_work.open_project(recipe) as (instance, _):
+    with pending_work.open_project(recipe) as workspace:
+        instance = workspace.instance
         versions = {}
         for record in instance.fetch_materializations(dg.AssetKey([*PREFIX, "frames"]), limit=100).records:
             event = record.event_log_entry.asset_materialization
@@ -153,13 +154,14 @@ def test_a_prefix_that_comes_or_goes_makes_nothing_twice(project, monkeypatch, c
         write_module(recipe, module, prefix)
         report, _ = build(recipe, monkeypatch)
         assert report.succeeded
-        with pending_work.open_project(recipe) as (_, workspace):
+        with pending_work.open_project(recipe) as workspace:
             assert workspace.names.prefix == tuple(prefix or ())
 
 
 def test_a_module_that_is_broken_holds_up_a_project_that_is_known_to_have_a_prefix(project, monkeypatch):
     recipe, module = project
-    with pending_work.open_project(recipe) as (instance, _):
+    with pending_work.open_project(recipe) as workspace:
+        instance = workspace.instance
         note_project(instance, tuple(PREFIX), recipe)
     recipe.with_name(f"{module}.py").write_text("defs = (")
     with pytest.raises(RecipeError, match="cannot be loaded"):

@@ -12,7 +12,7 @@ from bagassets.defs.builds.pending_work import open_project
 from bagassets.defs.graph.location import build_definitions
 from bagassets.defs.graph.sensor_cursor import Cursor
 from bagassets.defs.graph.sensor_scan import Scan
-from bagassets.defs.records.events import live_partitions
+from bagassets.defs.records.events import Records
 from bagassets.defs.records.naming import Naming
 from bagassets_tests.in_process import build, make_project, survey
 
@@ -26,7 +26,8 @@ def project(tmp_path, monkeypatch):
     recipe_file = make_project(tmp_path, (GONE, OTHER, KEPT))
     build(recipe_file, monkeypatch)
     graph = build_definitions(recipe_file).resolve_asset_graph()
-    with open_project(recipe_file) as (instance, _):
+    with open_project(recipe_file) as workspace:
+        instance = workspace.instance
         instance.add_backfill(
             PartitionBackfill.from_asset_partitions(
                 backfill_id="everything",
@@ -48,12 +49,14 @@ def project(tmp_path, monkeypatch):
 
 
 def registered(recipe_file):
-    with open_project(recipe_file) as (instance, _):
-        return live_partitions(instance, Naming("test"))
+    with open_project(recipe_file) as workspace:
+        instance = workspace.instance
+        return Records(instance, Naming("test")).live()
 
 
 def end(recipe_file):
-    with open_project(recipe_file) as (instance, _):
+    with open_project(recipe_file) as workspace:
+        instance = workspace.instance
         backfill = instance.get_backfill("everything")
         instance.update_backfill(backfill.with_status(BulkActionStatus.COMPLETED_FAILED))
 
@@ -77,8 +80,8 @@ def test_a_build_leaves_it_and_says_so_until_the_backfill_has_ended(project, mon
 
 def test_so_does_the_sensor(project):
     def scan(now_s):
-        with open_project(project) as (instance, workspace):
-            found = Scan(instance, workspace, Cursor.parse(cursor.text()))
+        with open_project(project) as workspace:
+            found = Scan(workspace, Cursor.parse(cursor.text()))
             found.scan(now_s)
         return found.cursor
 

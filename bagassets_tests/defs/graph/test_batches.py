@@ -12,7 +12,7 @@ from dagster._core.storage.partition_status_cache import get_and_update_asset_st
 from bagassets.base.errors import DatasetError
 from bagassets.defs.builds import made_ahead, pending_work
 from bagassets.defs.builds import report as builds_report
-from bagassets.defs.graph import batch_job, making
+from bagassets.defs.graph import making, several
 from bagassets.defs.graph.location import build_definitions
 from bagassets.defs.records.batches import batch_of
 from bagassets.defs.records.events import MADE_ALONG
@@ -94,16 +94,10 @@ def test_large_recordings_have_a_run_each_and_small_ones_share():
     assert sum(len(batch) for batch in shared) == 1000
     empty = dict.fromkeys(many, 0)
     assert {len(batch) for batch in batches(dict.fromkeys(many, ("bag",)), empty, 2)} == {50}
-    # 540 MB fill five runs: with six, each of two jobs has as many.
+    # 540 MB fill three runs: with four, each of two jobs has as many.
     medium = {f"m{number:02}": 27 * 10**6 for number in range(20)}
-    assert sorted(len(batch) for batch in batches(dict.fromkeys(medium, ("bag",)), medium, 2)) == [
-        3,
-        3,
-        3,
-        3,
-        4,
-        4,
-    ]
+    dealt = batches(dict.fromkeys(medium, ("bag",)), medium, 2)
+    assert [len(batch) for batch in dealt] == [5, 5, 5, 5]
     assert batches({}, {}, 2) == []
 
 
@@ -128,7 +122,8 @@ def test_a_run_without_steps_says_what_one_with_steps_does(project, monkeypatch)
     (project.parent / "bags" / BROKEN).write_bytes(b"no bag at all")
     events = []
     report, _ = build(project, monkeypatch, jobs=1, on_event=events.append)
-    with pending_work.open_project(project) as (instance, _):
+    with pending_work.open_project(project) as workspace:
+        instance = workspace.instance
         assert sorted(batch_of(run) for run in batch_runs(instance)) == [(key,) for key in KEYS]
     assert outcomes(report) == {key: "failed" if key == BROKEN else "built" for key in KEYS}
     assert sorted(event.key for event in events if event.kind == "started") == ["", *KEYS]
@@ -143,7 +138,8 @@ def test_recordings_of_a_batch_are_recorded_as_runs_of_their_own_would(project, 
     assert {key for key, _ in runs} == {*KEYS, None}
     assert outcomes(report) == dict.fromkeys(KEYS, "built")
     assert all(set(states(survey(project), key).values()) == {"fresh"} for key in KEYS)
-    with pending_work.open_project(project) as (instance, workspace):
+    with pending_work.open_project(project) as workspace:
+        instance = workspace.instance
         (run,) = batch_runs(instance)
         assert set(batch_of(run)) == {*KEYS, DATASET}
         assert run.status == dg.DagsterRunStatus.SUCCESS
@@ -163,7 +159,8 @@ def test_recordings_of_a_batch_are_recorded_as_runs_of_their_own_would(project, 
     report, runs = build(project, monkeypatch, jobs=1)
     assert {key for key, _ in runs} == set(KEYS)  # the dataset is as it was
     assert outcomes(report) == dict.fromkeys(KEYS, "hit")
-    with pending_work.open_project(project) as (instance, _):
+    with pending_work.open_project(project) as workspace:
+        instance = workspace.instance
         assert found == checks(instance, project)
         for name in names:
             one = material(instance, name)
@@ -177,7 +174,8 @@ def test_recordings_of_a_batch_are_recorded_as_runs_of_their_own_would(project, 
 def test_what_a_batch_has_made_is_told_from_what_it_found(project, monkeypatch):
     """By the log of its run, which the build has followed: no event of an asset is read for that."""
     build(project, monkeypatch, jobs=1)
-    with pending_work.open_project(project) as (instance, workspace):
+    with pending_work.open_project(project) as workspace:
+        instance = workspace.instance
         for name in ("bag", *workspace.assets.names):
             instance.wipe_assets([dg.AssetKey(name)])
     changed = project.parent / "bags" / BROKEN
@@ -194,18 +192,18 @@ def test_what_a_batch_was_checked_for_is_not_checked_again(project, monkeypatch)
     build(project, monkeypatch, jobs=1)
     real, checked = checking.check_bag, []
 
-    def check_bag(recipe, store, discovery, bag, **options):
+    def check_bag(assets, discovery, bag, **options):
         checked.append(bag.key)
-        return real(recipe, store, discovery, bag, **options)
+        return real(assets, discovery, bag, **options)
 
     def look():
-        with pending_work.open_project(project) as (instance, workspace):
-            plan, given = planner_of(instance, workspace).plan(), (workspace.recipe, workspace.store)
+        with pending_work.open_project(project) as workspace:
+            plan, assets = planner_of(workspace).plan(), workspace.assets
             checked.clear()  # planning makes quick checks
-            found = dict(checking.check_bags(*given, plan, plan.bags.values()))
+            found = dict(checking.check_bags(assets, plan, plan.bags.values()))
         asked = [*checked]
         for key, verdicts in found.items():
-            fresh = real(*given, plan.discovery, plan.bags[key])
+            fresh = real(assets, plan.discovery, plan.bags[key])
             assert json.dumps([one.as_json() for one in verdicts]) == json.dumps(
                 [one.as_json() for one in fresh]
             )
@@ -219,8 +217,8 @@ def test_what_a_batch_was_checked_for_is_not_checked_again(project, monkeypatch)
     store = Store(load_recipe(project).store_path)
     cloud = min(store.root.glob("artifacts/*/*/files/*.bin"))
     cloud.with_name("stranger").touch()
-    with pending_work.open_project(project) as (instance, workspace):
-        planner_of(instance, workspace).plan()
+    with pending_work.open_project(project) as workspace:
+        planner_of(workspace).plan()
     asked, _ = look()
     assert len(asked) == 1, "it was checked with what was there before"
 
@@ -280,7 +278,8 @@ def test_a_change_upstream_makes_those_downstream_stale_for_dagster(project, mon
     (project.parent / "bags" / KEYS[0]).unlink()
     write_drive(project.parent / "bags" / KEYS[0], "ros1", duration_s=1.5)
     build(project, monkeypatch, jobs=1, select=("bag", "inventory"))
-    with pending_work.open_project(project) as (instance, workspace):
+    with pending_work.open_project(project) as workspace:
+        instance = workspace.instance
         found = stale(instance, project, workspace.assets.names)
     assert ("frames", KEYS[0]) in found
     assert {key for _, key in found} == {KEYS[0]}
@@ -294,7 +293,8 @@ def test_one_failing_recording_fails_alone(project, monkeypatch):
     assert outcomes(report) == {key: "failed" if key == BROKEN else "built" for key in KEYS}
     assert BROKEN in report.outcomes[BROKEN].reason
     assert report.dataset == "updated"  # of the others
-    with pending_work.open_project(project) as (instance, _):
+    with pending_work.open_project(project) as workspace:
+        instance = workspace.instance
         (run,) = batch_runs(instance)
         assert run.status == dg.DagsterRunStatus.FAILURE
         assert partitions(instance, project, "frames", "made") == set(KEYS) - {BROKEN}
@@ -311,7 +311,8 @@ def test_nothing_is_failed_for_dagster_once_a_damaged_recording_is_as_before(pro
     whole = file.read_bytes()
     file.write_bytes(b"no bag at all")
     assert outcomes(build(project, monkeypatch, jobs=1)[0])[BROKEN] == "failed"
-    with pending_work.open_project(project) as (instance, workspace):
+    with pending_work.open_project(project) as workspace:
+        instance = workspace.instance
         names = workspace.assets.names
         assert partitions(instance, project, "frames", "failed") == {BROKEN}
     file.write_bytes(whole)
@@ -320,7 +321,8 @@ def test_nothing_is_failed_for_dagster_once_a_damaged_recording_is_as_before(pro
     )  # hashed, as by a server ahead of the build, so that the plan knows all results
     recording_digest(discover(recipe.bags).recordings[BROKEN], DigestIndex.of(recipe))
     assert outcomes(build(project, monkeypatch, jobs=1)[0])[BROKEN] == "hit"
-    with pending_work.open_project(project) as (instance, _):
+    with pending_work.open_project(project) as workspace:
+        instance = workspace.instance
         assert [name for name in names if partitions(instance, project, name, "failed")] == []
 
 
@@ -333,7 +335,8 @@ def test_a_recording_that_is_skipped_is_not_failed_where_another_one_is(project,
     report, _ = build(project, monkeypatch, jobs=1)
     expected = {KEYS[0]: "skipped", BROKEN: "failed"}
     assert outcomes(report) == {key: expected.get(key, "built") for key in KEYS}
-    with pending_work.open_project(project) as (instance, _):
+    with pending_work.open_project(project) as workspace:
+        instance = workspace.instance
         assert partitions(instance, project, "frames", "failed") == {BROKEN}
         # A materialization without files, or Dagster would take it as failed in a backfill.
         assert partitions(instance, project, "frames", "made") == set(KEYS) - {BROKEN}
@@ -395,7 +398,8 @@ def test_the_run_of_a_changed_recording_makes_the_dataset_too(tmp_path, monkeypa
     assert outcomes(report) == {"a.bag": "built", "b.bag": "fresh"}
     assert report.dataset == "updated"
     assert survey(recipe_file).is_settled
-    with pending_work.open_project(recipe_file) as (instance, _):
+    with pending_work.open_project(recipe_file) as workspace:
+        instance = workspace.instance
         latest = instance.get_runs(limit=1)[0]
         assert set(batch_of(latest)) == {"a.bag", DATASET}
         *in_one_run, check_runs = dataset_records(instance, recipe_file)
@@ -405,7 +409,8 @@ def test_the_run_of_a_changed_recording_makes_the_dataset_too(tmp_path, monkeypa
         instance.wipe_assets([dg.AssetKey(NUSCENES)])
     report, runs = build(recipe_file, monkeypatch, jobs=1)
     assert [key for key, _ in runs] == [None]
-    with pending_work.open_project(recipe_file) as (instance, _):
+    with pending_work.open_project(recipe_file) as workspace:
+        instance = workspace.instance
         *in_its_own, _ = dataset_records(instance, recipe_file)
         assert in_one_run == in_its_own
 
@@ -419,26 +424,28 @@ def test_a_single_recording_has_steps_and_the_dataset_a_run_only_if_it_is_large(
         monkeypatch.setattr(next_steps, "WORTH_STEPS_BYTES", 1000)
     report, _ = build(recipe_file, monkeypatch, jobs=1)
     assert (outcomes(report), report.dataset) == ({"a.bag": "built"}, "updated")
-    with pending_work.open_project(recipe_file) as (instance, _):
+    with pending_work.open_project(recipe_file) as workspace:
+        instance = workspace.instance
         batches = [set(batch_of(run)) for run in instance.get_runs()]
     assert batches == ([set(), set()] if is_large else [{"a.bag", DATASET}])
 
 
 def test_a_dataset_that_fails_beside_its_recording_is_reported_once(tmp_path, monkeypatch):
     recipe_file = make_project(tmp_path, text=RECIPE)
-    real = batch_job.make_dataset
+    real = several.make_dataset
 
-    def make_dataset(instance, workspace, plan, inputs, asset, run_id):
+    def make_dataset(workspace, plan, inputs, asset, run_id):
         if asset == NUSCENES:
             raise DatasetError("nuscenes: somebody else's folder.")
-        return real(instance, workspace, plan, inputs, asset, run_id)
+        return real(workspace, plan, inputs, asset, run_id)
 
-    monkeypatch.setattr(batch_job, "make_dataset", make_dataset)
+    monkeypatch.setattr(several, "make_dataset", make_dataset)
     report, runs = build(recipe_file, monkeypatch, jobs=1)
     assert outcomes(report) == {"a.bag": "built"}
     assert (report.dataset, report.dataset_problem) == ("failed", "nuscenes: somebody else's folder.")
     assert [key for key, _ in runs] == ["a.bag", None], "it was not tried again at once"
-    with pending_work.open_project(recipe_file) as (instance, _):
+    with pending_work.open_project(recipe_file) as workspace:
+        instance = workspace.instance
         assert instance.get_runs(limit=1)[0].status == dg.DagsterRunStatus.FAILURE
         assert instance.get_latest_materialization_event(dg.AssetKey("trajectory_map")) is not None
     report, _ = build(recipe_file, monkeypatch, jobs=1)
@@ -450,6 +457,7 @@ def test_the_failure_of_a_run_about_one_recording_is_the_sentence_about_it(tmp_p
     (tmp_path / "bags").mkdir()
     (tmp_path / "bags" / "a.bag").write_bytes(b"no bag at all")
     build(recipe_file, monkeypatch, jobs=1)
-    with pending_work.open_project(recipe_file) as (instance, _):
+    with pending_work.open_project(recipe_file) as workspace:
+        instance = workspace.instance
         (run,) = batch_runs(instance)
         assert (failure_of(instance, run) or "").startswith("a.bag: ")

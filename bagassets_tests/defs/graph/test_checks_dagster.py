@@ -4,6 +4,7 @@ import dagster as dg
 import pytest
 
 from bagassets.defs.graph.location import build_definitions
+from bagassets.defs.records.events import Records
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.records.partitions import add_partitions
 from bagassets.formats.nuscenes.dataset_checks import CHECKS as DATASET_CHECKS
@@ -24,7 +25,7 @@ def project(tmp_path_factory):
     path = folder / "recipe.yaml"
     path.write_text(RECIPE.format(name="test", root="bags"))
     with dg.DagsterInstance.ephemeral() as instance:
-        add_partitions(instance, Naming(load_recipe(path).name), KEYS)
+        add_partitions(Records(instance, Naming(load_recipe(path).name)), KEYS)
         for key in KEYS:
             assert run(path, instance, key, RECORDING_ASSETS).success
         yield path, instance

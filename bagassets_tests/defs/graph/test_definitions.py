@@ -4,6 +4,7 @@ import dagster as dg
 import pytest
 
 from bagassets.defs.graph.location import build_definitions
+from bagassets.defs.records.events import Records
 from bagassets.defs.records.instance_plan import plan_instance
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.records.partitions import add_partitions
@@ -32,7 +33,7 @@ def materialize(recipe_file, instance, key, assets=None):
 
 
 def plan_of(recipe_file, instance):
-    return plan_instance(instance, Workspace(recipe_file=str(recipe_file)))
+    return plan_instance(Workspace(recipe_file=str(recipe_file)).on(instance))
 
 
 def states(plan, key):
@@ -46,7 +47,7 @@ def materialized(result):
 def test_everything_materializes_and_is_fresh_afterwards(project):
     recipe_file, instance = project
     recipe = load_recipe(recipe_file)
-    add_partitions(instance, Naming(recipe.name), ["a.bag"])
+    add_partitions(Records(instance, Naming(recipe.name)), ["a.bag"])
     assert set(states(plan_of(recipe_file, instance), "a.bag").values()) == {"missing"}
     result = materialize(recipe_file, instance, "a.bag")
     assert result.success
@@ -68,7 +69,7 @@ def test_everything_materializes_and_is_fresh_afterwards(project):
 
 def test_materializing_again_is_a_recorded_hit(project):
     recipe_file, instance = project
-    add_partitions(instance, Naming(load_recipe(recipe_file).name), ["a.bag"])
+    add_partitions(Records(instance, Naming(load_recipe(recipe_file).name)), ["a.bag"])
     materialize(recipe_file, instance, "a.bag")
     result = materialize(recipe_file, instance, "a.bag", ["frames"])
     (event,) = [e for e in result.all_events if e.is_step_materialization]
@@ -79,7 +80,7 @@ def test_materializing_again_is_a_recorded_hit(project):
 
 def test_a_missing_upstream_fails_with_a_sentence_and_no_traceback(project):
     recipe_file, instance = project
-    add_partitions(instance, Naming(load_recipe(recipe_file).name), ["a.bag"])
+    add_partitions(Records(instance, Naming(load_recipe(recipe_file).name)), ["a.bag"])
     result = materialize(recipe_file, instance, "a.bag", ["nuscenes_tables"])
     assert not result.success
     (failure,) = [e for e in result.all_events if e.is_step_failure]
@@ -89,7 +90,7 @@ def test_a_missing_upstream_fails_with_a_sentence_and_no_traceback(project):
 def test_an_unreadable_recording_fails_alone_with_a_sentence(project):
     recipe_file, instance = project
     (recipe_file.parent / "bags" / "broken.bag").write_bytes(b"#ROSBAG V2.0\n" + b"x" * 100)
-    add_partitions(instance, Naming(load_recipe(recipe_file).name), ["a.bag", "broken.bag"])
+    add_partitions(Records(instance, Naming(load_recipe(recipe_file).name)), ["a.bag", "broken.bag"])
     assert materialize(recipe_file, instance, "a.bag", RECORDING_ASSETS).success
     result = materialize(recipe_file, instance, "broken.bag", RECORDING_ASSETS)
     (failure,) = [e for e in result.all_events if e.is_step_failure]

@@ -9,6 +9,7 @@ import pytest
 from sqlalchemy import Engine, event
 
 from bagassets.base.errors import RecordingError
+from bagassets.defs.records.events import Records
 from bagassets.defs.records.instances import open_instance
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.records.partitions import RecordingPartitions, add_partitions, recording_partitions
@@ -158,7 +159,7 @@ def test_recordings_that_another_process_registers_at_the_same_moment(project):
 
         event.listen(Engine, "before_cursor_execute", be_faster)
         try:
-            add_partitions(instance, Naming(recipe.name), keys)
+            add_partitions(Records(instance, Naming(recipe.name)), keys)
         finally:
             event.remove(Engine, "before_cursor_execute", be_faster)
         assert left == []

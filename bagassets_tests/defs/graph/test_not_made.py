@@ -55,7 +55,8 @@ def test_each_asset_of_a_broken_recording_says_why_it_was_not_made(project, monk
     report, runs = build(project, monkeypatch, jobs=1)
     assert {key for key, _ in runs} == {GOOD, BROKEN, None}
     assert report.dataset == "updated"  # of the other one
-    with pending_work.open_project(project) as (instance, workspace):
+    with pending_work.open_project(project) as workspace:
+        instance = workspace.instance
         why = observed(instance, BROKEN)
         assert {"inventory", "frames", "annotations", "nuscenes_tables"} <= why.keys()
         assert "bag" not in why  # it was read, and has a digest
@@ -70,7 +71,8 @@ def test_each_asset_of_a_broken_recording_says_why_it_was_not_made(project, monk
     (project.parent / "bags" / BROKEN).write_bytes(whole)
     build(project, monkeypatch, jobs=1)
     assert set(states(survey(project), BROKEN).values()) == {"fresh"}
-    with pending_work.open_project(project) as (instance, workspace):
+    with pending_work.open_project(project) as workspace:
+        instance = workspace.instance
         made = instance.get_latest_materialization_event(dg.AssetKey("frames"))
         assert made.asset_materialization.partition == BROKEN
         markers = stale(instance, project, workspace.assets.names)
@@ -83,7 +85,8 @@ def test_a_recording_of_a_batch_says_why_too(tmp_path, monkeypatch):
         write_drive(tmp_path / "bags" / key, "ros1", duration_s=1.0 + number / 10)
     (tmp_path / "bags" / BROKEN).write_bytes(b"no bag at all")
     build(project, monkeypatch, jobs=1)
-    with pending_work.open_project(project) as (instance, _):
+    with pending_work.open_project(project) as workspace:
+        instance = workspace.instance
         (run,) = batch_runs(instance)
         why = observed(instance, BROKEN)
         assert why["nuscenes_tables"] == f"inventory failed: {why['inventory']}"
@@ -119,7 +122,8 @@ def test_the_cause_is_named_however_many_recordings_there_are(tmp_path, monkeypa
         path = tmp_path / "bags" / key
         write_drive(path, "ros1", 1.0 + number / 10, keep=lambda topic, _, lost=lost: topic != lost)
     report, _ = build(project, monkeypatch, jobs=1)
-    with pending_work.open_project(project) as (instance, workspace):
+    with pending_work.open_project(project) as workspace:
+        instance = workspace.instance
         assert bool(batch_runs(instance)) == (len(lacking) != 2)
         for key, lost in keys.items():
             if lost not in CAUSES:
@@ -132,7 +136,7 @@ def test_the_cause_is_named_however_many_recordings_there_are(tmp_path, monkeypa
             assert cause in why[asset]
             assert why["nuscenes_tables"] == f"{asset} failed: {why[asset]}"
             # So does one that is materialized alone, as in the web UI.
-            recorder = Recorder(instance, workspace, key)
+            recorder = Recorder(workspace, key)
             with pytest.raises(BuildFailure) as failure:
                 list(make_recording(recorder, workspace.recording(key), {"nuscenes_tables"}))
             said = str(failure.value)
@@ -153,7 +157,8 @@ def test_an_error_that_nobody_expected_stands_there_too(project, monkeypatch):
 
     monkeypatch.setattr(making, "Graph", fail)
     build(project, monkeypatch, jobs=1)
-    with pending_work.open_project(project) as (instance, _):
+    with pending_work.open_project(project) as workspace:
+        instance = workspace.instance
         assert not batch_runs(instance)
         why = observed(instance, GOOD)
     assert set(why.values()) == {"ZeroDivisionError: by chance"}
@@ -163,16 +168,18 @@ def test_an_error_that_nobody_expected_stands_there_too(project, monkeypatch):
 
 def test_recordings_that_are_made_have_no_observation(project, monkeypatch):
     build(project, monkeypatch, jobs=1)
-    with pending_work.open_project(project) as (instance, _):
+    with pending_work.open_project(project) as workspace:
+        instance = workspace.instance
         found = events(instance)
     assert found
     assert not [e for e in found if e.dagster_event_type == dg.DagsterEventType.ASSET_OBSERVATION]
 
 
 def test_an_asset_says_which_one_above_it_failed_and_one_beside_it_the_whole(project):
-    with pending_work.open_project(project) as (instance, workspace):
+    with pending_work.open_project(project) as workspace:
+        instance = workspace.instance
         failure = BuildFailure({"frames": RecordingError("a.bag: /cam: no image.")}, project)
-        recorder = Recorder(instance, workspace, "a.bag")
+        recorder = Recorder(workspace, "a.bag")
         with pytest.raises(BuildFailure), recorder.giving_up({"frames", "nuscenes_tables", "annotations"}):
             raise failure
         said = observed(instance, "a.bag")

@@ -87,7 +87,7 @@ def test_a_recording_that_changes_after_it_was_hashed_is_left_out(project, tmp_p
     graph = making.Graph
 
     def change_first(*args, **options):
-        if args[2].path == path:
+        if args[1].path == path:
             shutil.copy(tmp_path / "newest.bag", path)
         return graph(*args, **options)
 

@@ -15,6 +15,7 @@ from dagster._core.loader import LoadingContextForTest
 from dagster._core.workspace.load import location_origins_from_yaml_paths
 
 from bagassets import defs
+from bagassets.defs.records.events import Records
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.records.partitions import add_partitions, remove_partitions
 from bagassets.propose.project import dagster_files, write_project
@@ -44,7 +45,7 @@ class Project:
 
     def add(self, key, duration_s=1.0):
         write_drive(self.recordings / key, "ros1", duration_s=duration_s)
-        add_partitions(self.instance, Naming(self.recipe.name), [key])
+        add_partitions(Records(self.instance, Naming(self.recipe.name)), [key])
 
     def run(self, assets, key=None, ok=True):
         result = self.definitions.resolve_implicit_global_asset_job_def().execute_in_process(
@@ -225,14 +226,14 @@ def test_the_report_follows_recordings_that_change_come_and_go(project):
     cursor, asked = tick(cursor)
     assert asked == 1
     assert tick(cursor) == (cursor, 0)
-    remove_partitions(project.instance, Naming(project.recipe.name), ["b.bag"])
+    remove_partitions(Records(project.instance, Naming(project.recipe.name)), ["b.bag"])
     cursor, asked = tick(cursor)
     assert asked == 1
     active = project.instance.create_run_for_job(
         project.definitions.resolve_implicit_global_asset_job_def(),
         asset_selection=frozenset({dg.AssetKey("quality_report")}),
     )
-    add_partitions(project.instance, Naming(project.recipe.name), ["b.bag"])
+    add_partitions(Records(project.instance, Naming(project.recipe.name)), ["b.bag"])
     assert tick(cursor) == (cursor, 0)  # it runs already
     project.instance.report_run_canceled(active)
     assert tick(cursor)[1] == 1
@@ -244,7 +245,7 @@ def test_a_recording_that_was_removed_leaves_the_report(project):
     for key in ("a.bag", "b.bag"):
         project.run([*OURS, "image_quality"], key)
     assert metadata(project.run(["quality_report"]), "quality_report")["recordings"] == 2
-    remove_partitions(project.instance, Naming(project.recipe.name), ["b.bag"])
+    remove_partitions(Records(project.instance, Naming(project.recipe.name)), ["b.bag"])
     assert metadata(project.run(["quality_report"]), "quality_report")["recordings"] == 1
 
 

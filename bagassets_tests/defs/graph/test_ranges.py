@@ -16,7 +16,7 @@ from bagassets.defs.graph.sensor_cursor import Cursor
 from bagassets.defs.graph.sensor_scan import Scan
 from bagassets.defs.graph.steps import per_recording
 from bagassets.defs.records.batches import recordings_of
-from bagassets.defs.records.events import last_failure
+from bagassets.defs.records.events import Records
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.records.partitions import active_runs, add_partitions
 from bagassets.defs.runs.exclusive import exclusive
@@ -41,8 +41,9 @@ def make(folder):
     recipe_file = make_project(folder, ())
     for number, key in enumerate(KEYS):
         write_drive(folder / "bags" / key, "ros1", duration_s=1.0 + 0.1 * number)
-    with open_project(recipe_file) as (instance, _):
-        add_partitions(instance, NAMES, KEYS)
+    with open_project(recipe_file) as workspace:
+        instance = workspace.instance
+        add_partitions(Records(instance, NAMES), KEYS)
     return recipe_file
 
 
@@ -91,11 +92,12 @@ def test_backfills_share_runs_where_a_fork_server_executes_them(project, monkeyp
 
 
 def test_a_run_of_a_range_makes_what_is_registered_from_one_to_the_other_and_nothing_else(project):
-    with open_project(project) as (instance, _):
+    with open_project(project) as workspace:
+        instance = workspace.instance
         run = materialize(instance, "a.bag", "c.bag")
         assert run.status == dg.DagsterRunStatus.SUCCESS
         assert shown(instance, "nuscenes_tables", project) == {"made": {"a.bag", "c.bag"}, "failed": set()}
-        assert recordings_of(instance, NAMES)(run) == ("a.bag", "c.bag")
+        assert recordings_of(Records(instance, NAMES))(run) == ("a.bag", "c.bag")
     assert set(states(survey(project), "a.bag").values()) == {"fresh"}
     assert states(survey(project), "d.bag")["bag"] == "missing"
 
@@ -113,12 +115,13 @@ def test_one_that_fails_is_red_alone_and_one_that_is_skipped_has_no_red_check(pr
     text = project.read_text().replace("settle_s: 0", "settle_s: 0, min_duration_s: 1.05")
     project.write_text(text)  # d.bag is too short
     load_definitions(project)
-    with open_project(project) as (instance, _):
+    with open_project(project) as workspace:
+        instance = workspace.instance
         run = materialize(instance, "d.bag", "b.bag")
         assert run.status == dg.DagsterRunStatus.FAILURE
         made = {"b.bag", "c.bag", "d.bag"}
         assert shown(instance, "nuscenes_tables", project) == {"made": made, "failed": {"a.bag"}}
-        assert "a.bag" in last_failure(instance, NAMES, "nuscenes_tables", "a.bag")
+        assert "a.bag" in Records(instance, NAMES).last_failure("nuscenes_tables", "a.bag")
         # What was planned and not made in a run that failed is red.
         assert checks(instance, project, "a.bag") == {"PLANNED"}
         assert checks(instance, project, "b.bag") == {"SUCCEEDED"}
@@ -140,9 +143,11 @@ def test_a_check_that_did_not_pass_is_red_no_more_once_its_recording_is_skipped(
         if door == "command":
             build(project, monkeypatch)
         else:
-            with open_project(project) as (instance, _):
+            with open_project(project) as workspace:
+                instance = workspace.instance
                 materialize(instance, "d.bag", "b.bag")
-        with open_project(project) as (instance, _):
+        with open_project(project) as workspace:
+            instance = workspace.instance
             return {key: checks(instance, project, key) for key in KEYS}
 
     some_red = {key: {"SUCCEEDED", "FAILED"} for key in KEYS}
@@ -155,7 +160,8 @@ def test_a_check_that_did_not_pass_is_red_no_more_once_its_recording_is_skipped(
 def test_some_assets_of_some_recordings(project, monkeypatch):
     """A step that reads nothing of the first one has nothing left to do."""
     build(project, monkeypatch)
-    with open_project(project) as (instance, _):
+    with open_project(project) as workspace:
+        instance = workspace.instance
         run = materialize(instance, "d.bag", "b.bag", "key:bag or key:nuscenes_tables")
         assert run.status == dg.DagsterRunStatus.SUCCESS
         made = instance.all_logs(run.run_id, of_type=dg.DagsterEventType.ASSET_MATERIALIZATION)
@@ -168,17 +174,19 @@ def test_some_assets_of_some_recordings(project, monkeypatch):
 
 
 def test_a_run_that_has_not_ended_is_about_all_of_its_range(project):
-    with open_project(project) as (instance, workspace):
+    with open_project(project) as workspace:
+        instance = workspace.instance
         run_id = create(instance, "a.bag", "b.bag")
-        assert active_runs(instance, NAMES, ()) == {run_id: ("a.bag", "c.bag", "b.bag")}
-        assert active_runs(instance, Naming("test", ("other",)), ()) == {}
-        scan = Scan(instance, workspace, Cursor())
+        assert active_runs(Records(instance, NAMES), ()) == {run_id: ("a.bag", "c.bag", "b.bag")}
+        assert active_runs(Records(instance, Naming("test", ("other",))), ()) == {}
+        scan = Scan(workspace, Cursor())
         assert [request.partition_key for request in scan.scan(1e9)] == ["d.bag"]
 
 
 def test_what_was_asked_for_and_cancelled_as_a_range_is_not_asked_for_again(project):
-    with open_project(project) as (instance, workspace):
-        scan = Scan(instance, workspace, Cursor())
+    with open_project(project) as workspace:
+        instance = workspace.instance
+        scan = Scan(workspace, Cursor())
         assert len(scan.scan(1e9)) == 1
         run_id = create(instance, "d.bag", "b.bag")
         instance.report_run_canceled(instance.get_run_by_id(run_id))
@@ -187,21 +195,23 @@ def test_what_was_asked_for_and_cancelled_as_a_range_is_not_asked_for_again(proj
 
 def test_runs_of_ranges_are_superseded_as_others_are(project):
     recipe = load_recipe(project)
-    with open_project(project) as (instance, _):
+    with open_project(project) as workspace:
+        instance = workspace.instance
         first, second = (materialize(instance, "d.bag", "b.bag").run_id for _ in range(2))
         third = materialize(instance, "d.bag", "a.bag").run_id
-        assert superseded_runs(instance, recipe, NAMES, time.time() + 1) == [first]
+        assert superseded_runs(Records(instance, NAMES), recipe, time.time() + 1) == [first]
         fourth = materialize(instance, "d.bag", "b.bag").run_id
-        found = superseded_runs(instance, recipe, NAMES, time.time() + 1)
+        found = superseded_runs(Records(instance, NAMES), recipe, time.time() + 1)
         assert found == [third, second, first]
         assert fourth not in found
 
 
 def test_a_range_whose_end_is_gone_is_about_its_ends(project):
-    with open_project(project) as (instance, _):
+    with open_project(project) as workspace:
+        instance = workspace.instance
         run = instance.get_run_by_id(create(instance, "d.bag", "c.bag"))
         instance.delete_dynamic_partition(NAMES.partitions, "c.bag")
-        assert recordings_of(instance, NAMES)(run) == ("d.bag", "c.bag")
+        assert recordings_of(Records(instance, NAMES))(run) == ("d.bag", "c.bag")
 
 
 def test_assets_of_others_with_the_same_policy_are_refused(project):
@@ -211,7 +221,8 @@ def test_assets_of_others_with_the_same_policy_are_refused(project):
 
     definitions = dg.Definitions.merge(build_definitions(project), dg.Definitions(assets=[mine]))
     job = definitions.resolve_implicit_global_asset_job_def()
-    with open_project(project) as (instance, _):
+    with open_project(project) as workspace:
+        instance = workspace.instance
         selection = dg.AssetSelection.from_string("group:recording or key:mine").resolve(
             job.asset_layer.asset_graph
         )
@@ -233,7 +244,8 @@ def test_assets_of_others_with_the_same_policy_are_refused(project):
 def worker(project, first="d.bag", last="b.bag"):
     """Have a worker of the fork server execute a run of a range; yield instance, client and the id of the run."""
     spec = server_spec(load_recipe(project).state, project)
-    with open_project(project) as (instance, _), Client.ensure(spec) as client:
+    with open_project(project) as workspace, Client.ensure(spec) as client:
+        instance = workspace.instance
         run_id = create(instance, first, last)
         submit_run(client, str(project.parent), run_id)
         yield instance, client, run_id
@@ -280,7 +292,7 @@ def test_they_end_with_a_run_that_is_cancelled(project, monkeypatch):
         client.cancel(job["job"])
         assert client.wait(60)["result"] == "CANCELED"
         eventually(lambda: not parts(client), "nobody is at work")
-        assert active_runs(instance, NAMES, ()) == {}
+        assert active_runs(Records(instance, NAMES), ()) == {}
     report, _ = build(project, monkeypatch)
     assert {key: one.result for key, one in report.outcomes.items()} == {
         key: "built" if key == "a.bag" else "fresh" for key in KEYS

@@ -19,7 +19,7 @@ from bagassets.defs.graph import sensor, sensor_scan
 from bagassets.defs.graph.location import build_definitions
 from bagassets.defs.graph.sensor_cursor import Cursor
 from bagassets.defs.graph.sensor_scan import RULES, Scan
-from bagassets.defs.records.events import event_database, live_partitions
+from bagassets.defs.records.events import Records, event_database
 from bagassets.defs.records.instances import open_instance
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.records.partitions import add_partitions
@@ -132,12 +132,12 @@ class Project:
 
     @property
     def live(self):
-        return live_partitions(self.instance, Naming(self.recipe.name))
+        return Records(self.instance, Naming(self.recipe.name)).live()
 
     def scan(self, after_s=1.0):
         """Scan anew, as a tick does; return the runs asked for as key -> request."""
         self.now_s += after_s
-        scan = Scan(self.instance, Workspace(recipe_file=str(self.recipe_file)), self.cursor)
+        scan = Scan(Workspace(recipe_file=str(self.recipe_file)).on(self.instance), self.cursor)
         requests = scan.scan(self.now_s)
         self.cursor = Cursor.parse(self.cursor.text())
         return {request.partition_key or "": request for request in requests}
@@ -383,7 +383,7 @@ def test_a_run_that_somebody_cancelled_is_not_asked_for_again(project):
 def scan_all(project, after_s=1.0):
     """Scan anew; return all requests."""
     project.now_s += after_s
-    scan = Scan(project.instance, Workspace(recipe_file=str(project.recipe_file)), project.cursor)
+    scan = Scan(Workspace(recipe_file=str(project.recipe_file)).on(project.instance), project.cursor)
     return scan.scan(project.now_s)
 
 
@@ -560,7 +560,7 @@ def left_behind(tmp_path, monkeypatch):
     load_definitions(recipe_file)
     with open_instance(str(tmp_path)) as instance:
         recipe = load_recipe(recipe_file)
-        add_partitions(instance, Naming(recipe.name), ["a.bag"])
+        add_partitions(Records(instance, Naming(recipe.name)), ["a.bag"])
         run_id = create_run(instance, ["bag", *recording_assets(recipe).names], partition_key="a.bag")
         starting = DagsterEvent(DagsterEventType.PIPELINE_STARTING.value, "__ASSET_JOB", message="to start")
         instance.report_dagster_event(starting, run_id)
@@ -577,7 +577,7 @@ def make_old(instance, run_id):
 
 def test_a_run_left_behind_no_longer_keeps_the_sensor_from_asking(left_behind):
     recipe_file, instance, run_id = left_behind
-    scan = Scan(instance, Workspace(recipe_file=str(recipe_file)), Cursor())
+    scan = Scan(Workspace(recipe_file=str(recipe_file)).on(instance), Cursor())
     assert [scan.scan(T0_S + second) for second in (0, 1)] == [[], []], "it may be starting"
     make_old(instance, run_id)
     (request,) = scan.scan(T0_S + 2)

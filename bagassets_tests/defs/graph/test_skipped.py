@@ -11,7 +11,7 @@ from bagassets.defs.graph import making
 from bagassets.defs.graph.own_assets import Versions
 from bagassets.defs.graph.sensor_cursor import Cursor
 from bagassets.defs.graph.steps import all_recordings, skipped
-from bagassets.defs.records.events import recorded_partition
+from bagassets.defs.records.events import Records
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.records.workspace import Workspace
 from bagassets.engine.execute import Skipped
@@ -48,11 +48,11 @@ def workspace(project):
 
 
 def records(project, key=SHORT):
-    return {name: recorded_partition(project.instance, Naming("test"), name, key) for name in BELOW}
+    return {name: Records(project.instance, Naming("test")).of(name, key) for name in BELOW}
 
 
 def states(project, key=SHORT):
-    pending = find_pending_work(project.instance, workspace(project))
+    pending = find_pending_work(workspace(project).on(project.instance))
     return {pending.plan.bags[key].assets[name].state for name in BELOW}
 
 
@@ -80,7 +80,7 @@ def test_it_is_recorded_as_skipped_and_made_once_it_takes_part(project):
 
     edit(project, "min_duration_s: 1.2", "min_duration_s: 0.1")
     assert states(project) == {"unknown"}  # waits for the calibration, which was skipped before
-    inputs = find_pending_work(project.instance, workspace(project)).inputs
+    inputs = find_pending_work(workspace(project).on(project.instance)).inputs
     assert [part.key for part in inputs.parts["nuscenes"]] == [LONG]  # until there is something of it
     project.build_project()
     assert not any(record.is_skip for record in records(project).values())
@@ -143,5 +143,5 @@ def test_steps_of_ones_own_pass_it_on_and_leave_it_out(project):
     }
     # A step about all recordings does not become stale because one of them is skipped.
     made = records(project, LONG)["frames"].data_version
-    of_all = Versions(project.instance, Naming("test")).of(Read("frames", "all"), "")
+    of_all = Versions(Records(project.instance, Naming("test"))).of(Read("frames", "all"), "")
     assert of_all == digest_json({LONG: made})

@@ -34,7 +34,8 @@ def made(tmp_path_factory):
         recipe.write("checks: {poses_cover_sensors: {max_speed_mps: 0.5}}\n")
     with pytest.MonkeyPatch.context() as patch:
         build(project, patch, jobs=1)
-        with pending_work.open_project(project) as (instance, workspace):
+        with pending_work.open_project(project) as workspace:
+            instance = workspace.instance
             yield project, instance, workspace
 
 
@@ -104,9 +105,9 @@ def test_the_report_is_there_as_soon_as_its_link_is(made, monkeypatch):
 
 def test_the_report_has_what_checks_found_when_they_ran(made):
     _, instance, workspace = made
-    planned = plan_instance(instance, workspace)
-    verdicts = list(check_bag(workspace.recipe, workspace.store, planned.discovery, planned.bags[KEY]))
-    problems, passed = (of[KEY] for of in findings_on_record(instance, workspace))
+    planned = plan_instance(workspace.on(instance))
+    verdicts = list(check_bag(workspace.assets, planned.discovery, planned.bags[KEY]))
+    problems, passed = (of[KEY] for of in findings_on_record(workspace.on(instance)))
     failed = [one for one in verdicts if not one.finding.passed]
     assert passed == len(verdicts) - len(failed)
     assert sorted(map(astuple, problems)) == sorted(
@@ -118,16 +119,16 @@ def test_the_report_has_what_checks_found_when_they_ran(made):
 
 def test_where_there_is_no_report_there_is_no_link(made, monkeypatch):
     _, instance, workspace = made
-    planned = plan_instance(instance, workspace)
+    planned = plan_instance(workspace.on(instance))
     with monkeypatch.context() as patch:
         patch.setattr(dataset, "MOST_REPORTED", 1)
-        said = dataset.write_report(instance, workspace, planned).value
+        said = dataset.write_report(workspace.on(instance), planned).value
         assert said == "`bagassets report` writes it (more than 1 recordings)"
     place = report_path(workspace.recipe)
     content = place.read_text()
     place.unlink()
     place.mkdir()
-    said = dataset.write_report(instance, workspace, planned).value
+    said = dataset.write_report(workspace.on(instance), planned).value
     assert "could not be written" in said
     assert "](" not in said
     place.rmdir()

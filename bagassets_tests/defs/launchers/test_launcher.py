@@ -24,6 +24,7 @@ from dagster._daemon.run_coordinator.queued_run_coordinator_daemon import Queued
 from dagster_graphql.test.utils import execute_dagster_graphql
 
 from bagassets.defs.launchers.launcher import BagAssetsRunLauncher
+from bagassets.defs.records.events import Records
 from bagassets.defs.records.instances import open_instance
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.runs.execution import CodeLocation, create_run
@@ -244,7 +245,7 @@ def test_a_tag_copied_from_the_parent_means_nothing(instance):
 
 def test_a_run_of_the_build_can_be_executed_again_in_the_web_ui(workspace, instance, place):
     with RunPool(
-        instance, Naming("test"), 1, lambda _event: None, place / "code-server.log", LOCATION
+        Records(instance, Naming("test")), 1, lambda _event: None, place / "code-server.log", LOCATION
     ) as runs:
         runs.work([{"": ("whole",)}])
     assert runs.ended[""].problem is None

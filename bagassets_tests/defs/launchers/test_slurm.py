@@ -17,6 +17,7 @@ import small_definitions
 from bagassets.defs.launchers.slurm import commands as slurm_commands
 from bagassets.defs.launchers.slurm.launcher import SlurmRunLauncher
 from bagassets.defs.launchers.slurm.spool import Spool
+from bagassets.defs.records.events import Records
 from bagassets.defs.records.instances import open_instance
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.runs.execution import CodeLocation, create_run
@@ -64,7 +65,7 @@ def make_instance(tmp_path):
 def launch(instance, key, *assets, **tags):
     run_id = create_run(instance, assets, partition_key=key or None, location=LOCATION, tags=tags)
     with RunPool(
-        instance, Naming("test"), 1, lambda _: None, Path(instance.root_directory) / "log", LOCATION
+        Records(instance, Naming("test")), 1, lambda _: None, Path(instance.root_directory) / "log", LOCATION
     ) as pool:
         instance.launch_run(run_id, pool._workspace.for_launcher())
     return run_id
@@ -93,7 +94,7 @@ def messages(instance, run_id):
 def test_runs_share_a_job_and_say_where_they_were(make_instance, slurm, steering):
     instance = make_instance(gather_s=4.0)  # a busy machine takes its time between two launches
     events = []
-    with RunPool(instance, Naming("test"), 5, events.append, steering / "log", LOCATION) as runs:
+    with RunPool(Records(instance, Naming("test")), 5, events.append, steering / "log", LOCATION) as runs:
         runs.work([{"drive": ("first", "second")}, {"walk": ("broken",)}, {"": ("whole",)}])
     assert {key: one.problem for key, one in runs.ended.items()} == {
         "drive": None,
@@ -289,7 +290,7 @@ def test_who_launches_many_runs_does_not_wait_for_slurm(make_instance, slurm, mo
     instance.add_dynamic_partitions(small_definitions.recordings.name, keys)
     run_ids = [create_run(instance, ["first"], partition_key=key, location=LOCATION) for key in keys]
     with RunPool(
-        instance, Naming("test"), 1, lambda _: None, Path(instance.root_directory) / "log", LOCATION
+        Records(instance, Naming("test")), 1, lambda _: None, Path(instance.root_directory) / "log", LOCATION
     ) as pool:
         workspace = pool._workspace.for_launcher()
         for run_id in run_ids:

@@ -8,7 +8,7 @@ from dagster._core.events import DagsterEvent, StepMaterializationData
 
 from bagassets.base.errors import RunEndedError
 from bagassets.base.lock_files import LockFile
-from bagassets.defs.records.events import recorded_partition, recorded_states
+from bagassets.defs.records.events import Records
 from bagassets.defs.records.fence import Fence
 from bagassets.defs.records.instances import open_instance
 from bagassets.defs.records.naming import Naming
@@ -43,10 +43,10 @@ def test_what_a_run_records_after_its_end_does_not_count(project, monkeypatch, e
         report = instance.report_run_failed if ended == "FAILURE" else instance.report_run_canceled
         report(run, "Its node failed.")
         time.sleep(0.01)
-        assert recorded_partition(instance, Naming("test"), "ego_poses", "a.bag") is not None
+        assert Records(instance, Naming("test")).of("ego_poses", "a.bag") is not None
         recorded_late(instance, run, "ego_poses")
-        assert recorded_partition(instance, Naming("test"), "ego_poses", "a.bag") is None
-        assert recorded_states(instance, Naming("test"), ["ego_poses"])["ego_poses"] == {}
+        assert Records(instance, Naming("test")).of("ego_poses", "a.bag") is None
+        assert Records(instance, Naming("test")).states(["ego_poses"])["ego_poses"] == {}
     pending = survey(project)
     assert states(pending, "a.bag")["ego_poses"] in {"missing", "record-only"}
     report, _ = build(project, monkeypatch)

@@ -6,6 +6,7 @@ import dagster as dg
 import pytest
 from sqlalchemy import Engine, event
 
+from bagassets.defs.records.events import Records
 from bagassets.defs.records.instances import open_instance
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.records.partitions import add_partitions, remove_partitions
@@ -55,24 +56,24 @@ def partitions(instance, names=NAMES):
 
 def test_many_come_and_go_in_a_few_statements(instance):
     with counted() as statements:
-        add_partitions(instance, NAMES, KEYS)
+        add_partitions(Records(instance, NAMES), KEYS)
     assert len(statements) < 60
-    add_partitions(instance, OTHERS, KEYS[:2])
+    add_partitions(Records(instance, OTHERS), KEYS[:2])
     assert partitions(instance) == KEYS
     with counted() as statements:
-        remove_partitions(instance, NAMES, KEYS[1:])
+        remove_partitions(Records(instance, NAMES), KEYS[1:])
     assert len(statements) < 60
     assert partitions(instance) == KEYS[:1]
     assert partitions(instance, OTHERS) == KEYS[:2], "those of another project stay"
     with counted() as statements:
-        remove_partitions(instance, NAMES, [])
+        remove_partitions(Records(instance, NAMES), [])
     assert statements == []
 
 
 def test_runs_of_what_is_removed_are_cancelled_and_others_are_not(instance, monkeypatch):
     cancelled = []
     monkeypatch.setattr(type(instance.run_launcher), "terminate", lambda _, run_id: cancelled.append(run_id))
-    add_partitions(instance, NAMES, KEYS[:3])
+    add_partitions(Records(instance, NAMES), KEYS[:3])
     runs = [
         instance.create_run_for_job(
             one_job,
@@ -82,5 +83,5 @@ def test_runs_of_what_is_removed_are_cancelled_and_others_are_not(instance, monk
         ).run_id
         for key in KEYS[:3]
     ]
-    remove_partitions(instance, NAMES, KEYS[:2])
+    remove_partitions(Records(instance, NAMES), KEYS[:2])
     assert sorted(cancelled) == sorted(runs[:2])

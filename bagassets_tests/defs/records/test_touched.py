@@ -12,16 +12,16 @@ from bagassets.base.errors import ChangedWhileReadError
 from bagassets.defs.builds import pending_work
 from bagassets.defs.graph.location import build_definitions
 from bagassets.defs.records import instance_plan, touched
-from bagassets.defs.records.events import DATA_VERSION, MADE_ALONG, STAT
+from bagassets.defs.records.events import DATA_VERSION, MADE_ALONG, STAT, Records
 from bagassets.engine import planner
 from bagassets.engine.choose import SelectionError
 from bagassets.engine.first_pass import first_pass
 from bagassets.engine.freshness.plan_cache import PlanCache
+from bagassets.formats.catalogue import recording_assets
 from bagassets.recipe import load_recipe
 from bagassets.recordings import digest
 from bagassets.recordings.digest import DigestIndex
 from bagassets.recordings.discover import discover
-from bagassets.store.store import Store
 from bagassets_tests.in_process import build, make_project, states, survey
 from bagassets_tests.small_drive import write_drive
 
@@ -63,7 +63,8 @@ def change(recipe_file, key):
 
 def records(recipe_file, key):
     """Return the records of `bag`, latest first."""
-    with pending_work.open_project(recipe_file) as (instance, _):
+    with pending_work.open_project(recipe_file) as workspace:
+        instance = workspace.instance
         wanted = dg.AssetRecordsFilter(asset_key=dg.AssetKey("bag"), asset_partitions=[key])
         return instance.fetch_materializations(wanted, limit=100).records
 
@@ -101,7 +102,8 @@ def test_dagster_calls_nothing_stale(built, monkeypatch):
     touch(built, "a.bag")
     build(built, monkeypatch)
     graph = build_definitions(built).resolve_asset_graph()
-    with pending_work.open_project(built) as (instance, _):
+    with pending_work.open_project(built) as workspace:
+        instance = workspace.instance
         resolver = CachingStaleStatusResolver(instance, graph, LoadingContextForTest(instance))
         found = {
             (key.to_user_string(), part): resolver.get_status(key, part)
@@ -194,7 +196,7 @@ def test_one_that_is_hashed_ahead_of_the_build_is_not_hashed_again(built, monkey
 
     def ahead():
         stat = digest.recording_stat(recording)
-        first_pass(recipe, Store(recipe.store_path), recording, stat, DigestIndex.of(recipe))
+        first_pass(recording_assets(recipe), recording, stat)
 
     monkeypatch.setattr(digest, "digest_file", noted)
     other = threading.Thread(target=ahead)
@@ -208,14 +210,14 @@ def test_one_that_is_hashed_ahead_of_the_build_is_not_hashed_again(built, monkey
 
 def test_of_all_records_only_that_of_bag_is_fetched_and_nothing_else_is_looked_into(built, monkeypatch):
     touch(built, "a.bag")
-    asked, real = [], instance_plan.fetch_recorded
+    asked, real = [], Records.fetch
 
-    def noted(instance, names, ids, keys):
+    def noted(records, ids, keys):
         keys = list(keys)
         asked.append({asset for asset, by_key in ids.items() for key in keys if key in by_key})
-        return real(instance, names, ids, keys)
+        return real(records, ids, keys)
 
-    monkeypatch.setattr(instance_plan, "fetch_recorded", noted)
+    monkeypatch.setattr(Records, "fetch", noted)
     monkeypatch.setattr(planner, "plan_recording", None)
     build(built, monkeypatch)
     assert asked == [{"bag"}, {"bag"}]
@@ -229,7 +231,8 @@ def test_what_else_changed_meanwhile_is_looked_into(built, monkeypatch, change_o
         text = built.read_text()
         built.write_text(text + "# another text\n")
     else:
-        with pending_work.open_project(built) as (instance, _):
+        with pending_work.open_project(built) as workspace:
+            instance = workspace.instance
             instance.report_runless_asset_event(
                 dg.AssetMaterialization("inventory", partition="a.bag", tags={DATA_VERSION: "0" * 64})
             )
@@ -260,11 +263,11 @@ def test_the_plan_is_the_same_as_one_that_remembers_nothing(built, monkeypatch):
         return real(graph)
 
     monkeypatch.setattr(planner, "plan_recording", noted)
-    with pending_work.open_project(built) as (instance, workspace):
-        remembered = instance_plan.plan_instance(instance, workspace)
+    with pending_work.open_project(built) as workspace:
+        remembered = instance_plan.plan_instance(workspace)
         assert looked == []
         monkeypatch.setattr(PlanCache, "load", lambda _self: {})
-        whole = instance_plan.plan_instance(instance, workspace)
+        whole = instance_plan.plan_instance(workspace)
     assert sorted(looked) == sorted(KEYS)
     assert remembered == whole
 
@@ -295,11 +298,11 @@ def test_an_interrupt_ends_the_reading_and_what_had_been_read_is_on_record(built
 
     monkeypatch.setattr(digest, "digest_file", slow_for_one)
     before = {key: len(records(built, key)) for key in ("a.bag", "b.mcap")}
-    with pending_work.open_project(built) as (instance, workspace):
-        looking = instance_plan.planner_of(instance, workspace)
+    with pending_work.open_project(built) as workspace:
+        looking = instance_plan.planner_of(workspace)
         found = {looking.discovery.recordings[key]: one for key, one in looking.touched().items()}
         with pytest.raises(KeyboardInterrupt):
-            touched.record_touched(instance, workspace, found, 2, listener)
+            touched.record_touched(workspace, found, 2, listener)
     (event,) = asked
     assert event.kind == "reading"
     assert event.message.startswith("Reading 2 recordings whose time changed, ")

@@ -9,6 +9,7 @@ import dagster as dg
 import pytest
 
 from bagassets.defs import build_definitions
+from bagassets.defs.records.events import Records
 from bagassets.defs.records.instances import open_instance
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.records.partitions import add_partitions
@@ -131,7 +132,7 @@ def test_a_step_in_a_process_of_its_own_records_what_one_process_does(place):
                    "--select", 'key:"north/*"', "--partition", KEY)  # fmt: skip
     assert len(processes(many)) > 2
     with open_instance(str(place / "home")) as instance:
-        add_partitions(instance, Naming("drives", ("south",)), [KEY])
+        add_partitions(Records(instance, Naming("drives", ("south",))), [KEY])
     one = dagster(place, "job", "execute", "-m", "two_drives", "-j", "south__recordings_and_datasets",
                   "--tags", f'{{"dagster/partition": "{KEY}"}}')  # fmt: skip
     assert len(processes(one)) == 1
@@ -148,9 +149,9 @@ def test_our_launcher_executes_runs_whose_steps_are_processes(place, monkeypatch
     names = Naming("drives", ("north",))
     location = CodeLocation("two_drives", working_directory=str(place))
     with open_instance(str(place / "home")) as instance:
-        add_partitions(instance, names, [KEY])
+        add_partitions(Records(instance, names), [KEY])
         log = place / "code-server.log"
-        with RunPool(instance, names, 1, lambda _: None, log, location, key_of=names.key) as runs:
+        with RunPool(Records(instance, names), 1, lambda _: None, log, location, key_of=names.key) as runs:
             runs.work([{KEY: ("bag", "inventory")}])
         assert runs.ended[KEY].problem is None
         run = instance.get_run_by_id(runs.ended[KEY].run_id)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import dagster as dg
 import pytest
 
+from bagassets.defs.records.events import Records
 from bagassets.defs.records.instances import open_instance
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.runs.launching import (
@@ -76,7 +77,7 @@ def test_one_that_says_nothing_gets_the_defaults(tmp_path, launcher, said):
 def test_a_pool_of_runs_asks_it(tmp_path, launcher, jobs):
     with (
         open_instance(str(write_home(tmp_path, launcher))) as instance,
-        RunPool(instance, Naming("test"), 3, lambda _: None, tmp_path / "log") as runs,
+        RunPool(Records(instance, Naming("test")), 3, lambda _: None, tmp_path / "log") as runs,
     ):
         assert runs.jobs == jobs
 

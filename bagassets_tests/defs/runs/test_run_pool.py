@@ -13,6 +13,7 @@ import small_definitions
 from dagster._core.launcher import RunLauncher
 from dagster._serdes import ConfigurableClass
 
+from bagassets.defs.records.events import Records
 from bagassets.defs.records.instances import open_instance
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.runs.execution import CodeLocation
@@ -98,7 +99,11 @@ def follow(instance, todo, jobs=2):
     events = []
     log = Path(instance.root_directory) / "code-server.log"
     with RunPool(
-        instance, Naming("test"), jobs, lambda event: events.append((event.kind, event.key)), log, LOCATION
+        Records(instance, Naming("test")),
+        jobs,
+        lambda event: events.append((event.kind, event.key)),
+        log,
+        LOCATION,
     ) as runs:
         runs.work([{key: assets} for key, assets in todo.items()])
     return runs, events
@@ -163,7 +168,9 @@ def test_an_interrupt_is_not_lost_where_exceptions_are_ignored(instance, steerin
             Interrupting()
 
     (steering / "hold").touch()
-    with RunPool(instance, Naming("test"), 1, interrupt, steering / "code-server.log", LOCATION) as runs:
+    with RunPool(
+        Records(instance, Naming("test")), 1, interrupt, steering / "code-server.log", LOCATION
+    ) as runs:
         threading.Timer(30, (steering / "hold").unlink, [True]).start()  # or a lost interrupt would never end
         runs.work([{"drive": ("first",)}])
     assert runs.interrupted
@@ -242,7 +249,7 @@ def test_the_end_of_a_run_is_noticed_late_by_a_share_of_its_duration(tmp_path, m
     make_home(tmp_path, "dagster.DefaultRunLauncher")
     slept, now = [], time.monotonic()
     with open_instance(str(tmp_path)) as instance:
-        pool = RunPool(instance, Naming(""), 1, lambda _: None, tmp_path / "log", LOCATION)
+        pool = RunPool(Records(instance, Naming("")), 1, lambda _: None, tmp_path / "log", LOCATION)
         pool._take_over("run", ["drive"])
         pool._active["run"].since = now - age_s
         monkeypatch.setattr(time, "sleep", slept.append)

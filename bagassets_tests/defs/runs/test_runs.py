@@ -236,8 +236,9 @@ def test_dotenv_is_read_as_dagster_does(tmp_path):
 def test_a_rehearsal_leaves_no_thread_and_no_database_open_and_statements_compiled(tmp_path):
     """What a server has open when it forks, its workers would use at the same time."""
     recipe = make_project(tmp_path)
-    with open_project(recipe) as (instance, workspace):
-        add_partitions(instance, workspace.names, ["a.bag"])
+    with open_project(recipe) as workspace:
+        instance = workspace.instance
+        add_partitions(workspace.records, ["a.bag"])
         instance.report_runless_asset_event(dg.AssetMaterialization("bag", partition="a.bag"))
     code = (
         "import sys, threading\n"
