@@ -161,7 +161,8 @@ _WHY = {
     "no topic is proposed": "nothing to convert: what there is looks computed",
     "compressed": "needs the `metadata.yaml` of its bag",
     "no decoder": "needs a decoder",
-    "frames, and must have": "too short for an episode",
+    "and must have": "too short for an episode",
+    "is left out: action": "no episode: actions begin too late for it",
 }
 
 
