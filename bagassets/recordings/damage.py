@@ -98,8 +98,9 @@ def refuse_failing_disk(path: Path, err: BaseException) -> None:
     while one is not None:
         name = getattr(one, "sqlite_errorname", "")
         if (isinstance(one, OSError) and one.errno in _OF_DISKS) or name == "SQLITE_IOERR_READ":
+            why = one.strerror if isinstance(one, OSError) else one
             raise DiskError(
-                f"{path}: it cannot be read ({one}); check its disk or file server, and try again."
+                f"{path}: it cannot be read ({why}); check its disk or file server, and try again."
             ) from err
         one = one.__cause__ or one.__context__
 

@@ -151,7 +151,6 @@ DIRECT = {
     "forkserver/server_files.py": "sockets and logs, which end with their server",
     "forkserver/worker.py": "logs",
     "formats/lerobot/video.py": "FFmpeg writes it, below a folder that is swapped in, or into an artifact by its digest",
-    "formats/linking.py": "blocks shared with a file of the store, beside the final name",
     "notebook.py": "a project that is thrown away",
     "recordings/decompress.py": "scratch",
     "recordings/digest_record.py": "SQLite writes it; a recording without a digest is hashed again",

@@ -347,7 +347,7 @@ class TestMoreThanAHundredRecordings:
         """Build a recording, and record what the dataset is made from as a run would."""
         build = build_of(recipe, key)
         made = {result.asset: result.artifact.digest for result in build.build()}
-        _, _, digest, stat = build.facts
+        _, digest, stat = build.facts
         for asset, version, metadata in (
             ("bag", digest, {STAT: dg.MetadataValue.text(json.dumps(stat.as_json()))}),
             ("nuscenes_tables", made["nuscenes_tables"], {}),

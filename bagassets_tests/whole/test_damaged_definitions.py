@@ -7,7 +7,7 @@ import sqlite3
 import pytest
 from rosbags.rosbag1 import Writer as Rosbag1Writer
 
-from bagassets.base.errors import BagAssetsError, RecordingError
+from bagassets.base.errors import BagAssetsError, DiskError, RecordingError
 from bagassets.recordings.damage import unreadable
 from bagassets.recordings.layouts import choice_of
 from bagassets.recordings.model import Definition
@@ -232,7 +232,11 @@ class TestSentences:
         ids=lambda err: type(err).__name__,
     )  # fmt: skip
     def test_what_libraries_raise_becomes_a_clause(self, tmp_path, err):
-        reported = str(unreadable(tmp_path / "a.bag", err))
+        try:
+            reported = str(unreadable(tmp_path / "a.bag", err))
+        except DiskError as failing:
+            reported = str(failing)
+        assert ("check its disk" in reported) == isinstance(err, OSError)
         clause = reported[reported.index("(") + 1 : reported.index(");")]
         assert re.fullmatch(r"[A-Za-z][A-Za-z ,/']+", clause), clause
         assert "delete" not in reported
