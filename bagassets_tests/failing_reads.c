@@ -78,6 +78,12 @@ ssize_t readv(int descriptor, const struct iovec *parts, int number) {
 #define PREAD(name, offset_t) ssize_t name(int descriptor, void *buffer, size_t size, offset_t at) { \
     NEXT(name); return fails("read", descriptor) ? -1 : next(descriptor, buffer, size, at); }
 PREAD(pread, off_t) PREAD(pread64, off64_t)
+#define PREADV(name, offset_t) ssize_t name(int descriptor, const struct iovec *parts, int number, offset_t at) { \
+    NEXT(name); return fails("read", descriptor) ? -1 : next(descriptor, parts, number, at); }
+PREADV(preadv, off_t) PREADV(preadv64, off64_t)
+#define PREADV2(name, offset_t) ssize_t name(int descriptor, const struct iovec *parts, int number, offset_t at, int flags) { \
+    NEXT(name); return fails("read", descriptor) ? -1 : next(descriptor, parts, number, at, flags); }
+PREADV2(preadv2, off_t) PREADV2(preadv64v2, off64_t)
 #define MMAP(name, offset_t) void *name(void *where, size_t size, int protection, int flags, int descriptor, offset_t at) { \
     NEXT(name); return fails("map", descriptor) ? MAP_FAILED : next(where, size, protection, flags, descriptor, at); }
 MMAP(mmap, off_t) MMAP(mmap64, off64_t)

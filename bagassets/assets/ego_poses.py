@@ -306,10 +306,19 @@ def _losses(summary: JsonMapping) -> list[Loss]:
     return losses_of(EGO_POSES.name, summary.get("counts", {}), counted_in_poses(summary.get("source", "")))
 
 
+def _has_fixed_edges(use: FixedPose | Unposed | MovingRig) -> bool:
+    """Return whether poses come from TF that may be fixed in one place and move in another."""
+    return isinstance(use, MovingRig) and isinstance(use.source, TfSource) and bool(use.tf_static or use.urdf)
+
+
 EGO_POSES = Asset(
     name="ego_poses",
-    version=4,
-    changes={4: "leaves out stray fixes, zero quaternions and what was recorded twice"},
+    version=5,
+    changes={
+        4: "leaves out stray fixes, zero quaternions and what was recorded twice",
+        5: "refuses an edge of TF that is fixed in one place and moves in another",
+    },
+    spared={5: lambda use: not _has_fixed_edges(use)},
     libraries=("pyarrow",),
     title="Where the vehicle was, over time, in local metres.",
     description="""From odometry, poses, TF, GNSS with IMU, or fixed; the origin in the world is kept where it is known:

@@ -57,22 +57,29 @@ def check_records(store: Store, folder: Path, made_by: dict[str, str]) -> Iterat
         made_by: takes artifact -> step that made it.
     """
     for path in sorted(folder.glob("*.json")):
-        name = path.name.partition(".")[0]
-        try:
-            record = json.loads(path.read_bytes())
-            step = str(record["action"]["step"])
-            if digest_json(record["action"]) != name:
-                yield Damage("action", name, ("its record was changed",), step)
-            elif "artifact" in record:
-                made_by[made := str(record["artifact"])] = step
-                if not store.artifact_folder(made).is_dir():
-                    yield Damage("action", name, (f"artifact {made[:16]}, which it made, is gone",), step)
-            elif "error" not in record:
-                yield Damage("action", name, ("its record has neither an artifact nor an error",), step)
-        except FileNotFoundError:
-            continue
-        except (OSError, ValueError, KeyError, TypeError) as err:
-            yield Damage("action", name, (f"its record cannot be read ({err})",))
+        # What is damaged stays so, unlike a read that failed once.
+        if _record_damage(store, path, made_by) and (damage := _record_damage(store, path, made_by)):
+            yield damage
+
+
+def _record_damage(store: Store, path: Path, made_by: dict[str, str]) -> Damage | None:
+    name = path.name.partition(".")[0]
+    try:
+        record = json.loads(path.read_bytes())
+        step = str(record["action"]["step"])
+        if digest_json(record["action"]) != name:
+            return Damage("action", name, ("its record was changed",), step)
+        if "artifact" in record:
+            made_by[made := str(record["artifact"])] = step
+            if not store.artifact_folder(made).is_dir():
+                return Damage("action", name, (f"artifact {made[:16]}, which it made, is gone",), step)
+        elif "error" not in record:
+            return Damage("action", name, ("its record has neither an artifact nor an error",), step)
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, KeyError, TypeError) as err:
+        return Damage("action", name, (f"its record cannot be read ({err})",))
+    return None
 
 
 def check_artifact(artifact: Artifact, step: str | None = None) -> Iterator[Damage]:
@@ -95,7 +102,14 @@ def take_out(store: Store, damages: Sequence[Damage]) -> None:
 
 
 def artifact_damage(artifact: Artifact) -> list[str]:
-    """Return texts that say what is wrong with an artifact; empty if every byte is as it was written."""
+    """Return texts that say what is wrong with an artifact; empty if every byte is as it was written.
+
+    What seems to be damaged is read twice, since a read that failed once is no damage.
+    """
+    return _damage(artifact) and _damage(artifact)
+
+
+def _damage(artifact: Artifact) -> list[str]:
     try:
         text = (artifact.folder / MANIFEST).read_bytes()
     except OSError as err:

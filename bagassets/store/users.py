@@ -67,9 +67,13 @@ def users_of(root: Path) -> list[User]:
             value = json.loads(path.read_bytes())
             users.append(User(Path(value["recipe"]), str(value["host"]), Path(value["store"])))
         except (OSError, ValueError, KeyError, TypeError) as err:
+            mend = (
+                "check its disk, and try again"
+                if isinstance(err, OSError)
+                else "remove it, and build that project once, which writes it again"
+            )
             raise StoreError(
-                f"{path}: this note of a project that uses the store cannot be read ({err}); remove it, and build "
-                "that project once, which writes it again."
+                f"{path}: this note of a project that uses the store cannot be read ({err}); {mend}."
             ) from err
     return sorted(users)
 

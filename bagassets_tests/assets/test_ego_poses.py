@@ -1,6 +1,7 @@
 """The asset `ego_poses`: every source against a known motion, and what is missing or contradicts."""
 
 import math
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -8,11 +9,14 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from bagassets.assets.ego_poses import EGO_POSES
+from bagassets.assets.asset import Use
+from bagassets.assets.ego_poses import EGO_POSES, Unposed
+from bagassets.assets.pose_samples import MovingRig
 from bagassets.base.errors import DecodeError, LossLimitError, PoseError
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.wgs84 import utm_track
 from bagassets.recipe.model import Limits
+from bagassets.recipe.model_poses import OdometrySource, TfSource
 from bagassets_tests.facts import MadeUpFacts, use_of
 from bagassets_tests.pose_data import (
     IMU,
@@ -326,6 +330,16 @@ class TestTf:
         entries.append(static("base", "base_link", mount))
         with pytest.raises(PoseError, match=r"map -> odom is fixed in /tf_static and moves in /tf;"):
             Posed(tmp_path / "moves", self.SOURCE, *entries, static("map", "odom", SE3()))
+
+    def test_only_where_that_can_be_are_poses_of_before_looked_at_again(self):
+        chain = MovingRig("header", "base_link", 0.0, (), ("/tf_static",), ("/tf",), TfSource())
+        assert EGO_POSES.action(Use(chain), None).version == 5
+        for other in (
+            replace(chain, tf_static=()),
+            replace(chain, source=OdometrySource(topic="/odom")),
+            Unposed(),
+        ):
+            assert EGO_POSES.action(Use(other), None).version == 4
 
     def test_a_missing_link(self, tmp_path):
         entries, _ = self.chain([0.0, 1.0], TIMES)

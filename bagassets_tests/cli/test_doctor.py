@@ -228,12 +228,14 @@ def test_unfinished_files_are_examined_by_their_names(tmp_path, sound):
             "but holds some: run_0.mcap, run_1.mcap, walk_0.mcap; name",
         ),
         (["a_0.db3", "x.bag.active"], "but holds some: a_0.db3, x.bag.active; name one of them"),
-        (["notes.txt"], "which has a .db3 or .mcap file; name one that is in it"),
+        (["notes.txt"], "and holds none"),
+        (["b/metadata.yaml"], "but holds some: b; name one of them"),
     ],
 )
 def test_a_folder_of_recordings_is_not_said_to_be_a_lost_one(tmp_path, sound, names, said):
     sources = {".bag": sound["ros1"], ".db3": storage_of(sound["folder"]), ".mcap": sound["mcap zstd"]}
     for name in names:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
         shutil.copy(sources.get(Path(name).suffix, sound["ros1"]), tmp_path / name)
     result = CliRunner().invoke(root, ["doctor", str(tmp_path), "--write", str(tmp_path / "copy")])
     assert result.exit_code == 1

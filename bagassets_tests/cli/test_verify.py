@@ -5,6 +5,8 @@ import os
 import random
 import shutil
 import time
+from errno import EIO
+from pathlib import Path
 
 import click
 import pytest
@@ -116,6 +118,27 @@ class TestStore:
         assert image.stat().st_mode & 0o222 == 0
         linked = next((project.nuscenes.output / "samples" / "CAM_FRONT").iterdir())
         assert linked.stat().st_mode & 0o222 == 0
+
+    @pytest.mark.parametrize("of", ["record", "manifest", "file"])
+    def test_a_read_that_fails_once_is_no_damage(self, project, monkeypatch, of):
+        store, artifact = store_of(project), artifact_of(project, "calibration")
+        chosen = {
+            "record": next(store.root.glob("actions/*/*.json")),
+            "manifest": artifact.folder / "manifest.json",
+            "file": next(path for path in artifact.files.rglob("*") if path.is_file()),
+        }[of]
+        usual, failed = Path.read_bytes, []
+
+        def read_bytes(path):
+            if path == chosen and not failed:
+                failed.append(path)
+                raise OSError(EIO, "Input/output error", str(path))
+            return usual(path)
+
+        monkeypatch.setattr(Path, "read_bytes", read_bytes)
+        run(project)
+        assert failed == [chosen]
+        assert chosen.exists()
 
     @pytest.mark.parametrize(
         ("spoil", "reason"),

@@ -131,6 +131,9 @@ def _make_range(
     ended = make_side_by_side(step, workspace, lock, batch)
     if chosen := [name for name in datasets if names.key(name) in selected]:
         make_datasets(step, workspace, chosen, ended)
+    if range_policy():  # Dagster's command says of all later steps that they are skipped
+        for key, failed in ended.items():
+            step.log(f"{key or names_text(chosen)}: {'failed' if failed else 'is recorded'}")
     if problem := failure_text(ended):
         raise dg.Failure(problem, allow_retries=False)
 

@@ -202,10 +202,13 @@ def make_datasets(step: RunStep, workspace: Workspace, wanted: Collection[str], 
 def failure_text(ended: Mapping[str, str | None]) -> str:
     """Return what a run says in the end of recordings, and datasets, that failed; "" if none did."""
     failed = {key: problem for key, problem in ended.items() if problem is not None}
-    recordings = [f"{key}: {problem}" for key, problem in failed.items() if key != DATASET]
+    recordings = [
+        f"{key}: {problem.removeprefix(f'{key}: ')}" for key, problem in failed.items() if key != DATASET
+    ]
     said, total = [], len(ended.keys() - {DATASET})
     if recordings and total > 1:
-        said.append(f"{len(recordings)} of {count_text(total, 'recording')} failed; the others are recorded.")
+        others = "; the others are recorded" if len(recordings) < total else ""
+        said.append(f"{len(recordings)} of {count_text(total, 'recording')} failed{others}.")
     said += recordings[:_MOST_NAMED]
     if len(recordings) > _MOST_NAMED:
         said.append(f"(and {len(recordings) - _MOST_NAMED} more)")

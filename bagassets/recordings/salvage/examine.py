@@ -113,15 +113,14 @@ def examine(path: Path) -> Examined:
 
 def _refuse_folder_of_recordings(folder: Path) -> None:
     """Raise RecordingError unless the files in a folder without metadata are one ROS 2 bag, by their names."""
-    names = sorted(
-        one.name for one in folder.iterdir() if any(map(one.match, (*STORAGE, "*.bag", "*.bag.active")))
-    )
+    inside = [*folder.iterdir()]
+    bags = {one.name for one in inside if (one / METADATA).is_file()}
+    names = [one.name for one in inside if any(map(one.match, (*STORAGE, "*.bag", "*.bag.active")))]
     drives = {whole_of(name.removesuffix(ZSTD)) or name.removesuffix(ZSTD) for name in names}
-    if not names or len(drives) > 1 or names[0].endswith((".bag", ".active")):
+    if bags or len(drives) != 1 or names[0].endswith((".bag", ".active")):
+        recordings = sorted(bags.union(names))
         has = (
-            f"but holds some: {names_text(names)}; name one of them"
-            if names
-            else "which has a .db3 or .mcap file; name one that is in it"
+            f"but holds some: {names_text(recordings)}; name one of them" if recordings else "and holds none"
         )
         raise RecordingError(f"{folder}: this folder is no recording, {has}.")
 
