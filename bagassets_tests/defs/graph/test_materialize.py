@@ -175,6 +175,7 @@ def test_a_range_of_what_nobody_registered_yet_has_all_that_is_in_it_and_the_dat
     project = make_project(tmp_path)
     done = materialize(project, "*", keys="a.bag...c.bag")
     assert done.returncode == 0, done.stderr[-2000:]
+    assert all(f"{key}: is recorded" in done.stdout + done.stderr for key in keys)
     with open_instance(str(project)) as instance:
         assert instance.get_dynamic_partitions("test_recordings") == keys
         assert len(instance.get_runs()) == 1
