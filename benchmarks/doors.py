@@ -169,7 +169,8 @@ def main() -> None:
     chosen = {
         name: door
         for name, door in (TINY if options.tiny else ALL).items()
-        if name == COMMAND or options.doors is None or name.startswith(tuple(options.doors))
+        if (name == COMMAND or options.doors is None or name.startswith(tuple(options.doors)))
+        and (name != DG or (BIN / "dg").exists())
     }
     with tempfile.TemporaryDirectory(prefix="doors-", ignore_cleanup_errors=True) as folder:
         source, limit_s = Path(folder) / "recordings", options.limit if options.tiny else _LATEST_S
@@ -403,7 +404,7 @@ ALL = {
     "*Materialize all* in `dagster dev`": by_dagster_dev,
     "`dagster asset materialize`, each, and the datasets": by_materialize,
     "`dagster asset materialize`, a range": by_range,
-    **({DG: by_dg} if (BIN / "dg").exists() else {}),
+    DG: by_dg,
     PLAIN: by_plain_dagster,
 }
 TINY = {
