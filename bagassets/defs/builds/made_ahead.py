@@ -195,11 +195,13 @@ def _make(
             if first.inventory is not None and is_new:
                 note_made(state, first.inventory.action_digest)
             wanted = {INVENTORY.name} if is_known or recording.size > whole_bytes else None
-            source = recording, first.digest.digest, stat.as_of(first.digest)
+            source, is_noted = (recording, first.digest.digest, stat.as_of(first.digest)), False
             for result in execute(Graph(assets, *source, wanted=wanted)):
                 if isinstance(result, AssetResult) and not result.cached:
                     note_made(state, result.action_digest)
-                    note_made(state, ahead_of_run(recording.key))
+                    if not is_noted:
+                        note_made(state, ahead_of_run(recording.key))
+                    is_noted = True
                 elif result.asset == INVENTORY.name and not is_new:
                     break
     except BagAssetsError as err:
