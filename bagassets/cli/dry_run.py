@@ -8,6 +8,7 @@ from bagassets.base.alike import names_text, told_once
 from bagassets.base.escaping import visible
 from bagassets.base.json_types import JsonObject
 from bagassets.base.quantities import count_text
+from bagassets.cli.status import names_by_reason
 from bagassets.engine.build_report import Remark
 
 if TYPE_CHECKING:
@@ -32,9 +33,8 @@ def dry_run_lines(pending: "PendingWork", own: "OwnProject") -> Iterator[str]:
     for key, assets in pending.todo.items():
         planned = {name: pending.plan.bags[key].assets[name] for name in assets}
         lines = [
-            f"  {_VERBS[state.state]:<8} {name:<17} {visible(state.reason)}"
-            for name, state in planned.items()
-            if state.state in _VERBS
+            f"  {_VERBS[state]:<8} {', '.join(names)}: {visible(reason)}"
+            for (state, reason), names in names_by_reason(planned).items()
         ]
         found.append(((), key, "\n".join(lines)))
     for key, reason in pending.failed.items():

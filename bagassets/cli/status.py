@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from bagassets.defs.builds.own_states import OwnProject
     from bagassets.defs.builds.pending_work import PendingWork
+    from bagassets.engine.plan import AssetState
 
 
 # Beyond this number, fresh recordings are not listed, and others in the same states share a row.
@@ -181,17 +182,22 @@ def _table(rows: Sequence[_Row], *, short: bool) -> "Table":
     return table
 
 
+def names_by_reason(assets: Mapping[str, "AssetState"]) -> dict[tuple[str, str], list[str]]:
+    """Return state and reason -> the assets of a recording that are not fresh; a cause that another states is not repeated."""
+    by_reason: dict[tuple[str, str], list[str]] = {}
+    above = {state.reason for state in assets.values()}
+    for name, state in assets.items():
+        if state.state != "fresh":
+            waits, _, why = state.reason.partition(" — ")
+            by_reason.setdefault((state.state, waits if why in above else state.reason), []).append(name)
+    return by_reason
+
+
 def _reasons(pending: "PendingWork", listed: JsonMapping) -> Iterator[str]:
     """Yield the reasons of everything that is not fresh; assets, and recordings, with the same reason share a line."""
     found = []
     for key, bag in listed.items():
-        by_reason: dict[tuple[str, str], list[str]] = {}
-        above = {state.reason for state in bag.assets.values()}
-        for name, state in bag.assets.items():
-            if state.state != "fresh":
-                waits, _, why = state.reason.partition(" — ")
-                by_reason.setdefault((state.state, waits if why in above else state.reason), []).append(name)
-        for (state, reason), names in by_reason.items():
+        for (state, reason), names in names_by_reason(bag.assets).items():
             shown = "all but bag and inventory" if state == "skipped" else ", ".join(names)
             found.append(((shown, state), key, reason))
     for told in told_once(found):

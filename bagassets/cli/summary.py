@@ -3,7 +3,7 @@
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from bagassets.base.alike import Told, told_once
 from bagassets.base.escaping import visible
@@ -30,7 +30,7 @@ def print_summary(
     """Print the table, the dataset's path and the line that opens the web UI."""
     console = console or summary_console()
     if rows:
-        console.print(_table(rows))
+        console.print(_table(rows), crop=False)  # narrow terminals wrap it
     found = (((row.result,), row.recording, row.reason) for row in rows if row.reason)
     # The errors of a recording that fails may have several lines.
     _print_once(
@@ -188,15 +188,17 @@ def _table(rows: Sequence[SummaryRow]) -> "Table":
     from rich.table import Table
     from rich.text import Text
 
+    cells = [
+        [row.format or "", span_text(row.span_s), *("" if n is None else f"{n}" for n in row.counts.values()), row.result]
+        for row in rows
+    ]
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=0)
     table.add_column("recording", overflow="fold", min_width=9)
-    table.add_column("format", no_wrap=True)
-    table.add_column("span", justify="right", no_wrap=True)
-    for name in rows[0].counts:
-        table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("result", no_wrap=True)
-    for row in rows:
-        numbers = ["" if number is None else f"{number}" for number in row.counts.values()]
-        result = Text(row.result, style=_COLOURS.get(row.result, ""))
-        table.add_row(row.recording, row.format or "", span_text(row.span_s), *numbers, result)
+    headings = ["format", "span", *rows[0].counts, "result"]
+    for heading, column in zip(headings, zip(*cells, strict=True), strict=True):
+        justify: Literal["left", "right"] = "left" if heading in {"format", "result"} else "right"
+        least = max(len(text) for text in column)
+        table.add_column(heading, justify=justify, overflow="fold", min_width=least)
+    for row, texts in zip(rows, cells, strict=True):
+        table.add_row(row.recording, *texts[:-1], Text(row.result, style=_COLOURS.get(row.result, "")))
     return table

@@ -12,6 +12,7 @@ from bagassets.engine.plan import AssetState, BagPlan, Recorded, version_as_inpu
 from bagassets.store.canonical import digest_json
 
 TO_MAKE = frozenset({"missing", "stale"})
+NOTHING_TO_MAKE_IT_FROM = "never made, as no recording can be part of it yet"
 _TO_COME = TO_MAKE | {"unknown", "record-only"}
 
 
@@ -93,6 +94,8 @@ def target_state(
     recorded, waits, change = found.recorded, f"waits for {found.waits_for}", _change(target, found)
     if change is None and found.waits_for:
         return AssetState("unknown", waits)
+    if change is None and recorded is None:
+        return AssetState("blocked", NOTHING_TO_MAKE_IT_FROM)
     if change is None:
         version = None if recorded is None else recorded.data_version
         return AssetState("fresh", "what it reads is as it was when it was made", version)

@@ -33,7 +33,7 @@ def found(target, recorded, **known):
     [
         (DATASET, MADE, {}, "fresh", FRESH),
         (DATASET, None, {}, "missing", "never made"),
-        (DATASET, None, {"is_due": False}, "fresh", FRESH),
+        (DATASET, None, {"is_due": False}, "blocked", "never made, as no recording can be part of it yet"),
         (DATASET, None, {"waits_for": "tables of a"}, "missing", "never made; waits for tables of a"),
         (DATASET, None, {"is_due": False, "waits_for": "tables of a"}, "unknown", "waits for tables of a"),
         (DATASET, MADE, {"waits_for": "tables of a"}, "unknown", "waits for tables of a"),

@@ -78,7 +78,9 @@ class OwnProject:
         """
         if not self.assets:
             return replace(self, datasets=pending.dataset_states)
-        survey = _Survey(self, pending, {} if is_dataset_current else pending.dataset_states)
+        states = pending.dataset_states
+        never = {name: one for name, one in states.items() if one.state == "blocked"}
+        survey = _Survey(self, pending, never if is_dataset_current else states)
         for asset in self.assets.values():  # each after those that it reads
             survey.add(asset)
         return replace(self, states=survey.states, evidence=survey.evidence, datasets=pending.dataset_states)

@@ -22,7 +22,14 @@ from bagassets.defs.records.reporting import code_link, dataset_metadata, errors
 from bagassets.defs.records.workspace import Workspace
 from bagassets.engine.batches import DATASET
 from bagassets.engine.plan import AssetState, Plan
-from bagassets.engine.targets import Evidence, Read, Target, target_state
+from bagassets.engine.targets import (
+    NOTHING_TO_MAKE_IT_FROM,
+    TO_MAKE,
+    Evidence,
+    Read,
+    Target,
+    target_state,
+)
 from bagassets.formats.catalogue import formats, formats_of, recording_assets
 from bagassets.formats.dataset_build import (
     Dataset,
@@ -54,8 +61,8 @@ The sensor and `bagassets build` record it without a run."""
 
 
 def dataset_is_current(workspace: Workspace, inputs: DatasetInputs) -> bool:
-    """Return whether all datasets on disk were made from `inputs` with this recipe and code."""
-    return all(one.state == "fresh" for one in dataset_states(workspace, inputs).values())
+    """Return whether all datasets that can be made are on disk as made from `inputs` with this recipe and code."""
+    return not any(one.state in TO_MAKE for one in dataset_states(workspace, inputs).values())
 
 
 def dataset_states(workspace: Workspace, inputs: DatasetInputs, waits_for: str = "") -> dict[str, AssetState]:
@@ -138,6 +145,11 @@ def dataset_assets(recipe: Recipe, names: Naming) -> list[dg.AssetsDefinition]:
                         record_inputs(workspace, inputs)
                         step = context.op_execution_context.get_step_execution_context()
                         step.fetch_external_input_asset_version_info()
+                    if workspace.records.whole(asset) is None and not any(inputs.parts.values()):
+                        raise BagAssetsError(
+                            f"{asset}: {NOTHING_TO_MAKE_IT_FROM}; materialize the assets of recordings first, "
+                            f"or run `bagassets build`, and see `bagassets status`."
+                        )
                     made = make_dataset(workspace, plan, inputs, asset, context.run.run_id)
                 yield from Recorder(workspace, DATASET, context).record(made)
 

@@ -18,6 +18,10 @@ if TYPE_CHECKING:
 MOST_S = 1024
 """A video file ends before this time: readers compare times as float32 to 0.1 ms, which is finer than its grid from there on."""
 
+_PRESETS = {
+    "h264": "ultrafast superfast veryfast faster fast medium slow slower veryslow placebo 0 1 2 3 4 5 6 7 8 9".split(),
+    "av1": [str(number) for number in range(-2, 14)],
+}
 IMAGES = "observation.image"
 OWN_COLUMNS = ("timestamp", "frame_index", "episode_index", "index", "task_index")
 """Columns that every dataset has."""
@@ -147,7 +151,8 @@ class Encoding(Model):
         None, ge=1, le=63, description="Quality, smaller is better; default: 23 for h264, 30 for av1."
     )
     preset: str | None = Field(
-        None, description="Preset of the encoder; default: veryfast for h264, 10 for av1."
+        None,
+        description="Preset of the encoder: ultrafast to placebo for h264 (default: veryfast), -2 to 13 for av1 (default: 10).",
     )
     keyframes: int = Field(
         2, ge=1, description="Every n-th frame is a key frame: small numbers make random access fast."
@@ -156,6 +161,14 @@ class Encoding(Model):
         "crop",
         description="Images of odd width or height lose their last column or row, or have it twice: videos have even sizes.",
     )
+
+    @model_validator(mode="after")
+    def _has_that_preset(self) -> Self:
+        known = _PRESETS[self.codec]
+        if self.preset is None or self.preset.lower() in known:
+            return self
+        found = f"found {self.preset!r}{suggestion(self.preset, known)}"
+        raise FieldValueError(("preset",), f"of {self.codec} must be one of {', '.join(known)}; {found}")
 
 
 class LeRobot(DatasetSettings):

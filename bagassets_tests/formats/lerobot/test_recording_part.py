@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from bagassets.assets.asset import Use
+from bagassets.base.errors import RecipeError
 from bagassets.decode import video
 from bagassets.engine.execute import BuildFailure
 from bagassets.formats.lerobot.frames import time_text
@@ -390,15 +391,29 @@ class TestBrokenRules:
             build(tmp_path, seconds=1.0, skip=lambda topic, _: topic == "/command")
 
     @pytest.mark.parametrize(
-        ("codec", "preset"), [("h264", "placid"), ("av1", "veryfast")], ids=["no-preset", "that-of-h264"]
+        ("video", "found"),
+        [
+            ("preset: placido", "of h264 must be one of ultrafast, .*; found 'placido'; did you mean placebo"),
+            ("codec: av1, preset: veryfast", "of av1 must be one of -2, -1, 0, .*, 13; found 'veryfast'"),
+        ],
     )
-    def test_a_preset_that_the_encoder_lacks_is_named_with_its_field(self, tmp_path, codec, preset):
-        recipe = RECIPE + f"  video: {{codec: {codec}, preset: '{preset}'}}\n"
+    def test_a_preset_that_the_encoder_lacks_is_refused_with_the_recipe(self, tmp_path, video, found):
+        with pytest.raises(RecipeError, match=rf"recipe\.yaml:19: lerobot\.video\.preset: {found}"):
+            make_project(tmp_path, RECIPE + f"  video: {{{video}}}\n")
+
+    @pytest.mark.parametrize("preset", ["Fast", "0"])
+    def test_presets_that_the_encoder_reads_are_kept(self, tmp_path, preset):
+        assert make_project(tmp_path, RECIPE + f"  video: {{preset: '{preset}'}}\n").name
+
+    def test_images_that_the_encoder_refuses_are_named_with_the_settings(self, tmp_path):
+        def tiny(number, _size):
+            return np.full((2, 2, 3), number, np.uint8)
+
         with pytest.raises(
             BuildFailure,
-            match=rf"observation\.images\.wrist: its video cannot be encoded as {codec} with preset {preset} .*lerobot\.video",
+            match=r"observation\.images\.wrist: its video cannot be encoded as av1 with preset 9 .*lerobot\.video",
         ):
-            build(tmp_path, recipe, seconds=0.2)
+            build(tmp_path, RECIPE + "  video: {codec: av1, preset: '9'}\n", seconds=0.2, draw=tiny)
 
     def test_without_pyav_a_sentence_says_what_to_install(self, tmp_path, monkeypatch):
         def nothing(_name):
