@@ -160,7 +160,7 @@ class Fault:
 
     Attributes:
         area: heading.
-        what: the fault, in words.
+        what: the fault, as a clause.
         outcome: one of `OUTCOMES`.
         says: part of the sentence, the finding, or the reason of what was lost.
         do: does it to a place, and returns what became of the build.

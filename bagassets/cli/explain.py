@@ -185,7 +185,7 @@ def _action_lines(pair: JsonMapping) -> Iterator[str]:
         names = sorted(before.keys() | after.keys())
         for name in names:
             if {} in (before.get(name), after.get(name)) and any(one.startswith(f"{name}.") for one in names):
-                continue  # nothing was in it, and what is in it now is told, or the reverse
+                continue  # it was empty, and what is in it now has lines of its own, or the reverse
             yield _row(f"{name_of} {name}", before.get(name), after.get(name))
 
 

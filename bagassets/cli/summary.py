@@ -189,7 +189,12 @@ def _table(rows: Sequence[SummaryRow]) -> "Table":
     from rich.text import Text
 
     cells = [
-        [row.format or "", span_text(row.span_s), *("" if n is None else f"{n}" for n in row.counts.values()), row.result]
+        [
+            row.format or "",
+            span_text(row.span_s),
+            *("" if n is None else f"{n}" for n in row.counts.values()),
+            row.result,
+        ]
         for row in rows
     ]
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=0)

@@ -92,7 +92,7 @@ def point_fields(cloud: Message) -> dict[str, Column]:
 def decode_pointcloud2(
     message: Message, header_stamp_is: Moment | None = None, stamp_is: Moment = "end"
 ) -> CloudReading:
-    """Return the points of a lidar cloud of which nothing is known but itself, with their times as that alone tells them.
+    """Return the points of a lidar cloud, with their times as far as they follow from this cloud alone.
 
     Args:
         message: a `sensor_msgs/PointCloud2` or `foxglove.PointCloud`.

@@ -5,6 +5,7 @@ on a network. The action of an inventory names the digest, so it is recorded onc
 """
 
 import json
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
@@ -17,7 +18,7 @@ from bagassets.base.trace import span
 from bagassets.engine.inputs import RecordingInputs
 from bagassets.engine.process import keep_freed_memory
 from bagassets.engine.recording_assets import RecordingAssets
-from bagassets.engine.source import MessageSource, Progress, progress_told, tell_progress
+from bagassets.engine.source import EVERY_S, MessageSource, Progress, progress_told, tell_progress
 from bagassets.recordings.digest import (
     HashedAlong,
     RecordingDigest,
@@ -32,6 +33,7 @@ from bagassets.store.lease import action_lock, in_use
 from bagassets.store.store import Outcome, Store
 
 _AHEAD = "ahead"
+_FORGOTTEN_S = 60 * EVERY_S
 
 
 @dataclass(frozen=True)
@@ -147,6 +149,14 @@ def reading_left(state: Path, recording: RecordingFiles) -> Iterator[None]:
     finally:
         with suppress(OSError):
             remove(file)
+
+
+def forget_readings(state: Path) -> None:
+    """Remove what killed processes have left of how far they had come; living ones leave it anew every few seconds."""
+    for file in (state / _AHEAD).glob("*.reading"):
+        with suppress(OSError):
+            if time.time() - file.stat().st_mtime > _FORGOTTEN_S:
+                remove(file)
 
 
 def _reading_file(state: Path, recording: RecordingFiles) -> Path:

@@ -1,6 +1,6 @@
 """Where the messages of a step come from, the inventory's pack or the recording itself, and how far reading has come.
 
-That is told now and then to whoever waits.
+Whoever waits learns of it now and then.
 """
 
 import time

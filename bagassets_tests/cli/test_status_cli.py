@@ -5,6 +5,7 @@ import re
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
@@ -17,7 +18,7 @@ from bagassets.cli.summary import print_summary
 from bagassets.defs.records.events import Records, all_assets, event_database
 from bagassets.defs.records.instances import open_instance
 from bagassets.defs.records.naming import Naming
-from bagassets.engine.build_report import BuildReport
+from bagassets.engine.build_report import BuildReport, SummaryRow
 from bagassets_tests.in_process import QUICK, build, make_project, survey
 
 pytestmark = pytest.mark.once
@@ -123,6 +124,34 @@ def test_in_a_narrow_terminal_no_letter_is_lost(built, monkeypatch):
     assert narrow.count("fresh") == wide.count("fresh")
 
 
+def test_nor_in_the_table_of_a_build(capsys):
+    counts = dict(images=240, sweeps=200, poses=1000, boxes=300, scenes=1, keyframes=40)
+    rows = [SummaryRow(f"drive_{n}.bag", "ros1", 20.0, counts, "built", "") for n in (1, 2)]
+    print_summary(
+        BuildReport(None, {}), rows, Path("recipe.yaml"), Console(highlight=False, width=60, file=sys.stdout)
+    )
+    lines = capsys.readouterr().out.splitlines()
+    for text in ("drive_1.b", "drive_2.b", "ros1", "20.0 s", "240", "1000", "300", "40 built"):
+        assert any(text in line for line in lines), f"{text} in {lines}"
+
+
+def test_a_dataset_that_nothing_can_be_part_of_is_not_called_fresh(tmp_path, monkeypatch):
+    recipe_file = make_project(tmp_path, [])
+    (tmp_path / "bags").mkdir()
+    (tmp_path / "bags" / BROKEN).write_bytes(b"#ROSBAG V2.0\n" + b"x" * 100)
+    report, _ = build(recipe_file, monkeypatch)
+    assert report.dataset == "not made"
+    code, value = output("status", recipe=recipe_file)
+    assert code == FAILED
+    assert value["datasets"] == {"nuscenes_dataset": "blocked"}
+    why = "never made, as no recording can be part of it yet"
+    assert f"nuscenes_dataset blocked: {why}\n" in run("status", recipe=recipe_file).stdout
+    shown = run("build", "--dry-run", recipe=recipe_file).stdout
+    assert f"nuscenes_dataset\n  waits    {why}\nnothing to do:" in shown
+    _, runs = build(recipe_file, monkeypatch)
+    assert runs == [], "nothing runs again and again"
+
+
 def test_many_recordings_in_the_same_states_share_a_row(edited, monkeypatch):
     monkeypatch.setattr("bagassets.cli.status.MOST_ROWS", 1)
     new = [edited.parent / "bags" / name for name in ("d.bag", "e.bag", "f.bag", "g.bag")]
@@ -183,8 +212,8 @@ def test_a_dry_run_runs_nothing_and_shows_what_would(edited):
     done = run("build", "--dry-run", recipe=edited)
     assert done.exit_code == ALL_WELL
     lines = [line.split() for line in done.stdout.splitlines()]
-    assert ["run", "frames", "CAM_FRONT:", "quality", "90", "->", "33"] in lines
-    assert any(line[:3] == ["may", "run", "nuscenes_tables"] for line in lines)
+    assert ["run", "frames:", "CAM_FRONT:", "quality", "90", "->", "33"] in lines
+    assert ["may", "run", "nuscenes_tables:", "waits", "for", "frames"] in lines, "the cause stands above"
     assert "failed before and is not retried" in done.stdout
     code, value = output("build", "-n", recipe=edited)
     assert code == ALL_WELL

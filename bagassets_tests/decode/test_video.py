@@ -188,7 +188,7 @@ def test_zeros_that_end_a_unit_are_none_of_its_data():
 
 
 def test_a_picture_that_its_encoder_digested_is_compared():
-    """Nothing else tells of a flipped bit in H.265."""
+    """Nothing else gives away a flipped bit in H.265."""
     codec = "libx265"
     stream = encode(codec, options={**X265, "x265-params": X265["x265-params"] + ":hash=1"})
     assert shown(packets(stream, codec)) == {number: number for number in range(40)}

@@ -217,6 +217,10 @@ class TestWhileItIsBuilt:
         build(1)
         with pytest.raises(DatasetError, match=f"there is none; name {tmp_path / 'nuscenes'}\\.$"):
             bagassets.open_dataset(tmp_path)  # as of a project
+        (tmp_path / "recipe.yaml").write_text("name: test\n")
+        found = f"expected the folder of a dataset, found a file; there is none; name {tmp_path / 'nuscenes'}"
+        with pytest.raises(DatasetError, match=rf"recipe\.yaml: {found}\.$"):
+            bagassets.open_dataset(tmp_path / "recipe.yaml")
         folder = tmp_path / "nuscenes" / VERSION
         assert len(bagassets.open_dataset(folder)) == len(bagassets.open_dataset(tmp_path / "nuscenes")) > 0
         assert len(bagassets.open_dataset(str(tmp_path / "nuscenes"), version=VERSION)) > 0

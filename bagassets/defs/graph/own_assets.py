@@ -178,7 +178,7 @@ def sensor_tags(
 ) -> dict[str, str] | None:
     """Return the tag of a run of an asset that a sensor requests; None if it was made from the same, as by a build.
 
-    Nothing is to be told, and the tag is empty, if the definitions around the sensor are not known.
+    The tag is empty if the definitions around the sensor are not known.
     """
     if context.repository_def is None:
         return {}

@@ -82,7 +82,7 @@ def _read(
 ) -> Generator[tuple[RecordingFiles, RecordingStat, RecordingDigest, float], None, None]:
     """Yield each recording that could be read, its status before, digest and seconds, as soon as it has been.
 
-    Several are read at a time; now and then `on_event` is told how far all are.
+    Several are read at a time; now and then `on_event` learns how far all are.
     """
     assets = workspace.assets
     size, read = sum(one.size for one in touched), 0

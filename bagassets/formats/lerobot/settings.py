@@ -19,7 +19,28 @@ MOST_S = 1024
 """A video file ends before this time: readers compare times as float32 to 0.1 ms, which is finer than its grid from there on."""
 
 _PRESETS = {
-    "h264": "ultrafast superfast veryfast faster fast medium slow slower veryslow placebo 0 1 2 3 4 5 6 7 8 9".split(),
+    "h264": [
+        "ultrafast",
+        "superfast",
+        "veryfast",
+        "faster",
+        "fast",
+        "medium",
+        "slow",
+        "slower",
+        "veryslow",
+        "placebo",
+        "0",
+        "1",
+        "2",
+        "3",
+        "4",
+        "5",
+        "6",
+        "7",
+        "8",
+        "9",
+    ],
     "av1": [str(number) for number in range(-2, 14)],
 }
 IMAGES = "observation.image"

@@ -430,6 +430,8 @@ def _sweep(source: Source, index: int, channel: str, place: int) -> Sweep:
 
 def _folder_of(path: Path, version: str | None) -> TableFolder:
     """Return the swapped folder of a dataset."""
+    if path.is_file():
+        raise DatasetError(f"{path}: expected the folder of a dataset, found a file; {_offer(path.parent)}")
     if not path.is_dir():
         raise DatasetError(
             f"{path}: there is no such folder; `bagassets build` makes the dataset that a recipe asks for."

@@ -2,6 +2,7 @@
 
 import json
 import os
+import socket
 import subprocess
 import sys
 import threading
@@ -57,6 +58,29 @@ def actions_in_store(recipe_file):
 
 def steps_in_store(recipe_file):
     return sorted(actions_in_store(recipe_file).values())
+
+
+def test_what_killed_processes_have_left_is_removed_and_nothing_else(tmp_path):
+    (tmp_path / "bags").mkdir()
+    recipe_file = make_project(tmp_path, [])
+    recipe = load_recipe(recipe_file)
+    ended = subprocess.Popen(["true"])
+    ended.wait()
+    tmp = recipe.store_path / "tmp"
+    old = [
+        recipe.state / "ahead" / "a.reading",
+        tmp / f"{socket.gethostname()}-{ended.pid}-0a",
+        recipe.state / "ahead" / "1f",
+    ]
+    new = [recipe.state / "ahead" / "b.reading", tmp / f"{socket.gethostname()}-{os.getpid()}-0a"]
+    for path in (*old, *new):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.mkdir() if path.parent == tmp else path.write_text("{}")
+        if path in old or path.parent == tmp:
+            os.utime(path, (time.time() - 7200,) * 2)
+    assert make_first(asked(recipe_file)) == 0
+    assert [path.exists() for path in old] == [False, False, True], "a note of what was made is for its run"
+    assert [path.exists() for path in new] == [True, True]
 
 
 def test_all_of_the_recordings_is_made_as_a_run_would_make_it(project, monkeypatch):

@@ -189,6 +189,18 @@ def test_a_range_of_what_nobody_registered_yet_has_all_that_is_in_it_and_the_dat
     )
 
 
+def test_a_dataset_of_nothing_is_not_written(tmp_path):
+    (tmp_path / "bags").mkdir()
+    project = make_project(tmp_path)
+    done = materialize(project, "nuscenes_dataset")
+    assert done.returncode == 1
+    assert (
+        "nuscenes_dataset: never made, as no recording can be part of it yet; materialize the assets"
+        in done.stderr
+    )
+    assert not (project / "dataset").exists()
+
+
 def test_a_range_from_its_end_to_its_start_is_no_empty_one(project):
     """Dagster makes nothing of it, and ends well: of assets of the user's own, too."""
     partitions = recording_partitions(load_recipe(project / "recipe.yaml").bags, Naming("range"))

@@ -393,7 +393,10 @@ class TestBrokenRules:
     @pytest.mark.parametrize(
         ("video", "found"),
         [
-            ("preset: placido", "of h264 must be one of ultrafast, .*; found 'placido'; did you mean placebo"),
+            (
+                "preset: placido",
+                "of h264 must be one of ultrafast, .*; found 'placido'; did you mean placebo",
+            ),
             ("codec: av1, preset: veryfast", "of av1 must be one of -2, -1, 0, .*, 13; found 'veryfast'"),
         ],
     )
