@@ -18,6 +18,7 @@ from pathlib import Path
 from bagassets.base.cache import Cache
 from bagassets.base.files import remove
 from bagassets.base.fingerprints import PlanNeeded, boot_id, booted_at_s
+from bagassets.engine.first_pass import forget_readings
 from bagassets.engine.freshness.decide import BuildLog
 from bagassets.engine.freshness.published import Publication
 from bagassets.forkserver.process import ProcessId
@@ -51,6 +52,7 @@ def noted_build(recipe: Recipe, recipe_file: Path) -> Iterator[list[str]]:
     process = json.dumps(ProcessId.current().as_json())
     builds.begin(process, recipe_file, over=killed)
     remove_leftovers(Store(recipe.store_path), time.time())
+    forget_readings(recipe.state)
     try:
         yield repaired
     finally:

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from bagassets.base.escaping import yaml_scalar
@@ -97,6 +97,8 @@ def propose_recipe(
         others = [path for other in groups if other is not group for path in other.recordings]
         match, taken = match_globs(group.recordings, others), {rig.name for rig in rigs}
         rigs.append(propose_rig(group, match, taken, urdfs=urdfs))
+    if not all(rig.is_arm for rig in rigs):
+        rigs = [replace(rig, needs_poses=True) for rig in rigs]
     sheet = Sheet()
     looked_into = len(summaries) + len(unreadable)
     count = count_text(looked_into, "recording")
@@ -137,7 +139,7 @@ def propose_recipe(
         sheet.field(1, "shares: {train: 0.8, val: 0.2}")
         sheet.field(0, "nuscenes:")
         sheet.field(1, f"version: {yaml_scalar(f'v1.0-{_slug(name)}')}")
-    files = {urdf_name(rig): rig.urdf.topic.urdf for rig in rigs if rig.urdf is not None}
+    files = {urdf_name(rig): rig.urdf.topic.urdf for rig in rigs if rig.urdf is not None and not rig.is_arm}
     return Proposal(sheet.text(), rigs, bare, sheet.guesses, sheet.questions, files)
 
 

@@ -47,6 +47,7 @@ class RigProposal:
         summary: what the recordings hold, with the joints of the URDF.
         urdf: a robot description that is used as the rig's URDF, or left out as it places no sensor; None if TF places all.
         signals: its signals, if it has no lidar or radar.
+        needs_poses: another rig is that of a vehicle, whose dataset asks for the poses of all.
     """
 
     name: str
@@ -62,11 +63,12 @@ class RigProposal:
     summary: RecordingSummary
     urdf: TopicUse | None = None
     signals: Sequence[SignalProposal] = ()
+    needs_poses: bool = False
 
     @property
     def is_arm(self) -> bool:
         """True if it has signals and no poses of its own, so that only its signals and images make a dataset."""
-        return bool(self.signals) and self.pose.fields.get("source") in {None, "tf"}
+        return bool(self.signals) and not self.needs_poses and self.pose.fields.get("source") in {None, "tf"}
 
     @property
     def topic_uses(self) -> list[TopicUse]:

@@ -125,7 +125,7 @@ def test_in_a_narrow_terminal_no_letter_is_lost(built, monkeypatch):
 
 
 def test_nor_in_the_table_of_a_build(capsys):
-    counts = dict(images=240, sweeps=200, poses=1000, boxes=300, scenes=1, keyframes=40)
+    counts = {"images": 240, "sweeps": 200, "poses": 1000, "boxes": 300, "scenes": 1, "keyframes": 40}
     rows = [SummaryRow(f"drive_{n}.bag", "ros1", 20.0, counts, "built", "") for n in (1, 2)]
     print_summary(
         BuildReport(None, {}), rows, Path("recipe.yaml"), Console(highlight=False, width=60, file=sys.stdout)

@@ -79,6 +79,21 @@ def test_texts_of_two_kinds_of_recordings_have_a_field_each(arms):
     assert recipe["lerobot"]["task"]["field"] == ["data", "message"]
 
 
+def test_an_arm_among_vehicles_gets_the_poses_that_their_dataset_needs(arms, tmp_path):
+    drive = tmp_path / "drive.bag"
+    write_recordings([Target(drive, "ros1")], duration_s=1.0)
+    paths = {"drive.bag": drive, "a.bag": arms["ros1"]}
+    summaries = {}
+    for name, path in paths.items():
+        with open_recording(find_one(path)) as recording:
+            summaries[name] = scan_recording(recording)
+    proposal = propose_recipe(summaries, name="both", root=str(tmp_path))
+    recipe = parse_recipe(proposal.text, tmp_path / "recipe.yaml")
+    asked = [int(said.split(":")[1]) for rig in recipe.rigs for said in rig.questions]
+    assert asked == [question.line for question in proposal.questions], "each is marked in the recipe"
+    assert proposal.questions[0].subject == "ego_pose"
+
+
 def state(number, names, *, topic="/joint_states", stamped=True):
     stamp_ns = NOON_NS + number * SECOND // 50
 

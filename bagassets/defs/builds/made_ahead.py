@@ -24,14 +24,7 @@ from bagassets.base.json_types import JsonObject
 from bagassets.engine.build_report import BuildOptions
 from bagassets.engine.choose import choose_recordings
 from bagassets.engine.execute import AssetResult, execute
-from bagassets.engine.first_pass import (
-    ahead_of_run,
-    forget_readings,
-    note_made,
-    only_reader,
-    read_first,
-    reading_left,
-)
+from bagassets.engine.first_pass import ahead_of_run, note_made, only_reader, read_first, reading_left
 from bagassets.engine.graph import Graph
 from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.forkserver.client import Client
@@ -44,7 +37,6 @@ from bagassets.recipe.model import Recipe
 from bagassets.recordings.digest import recording_stat, stat_files, stored_digest
 from bagassets.recordings.discover import discover
 from bagassets.recordings.model import RecordingFiles
-from bagassets.store.collect import remove_leftovers
 from bagassets.store.store import Store
 
 _LOG = logging.getLogger(__name__)
@@ -62,8 +54,6 @@ _LAUNCHER = "BagAssetsRunLauncher"  # in `dagster.yaml`
 def make_first(args: JsonObject) -> int:
     """Make recordings until the server takes jobs; return the number of those that were tried.
 
-    Afterwards remove what killed processes, such as former ones of this kind, have left.
-
     Args:
         args: `recipe` (file), `bags` and `select` (of `BuildOptions`), and `state` and `stamp` of the server's `ServerFiles`.
     """
@@ -79,8 +69,6 @@ def make_first(args: JsonObject) -> int:
             break
         tried += 1
         _make(assets, recording, known, whole_bytes)
-    forget_readings(recipe.state)
-    remove_leftovers(assets.store, time.time())
     return tried
 
 

@@ -2,7 +2,6 @@
 
 import json
 import os
-import socket
 import subprocess
 import sys
 import threading
@@ -22,6 +21,7 @@ from bagassets.engine.first_pass import first_pass, only_reader, reading_left, w
 from bagassets.engine.source import Progress, progress_told, tell_progress
 from bagassets.forkserver.client import Client
 from bagassets.forkserver.server_files import ServerFiles
+from bagassets.formats.after_crash import noted_build
 from bagassets.formats.catalogue import recording_assets
 from bagassets.formats.trajectory_map import SHELL, map_shell_of
 from bagassets.recipe import load_recipe
@@ -60,27 +60,18 @@ def steps_in_store(recipe_file):
     return sorted(actions_in_store(recipe_file).values())
 
 
-def test_what_killed_processes_have_left_is_removed_and_nothing_else(tmp_path):
-    (tmp_path / "bags").mkdir()
+def test_how_far_killed_processes_had_read_is_forgotten_by_the_next_build(tmp_path):
     recipe_file = make_project(tmp_path, [])
     recipe = load_recipe(recipe_file)
-    ended = subprocess.Popen(["true"])
-    ended.wait()
-    tmp = recipe.store_path / "tmp"
-    old = [
-        recipe.state / "ahead" / "a.reading",
-        tmp / f"{socket.gethostname()}-{ended.pid}-0a",
-        recipe.state / "ahead" / "1f",
-    ]
-    new = [recipe.state / "ahead" / "b.reading", tmp / f"{socket.gethostname()}-{os.getpid()}-0a"]
-    for path in (*old, *new):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.mkdir() if path.parent == tmp else path.write_text("{}")
-        if path in old or path.parent == tmp:
-            os.utime(path, (time.time() - 7200,) * 2)
-    assert make_first(asked(recipe_file)) == 0
-    assert [path.exists() for path in old] == [False, False, True], "a note of what was made is for its run"
-    assert [path.exists() for path in new] == [True, True]
+    ahead = recipe.state / "ahead"
+    ahead.mkdir(parents=True)
+    for name in ("killed.reading", "living.reading", "1f"):
+        (ahead / name).write_text("{}")
+    for name in ("killed.reading", "1f"):
+        os.utime(ahead / name, (time.time() - 3600,) * 2)
+    with noted_build(recipe, recipe_file):
+        left = {path.name for path in ahead.iterdir()}
+    assert left == {"living.reading", "1f"}, "a note of what was made is for its run"
 
 
 def test_all_of_the_recordings_is_made_as_a_run_would_make_it(project, monkeypatch):
