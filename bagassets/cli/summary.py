@@ -188,14 +188,10 @@ def _table(rows: Sequence[SummaryRow]) -> "Table":
     from rich.table import Table
     from rich.text import Text
 
+    known = [["" if number is None else f"{number}" for number in row.counts.values()] for row in rows]
     cells = [
-        [
-            row.format or "",
-            span_text(row.span_s),
-            *("" if n is None else f"{n}" for n in row.counts.values()),
-            row.result,
-        ]
-        for row in rows
+        [row.format or "", span_text(row.span_s), *one, row.result]
+        for row, one in zip(rows, known, strict=True)
     ]
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=0)
     table.add_column("recording", overflow="fold", min_width=9)

@@ -19,29 +19,8 @@ MOST_S = 1024
 """A video file ends before this time: readers compare times as float32 to 0.1 ms, which is finer than its grid from there on."""
 
 _PRESETS = {
-    "h264": [
-        "ultrafast",
-        "superfast",
-        "veryfast",
-        "faster",
-        "fast",
-        "medium",
-        "slow",
-        "slower",
-        "veryslow",
-        "placebo",
-        "0",
-        "1",
-        "2",
-        "3",
-        "4",
-        "5",
-        "6",
-        "7",
-        "8",
-        "9",
-    ],
-    "av1": [str(number) for number in range(-2, 14)],
+    "h264": "ultrafast superfast veryfast faster fast medium slow slower veryslow placebo 0 1 2 3 4 5 6 7 8 9",
+    "av1": "-2 -1 0 1 2 3 4 5 6 7 8 9 10 11 12 13",
 }
 IMAGES = "observation.image"
 OWN_COLUMNS = ("timestamp", "frame_index", "episode_index", "index", "task_index")
@@ -185,7 +164,7 @@ class Encoding(Model):
 
     @model_validator(mode="after")
     def _has_that_preset(self) -> Self:
-        known = _PRESETS[self.codec]
+        known = _PRESETS[self.codec].split()
         if self.preset is None or self.preset.lower() in known:
             return self
         found = f"found {self.preset!r}{suggestion(self.preset, known)}"
