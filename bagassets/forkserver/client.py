@@ -274,7 +274,7 @@ class ServerStart:
                 starter.kill()
                 if not isinstance(err, TimeoutExpired):
                     raise
-                reason = f"it took longer than {self._timeout_s:.0f} s"
+                reason = f"it took longer than {self._timeout_s:.0f} s, as on a busy machine; try again"
                 raise BagAssetsError(*_cannot_start(self._files, reason)) from err
         if code not in {0, SOURCE_CHANGED}:
             # Of a killed server, its starter returns what fits into a byte.
