@@ -218,7 +218,7 @@ class TestWhileItIsBuilt:
         with pytest.raises(DatasetError, match=f"there is none; name {tmp_path / 'nuscenes'}\\.$"):
             bagassets.open_dataset(tmp_path)  # as of a project
         (tmp_path / "recipe.yaml").write_text("name: test\n")
-        found = f"expected the folder of a dataset, found a file; there is none; name {tmp_path / 'nuscenes'}"
+        found = f"expected the folder of a dataset, found a file; name {tmp_path / 'nuscenes'}"
         with pytest.raises(DatasetError, match=rf"recipe\.yaml: {found}\.$"):
             bagassets.open_dataset(tmp_path / "recipe.yaml")
         folder = tmp_path / "nuscenes" / VERSION

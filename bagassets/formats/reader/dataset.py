@@ -431,7 +431,7 @@ def _sweep(source: Source, index: int, channel: str, place: int) -> Sweep:
 def _folder_of(path: Path, version: str | None) -> TableFolder:
     """Return the swapped folder of a dataset."""
     if path.is_file():
-        raise DatasetError(f"{path}: expected the folder of a dataset, found a file; {_offer(path.parent)}")
+        raise DatasetError(f"{path}: expected the folder of a dataset, found a file{_below(path.parent)}.")
     if not path.is_dir():
         raise DatasetError(
             f"{path}: there is no such folder; `bagassets build` makes the dataset that a recipe asks for."
@@ -450,9 +450,13 @@ def _folder_of(path: Path, version: str | None) -> TableFolder:
 
 def _offer(path: Path) -> str:
     names = _versions(path)
-    below = sorted(one.parents[1] for at in ("*/*", "dataset/*/*") for one in path.glob(f"{at}/{LOCK}"))
-    name_one = f"; name {' or '.join(map(str, below))}" if below and not names else ""  # of a project
-    return f"there is {', '.join(names) or 'none'}{name_one}."
+    return f"there is {', '.join(names) or f'none{_below(path)}'}."
+
+
+def _below(path: Path) -> str:
+    """Return a clause with the datasets of a project; "" if there is none."""
+    found = sorted(one.parents[1] for at in ("*/*", "dataset/*/*") for one in path.glob(f"{at}/{LOCK}"))
+    return f"; name {' or '.join(map(str, found))}" if found else ""
 
 
 def _versions(path: Path) -> list[str]:
