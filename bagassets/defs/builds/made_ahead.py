@@ -132,20 +132,14 @@ def _has_our_launcher(recipe_file: Path, recipe: Recipe) -> bool:
         return False
 
 
-def _executes_runs_here(recipe_file: Path) -> bool:
-    """Return whether the runs of a project are executed on this machine, as far as its launcher says so."""
-    from bagassets.defs.runs.launching import launching_at  # noqa: PLC0415  (with Dagster; `make_first` does without)
-
-    try:
-        return launching_at(dagster_home(recipe_file, load_recipe(recipe_file))).executes_here
-    except Exception:  # noqa: BLE001  (whatever it is, the build meets it, too, and reports it)
-        return False
-
-
 def _submit(recipe_file: Path, options: BuildOptions) -> Client | None:
     """Submit the job to the server of a build, and return its client; None if there is no such server, or no use in it."""
+    from bagassets.defs.runs.launching import executes_here  # noqa: PLC0415  (with Dagster; `make_first` does without)
+
     # With one processor, or for some assets only, the plan comes first.
-    if options.jobs == 1 or options.select or not _executes_runs_here(recipe_file):
+    if options.jobs == 1 or options.select:
+        return None
+    if not executes_here(lambda: dagster_home(recipe_file, load_recipe(recipe_file))):
         return None
     client = find_server(recipe_file)
     if client is None:
