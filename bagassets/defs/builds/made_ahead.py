@@ -18,6 +18,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from uuid import uuid4
 
+import yaml
+
 from bagassets.assets.inventory import INVENTORY
 from bagassets.base.errors import BagAssetsError
 from bagassets.base.json_types import JsonObject
@@ -126,10 +128,11 @@ def make_new(recipe: Recipe, bags: Collection[str]) -> None:
 
 def _has_our_launcher(recipe_file: Path, recipe: Recipe) -> bool:
     """Return whether workers of the server are to execute the runs, as far as can be told without Dagster."""
-    try:
-        return _LAUNCHER in (dagster_home(recipe_file, recipe) / "dagster.yaml").read_text("utf-8")
-    except (BagAssetsError, OSError, UnicodeDecodeError):  # the build meets it, too, and reports it
-        return False
+    # What is wrong with the file, the build meets, too, and reports.
+    with suppress(BagAssetsError, OSError, LookupError, TypeError, yaml.YAMLError):
+        said = yaml.safe_load((dagster_home(recipe_file, recipe) / "dagster.yaml").read_bytes())
+        return bool(said["run_launcher"]["class"] == _LAUNCHER)
+    return False
 
 
 def _submit(recipe_file: Path, options: BuildOptions) -> Client | None:

@@ -250,7 +250,10 @@ def test_nothing_is_made_ahead_where_others_execute_the_runs(project, monkeypatc
     file = project.with_name("dagster.yaml")
     found = yaml.safe_load(file.read_text())
     assert executes_here(lambda: file.parent)
-    file.write_text(yaml.safe_dump(found | {"run_launcher": launcher}))
+    assert made_ahead._has_our_launcher(project, load_recipe(project))
+    ours = yaml.safe_dump(found["run_launcher"], default_flow_style=True)
+    file.write_text(yaml.safe_dump(found | {"run_launcher": launcher}) + f"# was: {ours}")
+    assert not made_ahead._has_our_launcher(project, load_recipe(project))
     assert not executes_here(lambda: file.parent)
     monkeypatch.setattr(made_ahead, "find_server", pytest.fail)
     with making_ahead(project, BuildOptions(jobs=2)):
