@@ -96,15 +96,20 @@ def make_batch(
         workspace: recipe and store.
         lock: keeps runs of a recording apart.
         batch: partition key -> assets.
-        side_by_side: several recordings at the same time, if the run has a fork server; else one after the other.
+        side_by_side: as many at the same time as there are processors, if the run has a fork server; else one after the other.
 
     Raises:
         dagster.Failure: some could not be made; raised after all others were.
         RunEndedError: the run was given up meanwhile.
     """
     recordings = {key: assets for key, assets in batch.items() if key != DATASET}
-    make = _make_side_by_side if side_by_side else _make_each
-    ended = dict(make(step, workspace, lock, recordings))
+    ended = Ended()
+    with suppress(ServerRefusedError):  # the recipe changed, say, so that it takes no more jobs
+        for client in Client.all_of(workspace.recipe.state) if side_by_side and len(recordings) > 1 else ():
+            if client.process.pid == os.getppid():
+                _make_parts(client, step, workspace, lock, recordings, ended)
+    left = {key: assets for key, assets in recordings.items() if key not in ended}
+    ended |= _make_each(step, workspace, lock, left)
     if DATASET in batch:
         _make_datasets(step, workspace, batch[DATASET], ended)
     if range_policy():  # Dagster's command says of all later steps that they are skipped
@@ -148,17 +153,6 @@ def _make_each(
                 recorder.record_checks(check_recording(recorder, recording, recorder.made, kept))
                 unsettled.discard(key)
             yield key, ended[key]
-
-
-def _make_side_by_side(step: RunStep, workspace: Workspace, lock: RecordingLock, batch: Batch) -> Ended:
-    """Make recordings as `_make_each` does, but as many at the same time as there are processors, if the run has a fork server."""
-    ended = Ended()
-    with suppress(ServerRefusedError):  # the recipe changed, say, so that it takes no more jobs
-        for client in Client.all_of(workspace.recipe.state):
-            if client.process.pid == os.getppid() and len(batch) > 1:
-                _make_parts(client, step, workspace, lock, batch, ended)
-    left = {key: assets for key, assets in batch.items() if key not in ended}
-    return ended | dict(_make_each(step, workspace, lock, left))
 
 
 def _make_parts(
