@@ -1,7 +1,7 @@
 """Batches: several small recordings that one run brings up to date.
 
 A run with a step for each asset costs a small recording more than its work does. In a batch each recording is still
-recorded as its own partition, and the failure of one is its own (see `defs.graph.batch_job`).
+recorded as its own partition, and the failure of one is its own (see `defs.graph.several`).
 """
 
 from collections.abc import Collection, Mapping, Sequence

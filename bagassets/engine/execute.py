@@ -15,10 +15,10 @@ from bagassets.assets.channel import ChannelExtractor
 from bagassets.base.errors import BagAssetsError, StoreError
 from bagassets.base.escaping import visible
 from bagassets.base.trace import span
+from bagassets.base.unexpected import explained_error
 from bagassets.engine.graph import SELECTION, Graph, Node
 from bagassets.engine.process import encoder_threads, encoders, keep_freed_memory
 from bagassets.engine.run_action import run_action
-from bagassets.engine.unexpected import explained_error
 from bagassets.recordings.recording import Recording
 from bagassets.store.artifact import Artifact, ArtifactWriter
 from bagassets.store.lease import in_use

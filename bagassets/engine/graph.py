@@ -19,12 +19,12 @@ from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.selection import choose_rig, skip_reason
 from bagassets.base.errors import BagAssetsError, RecipeError
 from bagassets.base.json_types import JsonMapping
+from bagassets.base.unexpected import explained_error
 from bagassets.engine.differences import compare_actions, describe_changes
 from bagassets.engine.inputs import RecordingInputs, not_materialized
 from bagassets.engine.plan import AssetState, Recorded, skip_version, version_as_input
 from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.engine.source import MessageSource
-from bagassets.engine.unexpected import explained_error
 from bagassets.recipe.model import Rig
 from bagassets.recordings.digest import RecordingStat, recording_digest, recording_stat
 from bagassets.recordings.model import RecordingFiles

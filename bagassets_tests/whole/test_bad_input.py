@@ -25,10 +25,10 @@ from bagassets.base.errors import (
     StoreError,
     UnexpectedError,
 )
+from bagassets.base.unexpected import explained_error
 from bagassets.defs.builds.pending_work import open_project
 from bagassets.engine import execute
 from bagassets.engine.execute import BuildFailure
-from bagassets.engine.unexpected import explained_error
 from bagassets.formats.assembly import assemble
 from bagassets.formats.dataset_lock import read_lock
 from bagassets.formats.format import Part

@@ -12,7 +12,7 @@ from bagassets.base.alike import names_text
 from bagassets.base.errors import RecordingError
 from bagassets.base.trace import span
 from bagassets.defs.builds.own_states import OwnProject
-from bagassets.defs.builds.pending_work import Asked, PendingWork, what_is_asked, work_of
+from bagassets.defs.builds.pending_work import PendingWork, what_is_asked, work_of
 from bagassets.defs.builds.snapshot import Snapshot
 from bagassets.defs.graph.dataset import record_inputs
 from bagassets.defs.records.instance_plan import planner_of, replan_instance
@@ -26,7 +26,6 @@ from bagassets.engine.disk_space import folders_written, require_disk_space, spa
 from bagassets.engine.first_pass import ahead_of_run, was_just_made
 from bagassets.engine.made_again import made_again
 from bagassets.engine.next_steps import Rules, State, Work, next_steps
-from bagassets.engine.planner import Planner
 from bagassets.engine.unsettled import Unsettled
 
 
@@ -54,20 +53,8 @@ class BuildLoop:
         self.ended: Mapping[str, EndedRun] = {}
         self.interrupted = False
         self.workspace, self._own, self.options, self._on_event = own.workspace, own, options, on_event
-        asked, planner = self._begin_look()
-        touched = {} if asked.assets == () else planner.touched()
-        chosen = {
-            planner.discovery.recordings[key]: recorded
-            for key, recorded in touched.items()
-            if key in asked.chosen
-        }
-        self.unchanged = record_touched(self.workspace, chosen, options.jobs, on_event)
-        self.before = self.now = self.look() if self.unchanged else self._end_look(asked, planner)
-
-    def look(self) -> PendingWork:
-        """Look at everything; return what is to be done."""
-        self.now = self._end_look(*self._begin_look())
-        return self.now
+        self.unchanged: Mapping[str, float] = {}
+        self.before = self.now = self.look(records_touched=True)
 
     def look_on(self, worked_on: Collection[str] = (), *, everything: bool = True) -> PendingWork:
         """Look at what runs may have changed; at everything, if anything else has changed since that was looked at.
@@ -88,18 +75,24 @@ class BuildLoop:
         self.now = work_of(self.workspace, plan, self.now.asked)
         return self.now
 
-    def _begin_look(self) -> tuple[Asked, Planner]:
+    def look(self, *, records_touched: bool = False) -> PendingWork:
+        """Look at everything, once more if recordings of which only the time had changed are recorded first."""
         self.snapshot, self.is_partial = Snapshot(self.workspace, self._own.files), False
         self._worked_on: frozenset[str] = frozenset()
         discovery = self.workspace.discover()
         asked = what_is_asked(self.workspace, discovery, self.options, self._own)
         with span("read records"):
-            return asked, planner_of(self.workspace, discovery=discovery, thorough=False)
-
-    def _end_look(self, asked: Asked, planner: Planner) -> PendingWork:
+            planner = planner_of(self.workspace, discovery=discovery, thorough=False)
+        if records_touched and asked.assets != ():
+            found = planner.touched()
+            chosen = {discovery.recordings[key]: found[key] for key in found if key in asked.chosen}
+            self.unchanged = record_touched(self.workspace, chosen, self.options.jobs, self._on_event)
+            if self.unchanged:
+                return self.look()
         with span("plan"):
             plan = planner.plan(self._on_planned)
-        return work_of(self.workspace, plan, asked)
+        self.now = work_of(self.workspace, plan, asked)
+        return self.now
 
     def _on_planned(self, done: int, total: int) -> None:
         self._on_event(Event.planning(done, total))

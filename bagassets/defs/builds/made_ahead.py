@@ -18,6 +18,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from uuid import uuid4
 
+import yaml
+
 from bagassets.assets.inventory import INVENTORY
 from bagassets.base.errors import BagAssetsError
 from bagassets.base.json_types import JsonObject
@@ -126,26 +128,21 @@ def make_new(recipe: Recipe, bags: Collection[str]) -> None:
 
 def _has_our_launcher(recipe_file: Path, recipe: Recipe) -> bool:
     """Return whether workers of the server are to execute the runs, as far as can be told without Dagster."""
-    try:
-        return _LAUNCHER in (dagster_home(recipe_file, recipe) / "dagster.yaml").read_text("utf-8")
-    except (BagAssetsError, OSError, UnicodeDecodeError):  # the build meets it, too, and reports it
-        return False
-
-
-def _executes_runs_here(recipe_file: Path) -> bool:
-    """Return whether the runs of a project are executed on this machine, as far as its launcher says so."""
-    from bagassets.defs.runs.launching import launching_at  # noqa: PLC0415  (with Dagster; `make_first` does without)
-
-    try:
-        return launching_at(dagster_home(recipe_file, load_recipe(recipe_file))).executes_here
-    except Exception:  # noqa: BLE001  (whatever it is, the build meets it, too, and reports it)
-        return False
+    # What is wrong with the file, the build meets, too, and reports.
+    with suppress(BagAssetsError, OSError, LookupError, TypeError, yaml.YAMLError):
+        said = yaml.safe_load((dagster_home(recipe_file, recipe) / "dagster.yaml").read_bytes())
+        return bool(said["run_launcher"]["class"] == _LAUNCHER)
+    return False
 
 
 def _submit(recipe_file: Path, options: BuildOptions) -> Client | None:
     """Submit the job to the server of a build, and return its client; None if there is no such server, or no use in it."""
+    from bagassets.defs.runs.launching import executes_here  # noqa: PLC0415  (with Dagster; `make_first` does without)
+
     # With one processor, or for some assets only, the plan comes first.
-    if options.jobs == 1 or options.select or not _executes_runs_here(recipe_file):
+    if options.jobs == 1 or options.select:
+        return None
+    if not executes_here(lambda: dagster_home(recipe_file, load_recipe(recipe_file))):
         return None
     client = find_server(recipe_file)
     if client is None:

@@ -10,15 +10,15 @@ from bagassets.base.alike import names_text
 from bagassets.base.errors import StoreError
 from bagassets.defs.graph.checks import check_recording
 from bagassets.defs.graph.making import dependencies, make_recording, read_bag
-from bagassets.defs.graph.several import failure_text, make_datasets, make_side_by_side
+from bagassets.defs.graph.several import make_batch
 from bagassets.defs.records.naming import DATASET_INPUTS, Naming
-from bagassets.defs.records.partitions import range_policy, recording_partitions
+from bagassets.defs.records.partitions import recording_partitions
 from bagassets.defs.records.recorder import Recorder
 from bagassets.defs.records.reporting import BAG_CODE_VERSION, code_link, errors_explained
 from bagassets.defs.records.run_step import RunStep
 from bagassets.defs.records.workspace import Workspace
 from bagassets.defs.runs.exclusive import RecordingLock
-from bagassets.engine.batches import MOST_RECORDINGS
+from bagassets.engine.batches import DATASET
 from bagassets.engine.execute import BuildFailure
 from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.formats.catalogue import recording_assets
@@ -32,11 +32,10 @@ Its data version is the digest of its content; each file is hashed once. Touchin
 
 
 def recording_definitions(
-    recipe: Recipe, names: Naming, *, shares_runs: bool = False
+    recipe: Recipe, names: Naming, policy: dg.BackfillPolicy | None
 ) -> list[dg.AssetsDefinition]:
-    """Return the assets that exist once per recording; with `shares_runs`, a backfill has runs about several of them."""
+    """Return the assets that exist once per recording; with a `policy`, a backfill has runs about several of them."""
     assets = recording_assets(recipe)
-    policy = range_policy() or (dg.BackfillPolicy.multi_run(MOST_RECORDINGS) if shares_runs else None)
     bag = dg.AssetSpec(
         names.key("bag"),
         group_name=names.recording_group,
@@ -126,16 +125,10 @@ def _make_range(
             f"{names_text(others)}: the backfill policy is that of bagassets, so Dagster puts them into the same run, which "
             "makes nothing else; choose another, or none."
         )
-    batch = dict.fromkeys(context.partition_keys, wanted)
-    step = RunStep.of(context, is_planned=True)
-    ended = make_side_by_side(step, workspace, lock, batch)
+    batch: dict[str, Sequence[str]] = dict.fromkeys(context.partition_keys, wanted)
     if chosen := [name for name in datasets if names.key(name) in selected]:
-        make_datasets(step, workspace, chosen, ended)
-    if range_policy():  # Dagster's command says of all later steps that they are skipped
-        for key, failed in ended.items():
-            step.log(f"{key or names_text(chosen)}: {'failed' if failed else 'is recorded'}")
-    if problem := failure_text(ended):
-        raise dg.Failure(problem, allow_retries=False)
+        batch[DATASET] = chosen
+    make_batch(RunStep.of(context, is_planned=True), workspace, lock, batch, side_by_side=True)
 
 
 def _make_not_begun(recorder: Recorder, recording: RecordingFiles, own: set[str], err: BuildFailure) -> None:

@@ -16,7 +16,6 @@ from bagassets.defs.records.artifact_files import page_link
 from bagassets.defs.records.fence import refuse_if_ended
 from bagassets.defs.records.instance_plan import plan_instance
 from bagassets.defs.records.naming import DATASET_INPUTS, Naming
-from bagassets.defs.records.partitions import range_policy
 from bagassets.defs.records.recorder import Made, Recorder
 from bagassets.defs.records.reporting import code_link, dataset_metadata, errors_explained, inputs_metadata
 from bagassets.defs.records.workspace import Workspace
@@ -109,8 +108,10 @@ def _read_of_recordings(recipe: Recipe) -> list[str]:
     return [kind.part for kind in formats() if kind.part in recording_assets(recipe).names]
 
 
-def dataset_assets(recipe: Recipe, names: Naming) -> list[dg.AssetsDefinition]:
-    """Return the assets that exist once."""
+def dataset_assets(
+    recipe: Recipe, names: Naming, policy: dg.BackfillPolicy | None
+) -> list[dg.AssetsDefinition]:
+    """Return the assets that exist once; the `policy` is for those runs that are about a range of recordings, too."""
     read = [
         dg.AssetDep(names.key(asset), partition_mapping=dg.AllPartitionMapping())
         for asset in _read_of_recordings(recipe)
@@ -128,7 +129,7 @@ def dataset_assets(recipe: Recipe, names: Naming) -> list[dg.AssetsDefinition]:
             description=about,
             code_version=version,
             metadata=code_link(make),
-            backfill_policy=range_policy(),
+            backfill_policy=policy,
         )
         def made_once(context: dg.AssetExecutionContext) -> Iterator[dg.MaterializeResult[None]]:
             workspace = Workspace.of(context, names.workspace)

@@ -10,17 +10,18 @@ import dagster as dg
 
 from bagassets.base.lock_files import RUN_LOCKS
 from bagassets.defs.graph.assets import recording_definitions
-from bagassets.defs.graph.batch_job import batch_job
 from bagassets.defs.graph.checks import dataset_checks, recording_checks
 from bagassets.defs.graph.dataset import dataset_assets
 from bagassets.defs.graph.sensor import recordings_sensor
+from bagassets.defs.graph.several import batch_job
 from bagassets.defs.records.naming import Naming, checked_prefix
+from bagassets.defs.records.partitions import range_policy
 from bagassets.defs.records.workspace import Workspace
 from bagassets.defs.runs.exclusive import RecordingLock
-from bagassets.defs.runs.launching import launching_at
+from bagassets.defs.runs.launching import executes_here
+from bagassets.engine.batches import MOST_RECORDINGS
 from bagassets.propose.project import dagster_home
 from bagassets.recipe import load_recipe
-from bagassets.recipe.model import Recipe
 
 
 def build_definitions(
@@ -65,8 +66,13 @@ def build_definitions(
         checks = [*recording_checks(recipe, names), *dataset_checks(recipe, names)]
     # Where a sensor has a job, Dagster copies the sensor with a parameter of its own that it calls beta.
     warnings.filterwarnings("ignore", "Parameter `owners` of initializer `SensorDefinition", dg.BetaWarning)
-    ours = recording_definitions(recipe, names, shares_runs=_executes_here(recipe_file, recipe))
-    assets = [*ours, *dataset_assets(recipe, names)]
+    # Where a run has one process, or a queue packs runs, each recording is better off with a run of its own.
+    shares_runs = executes_here(lambda: os.environ.get("DAGSTER_HOME") or dagster_home(recipe_file, recipe))
+    of_range, shared = range_policy(), dg.BackfillPolicy.multi_run(MOST_RECORDINGS) if shares_runs else None
+    assets = [
+        *recording_definitions(recipe, names, of_range or shared),
+        *dataset_assets(recipe, names, of_range),
+    ]
     batches = batch_job(names)
     return dg.Definitions(
         assets=assets,
@@ -79,18 +85,6 @@ def build_definitions(
         },
         executor=dg.in_process_executor if in_process else None,
     )
-
-
-def _executes_here(recipe_file: Path, recipe: Recipe) -> bool:
-    """Return whether the fork server of this machine executes the runs, as far as that is known without opening the instance.
-
-    Elsewhere a run has one process, or a queue packs runs: there each recording is better off with a run of its own.
-    """
-    try:
-        home = os.environ.get("DAGSTER_HOME") or dagster_home(recipe_file, recipe)
-        return launching_at(Path(home)).executes_here
-    except Exception:  # noqa: BLE001  (whatever it is, who opens the instance meets it, too, and reports it)
-        return False
 
 
 def note_without_recipe(looked_for: Sequence[Path]) -> dg.Definitions:

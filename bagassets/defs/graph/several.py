@@ -1,6 +1,6 @@
 """Several recordings in one run: one after the other, or side by side in processes that the fork server forks for the run.
 
-Each is recorded as its own partition, as a run of its own would. The processes are those of the run, which waits for them; if
+The run is of the job that `bagassets build` launches and the sensor requests, or of a backfill's range. Each is recorded as its own partition, as a run of its own would. The processes are those of the run, which waits for them; if
 it is cancelled or killed, the server ends them, and what they have not recorded is lost.
 """
 
@@ -12,10 +12,14 @@ from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 
+import dagster as dg
+
+from bagassets.base.alike import names_text
 from bagassets.base.errors import BagAssetsError, RunEndedError, StoreError
 from bagassets.base.json_types import JsonObject
 from bagassets.base.quantities import count_text
 from bagassets.base.trace import name_process
+from bagassets.base.unexpected import disk_errors_explained
 from bagassets.defs.graph.checks import check_recording, run_dataset_checks
 from bagassets.defs.graph.dataset import dataset_is_current, make_dataset, record_inputs
 from bagassets.defs.graph.making import make_recording
@@ -23,13 +27,15 @@ from bagassets.defs.records.databases import database_errors_explained
 from bagassets.defs.records.fence import run_has_ended
 from bagassets.defs.records.instance_plan import plan_instance, workspace_fingerprint
 from bagassets.defs.records.instances import open_instance, pack_instance
+from bagassets.defs.records.naming import Naming
+from bagassets.defs.records.partitions import range_policy
 from bagassets.defs.records.recorder import Recorder
+from bagassets.defs.records.reporting import errors_explained
 from bagassets.defs.records.run_step import RunStep
 from bagassets.defs.records.workspace import Workspace
 from bagassets.defs.runs.exclusive import RecordingLock
 from bagassets.defs.runs.run_progress import note_begun, note_ended
 from bagassets.engine.batches import DATASET, Batch, batches
-from bagassets.engine.unexpected import disk_errors_explained
 from bagassets.engine.unsettled import Unsettled
 from bagassets.forkserver.client import Client, ServerRefusedError
 from bagassets.forkserver.worker import note
@@ -45,7 +51,76 @@ Ended = dict[str, str | None]
 """Partition key -> why the recording, or the datasets (`DATASET`), failed; None if it did not."""
 
 
-def make_each(
+def batch_job(names: Naming) -> dg.JobDefinition:
+    """Return the job that makes assets of several recordings, and then the datasets if asked to."""
+
+    @dg.op(
+        name=names.batch_op,
+        required_resource_keys={names.workspace, names.lock},
+        config_schema={
+            "recordings": dg.Field(
+                dict,
+                description="Partition key: names of the assets to make; with an empty key, names of datasets.",
+            )
+        },
+        out=dg.Out(dg.Nothing),
+        description=(
+            "The job that brings a batch of recordings up to date, one after the other, and then the datasets if asked to.\n\n"
+            "Each recording is recorded as its own partition, as a run of its own would."
+        ),
+    )
+    def build_each(context: dg.OpExecutionContext) -> None:
+        workspace = Workspace.of(context, names.workspace)
+        lock: RecordingLock = getattr(context.resources, names.lock)
+        with errors_explained():
+            make_batch(RunStep.of(context), workspace, lock, context.op_config["recordings"])
+
+    @dg.job(
+        name=names.batch_job,
+        description="Brings recordings up to date, and the datasets made from them; `bagassets build` launches it.",
+        executor_def=dg.in_process_executor,
+    )
+    def job() -> None:
+        build_each()
+
+    return job
+
+
+def make_batch(
+    step: RunStep, workspace: Workspace, lock: RecordingLock, batch: Batch, *, side_by_side: bool = False
+) -> None:
+    """Make recordings, and then the datasets if `batch` has them.
+
+    Args:
+        step: of the run that makes them.
+        workspace: recipe and store.
+        lock: keeps runs of a recording apart.
+        batch: partition key -> assets.
+        side_by_side: as many at the same time as there are processors, if the run has a fork server; else one after the other.
+
+    Raises:
+        dagster.Failure: some could not be made; raised after all others were.
+        RunEndedError: the run was given up meanwhile.
+    """
+    recordings = {key: assets for key, assets in batch.items() if key != DATASET}
+    ended = Ended()
+    with suppress(ServerRefusedError):  # the recipe changed, say, so that it takes no more jobs
+        for client in Client.all_of(workspace.recipe.state) if side_by_side and len(recordings) > 1 else ():
+            if client.process.pid == os.getppid():
+                _make_parts(client, step, workspace, lock, recordings, ended)
+    left = {key: assets for key, assets in recordings.items() if key not in ended}
+    ended |= _make_each(step, workspace, lock, left)
+    if DATASET in batch:
+        _make_datasets(step, workspace, batch[DATASET], ended)
+    if range_policy():  # Dagster's command says of all later steps that they are skipped
+        for key, failed in ended.items():
+            what = key or names_text(batch[DATASET])
+            step.log(f"{what}: {'failed' if failed else 'is recorded'}")
+    if problem := failure_text(ended):
+        raise dg.Failure(problem, allow_retries=False)
+
+
+def _make_each(
     step: RunStep, workspace: Workspace, lock: RecordingLock, batch: Batch
 ) -> Iterator[tuple[str, str | None]]:
     """Make recordings one after the other, and yield how each ends (see `Ended`); one that fails does not stop the others.
@@ -78,17 +153,6 @@ def make_each(
                 recorder.record_checks(check_recording(recorder, recording, recorder.made, kept))
                 unsettled.discard(key)
             yield key, ended[key]
-
-
-def make_side_by_side(step: RunStep, workspace: Workspace, lock: RecordingLock, batch: Batch) -> Ended:
-    """Make recordings as `make_each` does, but as many at the same time as there are processors, if the run has a fork server."""
-    ended = Ended()
-    with suppress(ServerRefusedError):  # the recipe changed, say, so that it takes no more jobs
-        for client in Client.all_of(workspace.recipe.state):
-            if client.process.pid == os.getppid() and len(batch) > 1:
-                _make_parts(client, step, workspace, lock, batch, ended)
-    left = {key: assets for key, assets in batch.items() if key not in ended}
-    return ended | dict(make_each(step, workspace, lock, left))
 
 
 def _make_parts(
@@ -142,7 +206,7 @@ def make_part(args: JsonObject) -> None:
         HOLDERS.name, HOLDERS.has_ended = run_id, partial(run_has_ended, instance)
         workspace = Workspace(recipe_file=args["recipe"], key_prefix=args["prefix"]).on(instance)
         step = RunStep(instance, run_id, *of_step)
-        for key, problem in make_each(step, workspace, RecordingLock(folder=args["locks"]), args["batch"]):
+        for key, problem in _make_each(step, workspace, RecordingLock(folder=args["locks"]), args["batch"]):
             note({key: problem})
 
 
@@ -177,7 +241,7 @@ def noted(recorder: Recorder, ended: Ended) -> Iterator[None]:
     note_ended(step, key, ended[key], has_made=recorder.has_made)
 
 
-def make_datasets(step: RunStep, workspace: Workspace, wanted: Collection[str], ended: Ended) -> None:
+def _make_datasets(step: RunStep, workspace: Workspace, wanted: Collection[str], ended: Ended) -> None:
     """Make those datasets of `wanted`, of all that is recorded, unless they are current; note in `ended` how that ends."""
     problems = list[str]()
     plan = plan_instance(workspace)

@@ -71,7 +71,7 @@ def all_recordings(
     Raises:
         StoreError: an artifact is not in the store.
     """
-    versions = _versions(Records(context.instance, workspace.names), asset)
+    versions = _versions(workspace.on(context.instance).records, asset)
     return {key: workspace.store.artifact(version) for key, version in versions.items()}
 
 
@@ -94,7 +94,7 @@ def skipped(
         workspace: its resource.
         asset: what the step reads: name of one of our assets, or the key of any.
     """
-    recorded = Records(context.instance, workspace.names).of(asset, context.partition_key)
+    recorded = workspace.on(context.instance).records.of(asset, context.partition_key)
     if recorded is None or not recorded.is_skip:
         return None
     version = dg.DataVersion(recorded.data_version)

@@ -155,10 +155,10 @@ class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get
         Raises:
             StoreError: the asset is not materialized or was skipped, or its artifact is not in the store.
         """
-        key, names = context.partition_key, self.names
-        recorded = Records(context.instance, names).of(asset, key)
+        key = context.partition_key
+        recorded = self.on(context.instance).records.of(asset, key)
         if recorded is None or recorded.is_skip:
-            name = names.key(asset).to_user_string()
+            name = self.names.key(asset).to_user_string()
             problem = (
                 "is not materialized for this recording; materialize it first."
                 if recorded is None

@@ -5,7 +5,7 @@ says nothing: so any launcher of Dagster's, or of a stranger, may stand in `dags
 `ConfiguredLauncher` and says where it differs; no other file needs to know of it.
 """
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Self, get_args, get_type_hints
@@ -16,6 +16,7 @@ from bagassets.base.json_types import JsonMapping
 from bagassets.defs.dagster_private import (
     ConfigurableClass,
     ConfigurableClassData,
+    InstanceRef,
     RunLauncher,
     T_DagsterInstance,
 )
@@ -139,15 +140,21 @@ def last_words(log: Path) -> str:
     return "\n".join([f"Last lines of {log}:", *lines]) if lines else ""
 
 
-def launching_of(instance: dg.DagsterInstance) -> Launching:
-    """Return how the launcher of an instance deals with runs; of one that does not say it, the defaults."""
-    return _said_by(instance.run_launcher)
-
-
-def launching_at(home: Path) -> Launching:
-    """Return how the launcher that the `dagster.yaml` of a folder names deals with runs, without opening the instance."""
-    return _said_by(read_settings(home).run_launcher)
-
-
-def _said_by(launcher: object) -> Launching:
+def launching_of(instance: dg.DagsterInstance | InstanceRef) -> Launching:
+    """Return how the launcher of an instance, or of its settings, deals with runs; of one that does not say it, the defaults."""
+    launcher = instance.run_launcher
     return launcher if isinstance(launcher, Launching) else Launching()
+
+
+def executes_here(find_home: Callable[[], str | Path]) -> bool:
+    """Return whether the fork server of this machine executes the runs, as far as that is known without opening the instance.
+
+    Elsewhere a run has one process, or a queue packs runs, and other machines read.
+
+    Args:
+        find_home: returns the folder of the `dagster.yaml`.
+    """
+    try:
+        return launching_of(read_settings(Path(find_home()))).executes_here
+    except Exception:  # noqa: BLE001  (whatever it is, who opens the instance meets it, too, and reports it)
+        return False

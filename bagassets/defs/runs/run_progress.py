@@ -59,12 +59,9 @@ def note_begun(step: RunStep, key: str) -> None:
 
 def note_ended(step: RunStep, key: str, problem: str | None, *, has_made: bool) -> None:
     """Note in the log of a run about several recordings that it is done with one, or that this failed."""
-    if problem is None:
-        metadata: dict[str, str | float] = {_RECORDING: key, _STATE: _DONE, _MADE: has_made}
-        _note(step, f"{key or _DATASETS}: {_DONE}.", metadata)
-    else:
-        metadata = {_RECORDING: key, _STATE: _FAILED, _PROBLEM: problem}
-        _note(step, f"{key or _DATASETS}: {_FAILED}. {problem}", metadata)
+    state, said = (_DONE, "") if problem is None else (_FAILED, f" {problem}")
+    known = {_MADE: has_made} if problem is None else {_PROBLEM: problem}
+    _note(step, f"{key or _DATASETS}: {state}.{said}", {_RECORDING: key, _STATE: state, **known})
 
 
 def readings_noted(step: RunStep, key: str) -> AbstractContextManager[None]:

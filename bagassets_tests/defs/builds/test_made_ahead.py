@@ -15,6 +15,7 @@ from mcap.writer import CompressionType, Writer
 
 from bagassets.defs.builds import made_ahead
 from bagassets.defs.builds.made_ahead import make_ahead, make_first, make_new, making_ahead
+from bagassets.defs.runs.launching import executes_here
 from bagassets.engine.build_report import BuildOptions
 from bagassets.engine.execute import execute
 from bagassets.engine.first_pass import first_pass, only_reader, reading_left, was_just_made
@@ -263,9 +264,12 @@ def test_nothing_is_made_ahead_where_that_would_delay_or_is_not_asked_for(projec
 def test_nothing_is_made_ahead_where_others_execute_the_runs(project, monkeypatch, launcher):
     file = project.with_name("dagster.yaml")
     found = yaml.safe_load(file.read_text())
-    assert made_ahead._executes_runs_here(project)
-    file.write_text(yaml.safe_dump(found | {"run_launcher": launcher}))
-    assert not made_ahead._executes_runs_here(project)
+    assert executes_here(lambda: file.parent)
+    assert made_ahead._has_our_launcher(project, load_recipe(project))
+    ours = yaml.safe_dump(found["run_launcher"], default_flow_style=True)
+    file.write_text(yaml.safe_dump(found | {"run_launcher": launcher}) + f"# was: {ours}")
+    assert not made_ahead._has_our_launcher(project, load_recipe(project))
+    assert not executes_here(lambda: file.parent)
     monkeypatch.setattr(made_ahead, "find_server", pytest.fail)
     with making_ahead(project, BuildOptions(jobs=2)):
         assert steps_in_store(project) == []

@@ -150,9 +150,9 @@ def test_what_others_change_before_a_build_ends_is_seen_as_by_a_look_at_everythi
     _rewrite(tmp_path / "bags" / KEY, 1.5)
     look_on, look, looked, seen = loop.BuildLoop.look_on, loop.BuildLoop.look, [], {}
 
-    def note_look(self):
+    def note_look(self, **options):
         looked.append(1)
-        return look(self)
+        return look(self, **options)
 
     def change_first(self, *args, everything=True):
         if not everything:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import dagster as dg
 import pytest
 
+from bagassets.defs.records.databases import read_settings
 from bagassets.defs.records.events import Records
 from bagassets.defs.records.instances import open_instance
 from bagassets.defs.records.naming import Naming
@@ -12,7 +13,6 @@ from bagassets.defs.runs.launching import (
     ConfiguredLauncher,
     LauncherSettings,
     Launching,
-    launching_at,
     launching_of,
 )
 from bagassets.defs.runs.run_pool import RunPool
@@ -63,7 +63,7 @@ def write_home(folder, launcher):
 def test_one_that_says_nothing_gets_the_defaults(tmp_path, launcher, said):
     home = write_home(tmp_path, launcher)
     with open_instance(str(home)) as instance:
-        for one in (launching_of(instance), launching_at(home)):
+        for one in (launching_of(instance), launching_of(read_settings(home))):
             found = (one.most_at_once, one.recordings_per_run, one.executes_here, one.names_workers)
             assert found == said
         assert isinstance(launching_of(instance), type(instance.run_launcher) if any(said) else Launching)
