@@ -5,7 +5,7 @@ Each recording is recorded as its own partition, as a run of its own would.
 
 import dagster as dg
 
-from bagassets.defs.graph.several import failure_text, make_datasets, make_each
+from bagassets.defs.graph.several import failure_text, make_datasets, make_each, wait_for_runs
 from bagassets.defs.records.naming import Naming
 from bagassets.defs.records.reporting import errors_explained
 from bagassets.defs.records.run_step import RunStep
@@ -24,7 +24,12 @@ def batch_job(names: Naming) -> dg.JobDefinition:
             "recordings": dg.Field(
                 dict,
                 description="Partition key: names of the assets to make; with an empty key, names of datasets.",
-            )
+            ),
+            "after": dg.Field(
+                [str],
+                default_value=[],
+                description="Runs of other recordings that have to end before the datasets are made.",
+            ),
         },
         out=dg.Out(dg.Nothing),
         description=__doc__,
@@ -37,6 +42,7 @@ def batch_job(names: Naming) -> dg.JobDefinition:
         with errors_explained():
             ended = dict(make_each(step, workspace, lock, recordings))
         if DATASET in batch:
+            wait_for_runs(step, context.op_config["after"])
             make_datasets(step, workspace, batch[DATASET], ended)
         if problem := failure_text(ended):
             raise dg.Failure(problem, allow_retries=False)

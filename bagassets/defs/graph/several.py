@@ -7,10 +7,13 @@ it is cancelled or killed, the server ends them, and what they have not recorded
 import logging
 import os
 import signal
+import time
 import traceback
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
+
+import dagster as dg
 
 from bagassets.base.errors import BagAssetsError, RunEndedError, StoreError
 from bagassets.base.json_types import JsonObject
@@ -20,13 +23,14 @@ from bagassets.defs.graph.checks import check_recording, run_dataset_checks
 from bagassets.defs.graph.dataset import dataset_is_current, make_dataset, record_inputs
 from bagassets.defs.graph.making import make_recording
 from bagassets.defs.records.databases import database_errors_explained
-from bagassets.defs.records.fence import run_has_ended
+from bagassets.defs.records.fence import refuse_if_ended, run_has_ended
 from bagassets.defs.records.instance_plan import plan_instance, workspace_fingerprint
 from bagassets.defs.records.instances import open_instance, pack_instance
 from bagassets.defs.records.recorder import Recorder
 from bagassets.defs.records.run_step import RunStep
 from bagassets.defs.records.workspace import Workspace
 from bagassets.defs.runs.exclusive import RecordingLock
+from bagassets.defs.runs.orphaned_runs import UNFINISHED
 from bagassets.defs.runs.run_progress import note_begun, note_ended
 from bagassets.engine.batches import DATASET, Batch, batches
 from bagassets.engine.unexpected import disk_errors_explained
@@ -39,7 +43,7 @@ from bagassets.store.lease import HOLDERS, in_use
 
 _MOST_NAMED = 3
 _PART = f"{__name__}:make_part"
-_POLL_S = 0.5
+_POLL_S, _OTHER_RUNS_S = 0.5, 0.05
 
 Ended = dict[str, str | None]
 """Partition key -> why the recording, or the datasets (`DATASET`), failed; None if it did not."""
@@ -175,6 +179,18 @@ def noted(recorder: Recorder, ended: Ended) -> Iterator[None]:
         ended[key] = f"{type(err).__name__}: {err}"
         step.log(f"{key or 'the datasets'}: an unexpected error\n\n{traceback.format_exc()}", logging.ERROR)
     note_ended(step, key, ended[key], has_made=recorder.has_made)
+
+
+def wait_for_runs(step: RunStep, run_ids: Sequence[str]) -> None:
+    """Wait until runs have ended, or were deleted.
+
+    Raises:
+        RunEndedError: this run was given up meanwhile.
+    """
+    # To Dagster, a filter without a run is an error.
+    while run_ids and step.instance.get_runs_count(dg.RunsFilter(run_ids=run_ids, statuses=UNFINISHED)):
+        refuse_if_ended(step.instance, step.run_id)
+        time.sleep(_OTHER_RUNS_S)
 
 
 def make_datasets(step: RunStep, workspace: Workspace, wanted: Collection[str], ended: Ended) -> None:
