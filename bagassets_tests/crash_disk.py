@@ -9,12 +9,15 @@ a loss of power may take although files that were written later are there.
 """
 
 import contextlib
+import copy
 import errno
+import hashlib
 import io
 import os
 import shutil
 import struct
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 
 from bagassets.base import files, fingerprints
@@ -144,7 +147,7 @@ def crashed(recording, number, *, how="whole", lost=(), dice=None, without=""):
         without: `Dagster`: without the last commit to its databases; `all`: they and the caches are as before the last that
             was written to any of them.
     """
-    tree = recording.base
+    tree = copy.deepcopy(recording.base)
     lost = _not_synced(recording.changes[:number], lost)
     for index, change in enumerate(recording.changes[:number]):
         if index not in lost:
@@ -166,6 +169,32 @@ def crashed(recording, number, *, how="whole", lost=(), dice=None, without=""):
         # Who looks at its times finds them changed, as it was written to.
         folder.entries[Path(path).name] = Node(data)
     return tree
+
+
+def state_of(tree):
+    """A digest of all that a build finds in a tree: names, links, bytes, modes, times and inodes."""
+    seen = {}
+
+    def told(node, path):
+        stat = node.mode, node.mtime_ns, node.inode, node.ctime_ns
+        if node.data is None:
+            return (
+                "folder",
+                stat,
+                [(name, told(node.entries[name], f"{path}/{name}")) for name in sorted(node.entries)],
+            )
+        return (
+            ("link", seen[id(node)])
+            if id(node) in seen
+            else ("file", stat, _sha256(node.data), seen.setdefault(id(node), path))
+        )
+
+    return hashlib.sha256(repr(told(tree, "")).encode()).hexdigest()
+
+
+@lru_cache(maxsize=256)
+def _sha256(data):
+    return hashlib.sha256(data).hexdigest()
 
 
 def databases_at(recording, number, without=""):
@@ -280,6 +309,7 @@ class Disk:
         self.fails_at, self.error, self.dies_at = fails_at, error, dies_at
         self.count = 0
         self._open = {}
+        self._known = {}
         self.failed = ""
 
     def __getattr__(self, name):
@@ -303,7 +333,11 @@ class Disk:
         if self.recording is not None and kind in ("move", "exchange") and os.path.isdir(texts[0]):
             self._take_in(texts[0])
         if self.recording is not None and kind != "write more":
-            self.recording.databases.append(databases(Path(self.root), ".bagassets"))
+            # Few changes are also ones of databases, which are large.
+            now = databases(Path(self.root), ".bagassets")
+            self.recording.databases.append(
+                {path: self._known.setdefault(data, data) for path, data in now.items()}
+            )
         self.count += 1
         if self.count == self.dies_at:
             os._exit(9)

@@ -5,6 +5,7 @@ the same process. Only the power is simulated: after a loss of it the machine se
 """
 
 import errno
+import gc
 import hashlib
 import importlib
 import io
@@ -24,6 +25,7 @@ import pytest
 from bagassets.base import fingerprints
 from bagassets.base.errors import BagAssetsError
 from bagassets.cli.main import main, text_of_refusal
+from bagassets.defs.graph.own_location import know_installed_modules
 from bagassets.engine.freshness import decide
 from bagassets.formats import after_crash
 from bagassets.formats.dataset_integrity import find_damage
@@ -39,6 +41,7 @@ from bagassets_tests.crash_disk import (
     databases,
     databases_at,
     lay_out,
+    state_of,
     take,
 )
 from bagassets_tests.in_process import QUICK, build, load_definitions
@@ -76,6 +79,13 @@ class DiedError(Exception):
 _modules = set()
 
 
+def be_quiet():
+    """Have this process print nothing."""
+    quiet = os.open(os.devnull, os.O_RDWR)
+    for descriptor in (0, 1, 2):
+        os.dup2(quiet, descriptor)
+
+
 def forked(function, *arguments):
     """Call a function in a forked process, without what it prints; return its result.
 
@@ -87,9 +97,7 @@ def forked(function, *arguments):
     if pid == 0:
         try:
             os.close(reading)
-            quiet = os.open(os.devnull, os.O_RDWR)
-            for descriptor in (0, 1, 2):
-                os.dup2(quiet, descriptor)
+            be_quiet()
             try:
                 answer = True, function(*arguments)
             except BaseException:
@@ -117,6 +125,19 @@ def import_what_was_needed():
         if name.partition(".")[0] in _WORTH_IMPORTING:
             with suppress(ImportError):
                 importlib.import_module(name)
+    know_installed_modules()
+
+
+def warm_up(folder):
+    """Build a project in this process, so that processes forked from it have compiled statements and definitions at hand."""
+    project = Project(folder)
+    project.put("a", 0)
+    for number in range(2):
+        project.put("b", number)
+        assert project.build() == ""
+    import_what_was_needed()
+    gc.collect()
+    gc.freeze()  # else whatever is looked at is copied in each process
 
 
 class Project:
@@ -145,6 +166,10 @@ class Project:
         shutil.rmtree(self.folder, ignore_errors=True)
         (self.folder / "bags").mkdir(parents=True)
         write_project(self.folder, RECIPES[dataset])
+        self.enter()
+
+    def enter(self):
+        """Have this process be about this project."""
         os.environ["BAGASSETS_RECIPE"] = str(self.recipe_file)
         load_definitions(self.recipe_file)
 
@@ -391,15 +416,24 @@ def crashes(scenario, seed=0):
                 yield Crash(number, True, "any", lost, without, dice.randrange(1 << 30))
 
 
+def left_by(scenario, crash):
+    """The tree that a crash leaves."""
+    dice = random.Random(crash.seed)
+    return crashed(
+        scenario.recording, crash.number, how=crash.how, lost=crash.lost, dice=dice, without=crash.without
+    )
+
+
+def left_state(scenario, crash):
+    """A digest of what a crash leaves: crashes that leave the same end in the same way."""
+    return crash.power, state_of(left_by(scenario, crash))
+
+
 def replay(project, scenario, crash):
     """Lay out what a crash leaves, build, and return what is wrong then."""
 
     def run():
-        dice = random.Random(crash.seed)
-        tree = crashed(
-            scenario.recording, crash.number, how=crash.how, lost=crash.lost, dice=dice, without=crash.without
-        )
-        project.lay_out(tree)
+        project.lay_out(left_by(scenario, crash))
         if crash.power:
             boot_again()
         Disk(project.folder, links=scenario.links).install()

@@ -14,13 +14,23 @@ def is_loaded():
     return _NAME in os.environ.get("LD_PRELOAD", "")
 
 
-def run_with(folder, command):
-    """Run a command with the library, which is compiled in a folder; return its exit status."""
+def compiled(folder):
+    """Compile the library in a folder; return its path."""
     library = folder / _NAME
     source = Path(__file__).with_suffix(".c")
     subprocess.run(["cc", "-shared", "-fPIC", "-O1", "-o", library, source, "-ldl"], check=True)
+    return library
+
+
+def with_library(library):
+    """Return the environment of a process that is to have it."""
+    return {**os.environ, "LD_PRELOAD": str(library)}
+
+
+def run_with(folder, command):
+    """Run a command with the library, which is compiled in a folder; return its exit status."""
     return subprocess.run(
-        [sys.executable, *command], env={**os.environ, "LD_PRELOAD": str(library)}, check=False
+        [sys.executable, *command], env=with_library(compiled(folder)), check=False
     ).returncode
 
 

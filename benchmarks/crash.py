@@ -3,10 +3,10 @@
 The commands of `bagassets_tests/crash_project.py` are recorded, change by change of files. After a crash before each change, with
 what may be left then (killed; without power: new files empty, full of zeros, torn in the middle, any of these, and a change
 lost; all with and without the last commit of Dagster's database), a build must end well, then `verify` must find nothing and
-the dataset be that of a project built from nothing. The same after each change failed once, with EIO and with ENOSPC, and after
+the dataset be that of a project built from nothing; what leaves the same files, byte for byte, is tried once. The same after each change failed once, with EIO and with ENOSPC, and after
 each read failed once, with EIO, where the command must end in a sentence; and after histories of three steps::
 
-    make crash                                   # all of them: some hours on two quiet cores
+    make crash                                   # all of them: some hours on two quiet cores; interrupted, it goes on later
     python -m benchmarks.crash --share 0.05      # a sample
     python -m benchmarks.crash --only history
     python -m benchmarks.crash --command removal --json benchmarks/results/crash.json   # this one again, into these results
@@ -15,6 +15,7 @@ The exit status is 1 if anything went wrong.
 """
 
 import argparse
+import hashlib
 import json
 import multiprocessing
 import os
@@ -24,7 +25,9 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
+from contextlib import suppress
+from functools import partial
 from importlib import import_module
 from itertools import product
 from pathlib import Path
@@ -39,8 +42,9 @@ _failing_reads: Any = import_module("bagassets_tests.failing_reads")
 _PARTS = ("crash", "failure", "read", "history")
 _EACH = 25
 
-Try = tuple[str, str, str]
-"""What was tried: part, command, and what was wrong then (an empty text: nothing)."""
+Answer = dict[str, Any]
+"""Of a worker. What was tried: part and command, which one, what was wrong then (an empty text: nothing), and whether it was
+equal to one that was tried before; or, once, how many tries there are to do, and how many changes each command made."""
 
 
 def main() -> int:
@@ -61,37 +65,103 @@ def main() -> int:
         with tempfile.TemporaryDirectory() as name:
             return int(_failing_reads.run_with(Path(name), ["-m", "benchmarks.crash", *sys.argv[1:]]))
     import_module(_CODE)  # workers are forked with it
-    begun, tries, problems = time.monotonic(), Counter[tuple[str, str]](), list[str]()
-    good = Counter[tuple[str, str]]()
-    with tempfile.TemporaryDirectory(dir=options.folder if options.folder.is_dir() else None) as name:
-        for part, command, problem in _tried(Path(name), options):
-            tries[part, command] += 1
-            good[part, command] += not problem
-            if problem:
-                problems.append(f"{part}, {command}: {problem}")
-                print(problems[-1], file=sys.stderr, flush=True)
-            if tries.total() % _EACH == 0:
-                print(f"{tries.total()} tried, {len(problems)} problems: now {part}, {command}", flush=True)
-    rows = [[part, command, number, good[part, command]] for (part, command), number in sorted(tries.items())]
-    found = {
+    header, kept = _header(options), ROOT / "build" / "crash-tried.jsonl"
+    before = _tried_before(kept, header)
+    kept.parent.mkdir(exist_ok=True)
+    begun = time.monotonic() - max((one["at_s"] for one in before), default=0.0)
+    found = _Found()
+    with (
+        tempfile.TemporaryDirectory(dir=options.folder if options.folder.is_dir() else None) as name,
+        kept.open("w", encoding="utf-8") as lines,
+    ):
+        print(json.dumps(header), *map(json.dumps, before), sep="\n", file=lines, flush=True)
+        for one in before:
+            found.add(one)
+        for one in _tried(Path(name), options, {(*one["what"], one["one"]) for one in before}):
+            if "what" in one:
+                one["at_s"] = round(time.monotonic() - begun, 1)
+                print(json.dumps(one), file=lines, flush=True)
+            found.add(one)
+    rows = [
+        [*what, number, found.good[what], found.equal[what]] for what, number in sorted(found.tries.items())
+    ]
+    results = {
         "machine": machine(), "seed": options.seed, "share": options.share, "commit": _git("rev-parse", "--short", "HEAD"),
         "date": time.strftime("%Y-%m-%d"), "minutes": round((time.monotonic() - begun) / 60), "tried": rows,
-        "problems": problems,
+        "problems": found.problems,
     }  # fmt: skip
     if options.command and options.json:
-        found = _with_again(json.loads(options.json.read_text("utf-8")), found, options.command)
+        results = _with_again(json.loads(options.json.read_text("utf-8")), results, options.command)
     if options.json:
-        options.json.write_text(json.dumps(found, indent=1) + "\n", "utf-8")
-    print(crash_table(found))
-    return 1 if problems else 0
+        options.json.write_text(json.dumps(results, indent=1) + "\n", "utf-8")
+    print(crash_table(results))
+    kept.unlink()
+    return 1 if found.problems else 0
 
 
-def _tried(folder: Path, options: argparse.Namespace) -> Iterator[Try]:
+class _Found:
+    """What has been found so far: part and command -> how many were tried, good, and equal to others."""
+
+    def __init__(self) -> None:
+        self.tries, self.good, self.equal = (Counter[tuple[str, str]]() for _ in range(3))
+        self.problems: list[str] = []
+        self._changes: dict[str, int] = {}
+        self._to_do, self._done, self._since_s = 0, 0, time.monotonic()
+
+    def add(self, one: Answer) -> None:
+        """Add an answer, and say now and then how far this is."""
+        if "to_do" in one:
+            self._to_do, self._since_s = self._to_do + one["to_do"], time.monotonic()
+            for command, number in one["changes"].items():
+                if self._changes.setdefault(command, number) != number:
+                    self._say(
+                        f"worker, {command}: {number} changes were recorded, and elsewhere {self._changes[command]}"
+                    )
+            return
+        what = part, command = tuple(one["what"])
+        self._done += bool(self._to_do)
+        self.tries[what] += 1
+        self.good[what] += not one["problem"]
+        self.equal[what] += one["is_equal"]
+        if one["problem"]:
+            self._say(f"{part}, {command}: {one['one']}: {one['problem']}")
+        if self._done % _EACH == 0 < self._to_do:
+            left_min = (self._to_do - self._done) * (time.monotonic() - self._since_s) / self._done / 60
+            print(
+                f"{self.tries.total()} tried, {self.equal.total()} of them equal to others, {len(self.problems)} problems;"
+                f" {self._to_do - self._done} more in about {left_min:.0f} minutes: now {part}, {command}",
+                flush=True,
+            )
+
+    def _say(self, problem: str) -> None:
+        self.problems.append(problem)
+        print(problem, file=sys.stderr, flush=True)
+
+
+def _header(options: argparse.Namespace) -> dict[str, Any]:
+    """Return what must be the same for a run to go on where another was interrupted."""
+    code = hashlib.sha256()
+    for folder, pattern in (("bagassets", "**/*.py"), ("bagassets_tests", "*.*"), ("benchmarks", "crash.py")):
+        for path in sorted((ROOT / folder).glob(pattern)):
+            code.update(path.read_bytes())
+    chosen = {name: getattr(options, name) for name in ("share", "seed", "only", "command")}
+    return {"code": code.hexdigest(), **chosen}
+
+
+def _tried_before(kept: Path, header: dict[str, Any]) -> list[Answer]:
+    """Return what an interrupted run had tried, if that was the same run of the same code."""
+    found: list[Answer] = []
+    with suppress(FileNotFoundError, json.JSONDecodeError):  # the last line may be half
+        found.extend(map(json.loads, kept.read_text("utf-8").splitlines()))
+    return found[1:] if found[:1] == [header] else []
+
+
+def _tried(folder: Path, options: argparse.Namespace, tried: Collection[tuple[str, ...]]) -> Iterator[Answer]:
     """Yield what workers tried; each records the commands for itself, and tries every so many of the crashes."""
     context = multiprocessing.get_context("fork")
     answers: Any = context.Queue()
     workers = [
-        context.Process(target=_work, args=(folder / str(number), number, options, answers.put))
+        context.Process(target=_work, args=(folder / str(number), number, options, tried, answers.put))
         for number in range(options.workers)
     ]
     for worker in workers:
@@ -108,45 +178,76 @@ def _tried(folder: Path, options: argparse.Namespace) -> Iterator[Try]:
 
 
 def _work(
-    folder: Path, number: int, options: argparse.Namespace, answer: Callable[[Try | None], None]
+    folder: Path,
+    number: int,
+    options: argparse.Namespace,
+    tried: Collection[tuple[str, ...]],
+    answer: Callable[[Answer | None], None],
 ) -> None:
     code: Any = import_module(_CODE)
 
-    def mine(all_of_it: Any) -> Iterator[Any]:
-        """Those of all tries that are in the sample, and this worker's."""
+    def mine(what: tuple[str, str], all_of_it: Any) -> list[Any]:
+        """Those of all tries that are in the sample, this worker's, and not tried yet."""
         dice = random.Random(options.seed)
-        for index, one in enumerate(all_of_it):
-            if dice.random() < options.share and index % options.workers == number:
-                yield one
+        # Those before the same change go to one worker, as they may leave the same.
+        return [
+            one
+            for index, one in enumerate(all_of_it)
+            if dice.random() < options.share
+            and getattr(one, "number", index) % options.workers == number
+            and (*what, str(one)) not in tried
+        ]
 
     try:
         folder.mkdir()
-        project = code.Project(folder)
+        code.be_quiet()
+        code.warm_up(folder / "warm")
+        scenarios = []
         for command in code.SCENARIOS if options.only != "history" else ():
             if options.command not in (None, command):
                 continue
+            project = code.Project(folder / command)
             scenario = code.recorded(project, command)
             code.import_what_was_needed()
-            tried = {
-                "crash": (code.crashes(scenario, options.seed), code.replay),
-                "failure": (code.failures(scenario), code.fail),
-                "read": (code.reads(project, scenario), code.fail_read),
+            tries = {
+                part: mine((part, command), all_of_it())
+                for part, all_of_it in (
+                    ("crash", partial(code.crashes, scenario, options.seed)),
+                    ("failure", partial(code.failures, scenario)),
+                    ("read", partial(code.reads, project, scenario)),
+                )
+                if options.only in (None, part)
             }
-            for part, (all_of_it, run) in tried.items():
-                for one in mine(all_of_it) if options.only in (None, part) else ():
-                    problem = run(project, scenario, one)
-                    if problem is not None:
-                        answer((part, command, problem and f"{one}: {problem}"))
+            scenarios.append((command, project, scenario, tries))
+        steps = []
         if options.only in (None, "history") and options.command is None:
-            histories = code.Histories(folder)
-            for steps in mine(product(code.STEPS, repeat=3)):
-                problem = histories.run(steps, options.seed)
-                answer(("history", "three steps", problem and f"{', '.join(steps)}: {problem}"))
+            steps = mine(("history", "three steps"), product(code.STEPS, repeat=3))
+        to_do = sum(len(some) for *_, tries in scenarios for some in tries.values()) + len(steps)
+        changes = {command: len(scenario.recording.changes) for command, _, scenario, _ in scenarios}
+        answer({"to_do": to_do, "changes": changes})
+        for command, project, scenario, tries in scenarios:
+            project.enter()
+            for part, some in tries.items():
+                run = {"crash": code.replay, "failure": code.fail, "read": code.fail_read}[part]
+                known: dict[Any, str] = {}
+                for one in some:
+                    state = code.left_state(scenario, one) if part == "crash" else one
+                    if not (is_equal := state in known):
+                        known[state] = run(project, scenario, one)
+                    if known[state] is not None:
+                        answer(_answer((part, command), one, known[state], is_equal))
+        histories: Any = code.Histories(folder) if steps else None
+        for three in steps:
+            answer(_answer(("history", "three steps"), three, histories.run(three, options.seed)))
     except BaseException as err:
-        answer(("worker", str(number), repr(err)))
+        answer(_answer(("worker", str(number)), "", repr(err)))
         raise
     finally:
         answer(None)
+
+
+def _answer(what: tuple[str, str], one: object, problem: str, is_equal: bool = False) -> Answer:
+    return {"what": what, "one": str(one), "problem": problem, "is_equal": is_equal}
 
 
 def _with_again(before: dict[str, Any], found: dict[str, Any], command: str) -> dict[str, Any]:
@@ -162,13 +263,16 @@ def crash_table(found: dict[str, Any]) -> str:
     names = {
         "crash": "crashes", "failure": "changes of files that fail once", "read": "reads that fail once", "history": "histories",
     }  # fmt: skip
-    rows = [(f"{names.get(part, part)}: {command}", *numbers) for part, command, *numbers in found["tried"]]
+    rows = [
+        (f"{names.get(part, part)}: {command}", tried, good, *(equal or [0]))
+        for part, command, tried, good, *equal in found["tried"]
+    ]
     share = "all there are" if found["share"] == 1 else f"{100 * found['share']:g} % of all, by chance"
     where = f"On {found['date']}, commit {found['commit']}: {share}, with seed {found['seed']}"
     for command, newer in found.get("again", {}).items():
         where += f"; *{command}* once more on {newer['date']}, commit {newer['commit']}"
     where += ".\n\n"
-    return where + markdown(("", "tried", "good"), rows)
+    return where + markdown(("", "all", "good", "of them equal to another, which was tried"), rows)
 
 
 def _git(*arguments: str) -> str:

@@ -139,8 +139,8 @@ def main(args: Sequence[str] | None = None, *, handed_over: "HandedOver | None" 
 
 def text_of_refusal(err: OSError) -> str | None:
     """Return a sentence about an error that a path given by the user, or the disk, can cause; None if it is a defect."""
-    if err.errno == EIO and err.filename is None:  # of a file that was open
-        return f"a file cannot be read or written ({err.strerror}); check the disks of project, store and recordings."
+    if err.errno == EIO:  # of a file that was open, it does not tell the name
+        return f"{err.filename or 'a file'} cannot be read or written ({err.strerror}); check the disks of project, store and recordings."
     if err.errno not in _REFUSALS or err.filename is None:
         return None
     return f"{err.filename}: {err.strerror}; name another path, or fix this one and try again."

@@ -44,6 +44,7 @@ _REASONS = (
 NO_BEGINNING = "it does not begin as such a file does"
 # Of disks and file servers; on damaged bytes libraries raise others.
 _OF_DISKS = {EIO, ENODEV, ENXIO, ESTALE, ETIMEDOUT}
+_READS_FAIL = {"SQLITE_CANTOPEN", "SQLITE_IOERR_CORRUPTFS", "SQLITE_IOERR_READ"}
 _CONTRADICTS = "its bytes contradict each other"
 
 
@@ -97,7 +98,7 @@ def refuse_failing_disk(path: Path, err: BaseException) -> None:
     one: BaseException | None = err
     while one is not None:
         name = getattr(one, "sqlite_errorname", "")
-        if (isinstance(one, OSError) and one.errno in _OF_DISKS) or name == "SQLITE_IOERR_READ":
+        if (isinstance(one, OSError) and one.errno in _OF_DISKS) or name in _READS_FAIL:
             why = one.strerror if isinstance(one, OSError) else one
             raise DiskError(
                 f"{path}: it cannot be read ({why}); check its disk or file server, and try again."

@@ -1,10 +1,14 @@
 """SQLite files of ROS 2: bare `.db3` files without metadata.yaml, and those in bag folders."""
 
 import json
+import os
 import sqlite3
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
+from errno import EIO
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +21,7 @@ from bagassets.recordings.topic import RefusedBytes, TopicSource, is_transient_l
 
 _GENERATED = (2, 3)  # `hidden` in `PRAGMA table_xinfo`
 _PAGE_BYTES = 4092  # without the link to the next page
+_READ_BYTES = 1 << 20
 _ROW_BYTES = 30  # what a small message takes besides its payload, its place in the index included
 
 
@@ -39,36 +44,57 @@ class Database:
         self._on_read = on_read
         self._most_bytes = limits.message_bytes
         with without_journals(path) as readable:
-            uri = f"{readable.absolute().as_uri()}?mode=ro&immutable=1"
-            self._connection = sqlite3.connect(uri, uri=True)
+            self._uri = f"{readable.absolute().as_uri()}?mode=ro&immutable=1"
+            self._connection = self._connected()
             try:
-                # Text in another encoding damages that text, not the file.
-                self._connection.text_factory = lambda data: data.decode("utf-8", "replace")
-                self._connection.execute("PRAGMA trusted_schema = OFF")
                 self._require_tables()
             except BaseException:
                 self._connection.close()
                 raise
 
+    def _connected(self) -> sqlite3.Connection:
+        connection = sqlite3.connect(self._uri, uri=True)
+        # Text in another encoding damages that text, not the file.
+        connection.text_factory = lambda data: data.decode("utf-8", "replace")
+        connection.execute("PRAGMA trusted_schema = OFF")
+        return connection
+
+    def _select(self, query: str, values: Sequence[object] = ()) -> Iterator[Any]:
+        """Yield the rows of a query.
+
+        Raises:
+            OSError: a read failed, of which SQLite says what it says of damage. Damage is there when it is looked for again.
+        """
+        try:
+            yield from self._connection.execute(query, values)
+        except sqlite3.DatabaseError as err:
+            with self._path.open("rb", buffering=0) as file:
+                while file.read(_READ_BYTES):
+                    pass
+            with closing(self._connected()) as again:
+                for _ in again.execute(query, values):
+                    pass
+            raise OSError(EIO, os.strerror(EIO), str(self._path)) from err
+
     def _require_tables(self) -> None:
         """Refuse databases that only look like a bag: a view or a generated column may compute for ever."""
-        rows = self._connection.execute("SELECT name, type, sql FROM sqlite_master")
+        rows = self._select("SELECT name, type, sql FROM sqlite_master")
         objects = {name: (kind, sql) for name, kind, sql in rows}
         for name in ("topics", "messages"):
             kind, sql = objects.get(name, ("", ""))
             if kind != "table" or "VIRTUAL" in str(sql)[:20].upper():
                 raise DamageError(f"it has no table '{name}'")
-            columns = self._connection.execute(f"PRAGMA table_xinfo({name})")
+            columns = self._select(f"PRAGMA table_xinfo({name})")
             if any(column[6] in _GENERATED for column in columns):
                 raise DamageError(f"its table '{name}' is not that of a bag")
         self._has_definitions = objects.get("message_definitions", ("", ""))[0] == "table"
-        self._columns = {column[1] for column in self._connection.execute("PRAGMA table_xinfo(topics)")}
+        self._columns = {column[1] for column in self._select("PRAGMA table_xinfo(topics)")}
 
     def definitions(self) -> dict[str, Definition]:
         """Return type -> definition."""
         if not self._has_definitions:
             return {}
-        rows = self._connection.execute(
+        rows = self._select(
             "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
         )
         return {
@@ -97,11 +123,11 @@ class Database:
         """Return id, name, type, serialization and QoS profiles of each topic."""
         columns = ("serialization_format", "offered_qos_profiles")
         more = [one if one in self._columns else "NULL" for one in columns]
-        return self._connection.execute(f"SELECT id, name, type, {', '.join(more)} FROM topics")  # noqa: S608  (of these)
+        return self._select(f"SELECT id, name, type, {', '.join(more)} FROM topics")  # noqa: S608  (of these)
 
     def counts(self) -> dict[int, int]:
         """Return topic id -> number of messages, counted."""
-        return dict(self._connection.execute("SELECT topic_id, COUNT(*) FROM messages GROUP BY topic_id"))
+        return dict(self._select("SELECT topic_id, COUNT(*) FROM messages GROUP BY topic_id"))
 
     def messages(self, topics: Collection[int]) -> Iterator[tuple[int, int, bytes | memoryview]]:
         """Yield topic id, log time and payload in order of log time."""
@@ -109,7 +135,7 @@ class Database:
             "SELECT topic_id, timestamp, length(data), CASE WHEN length(data) <= ? THEN data END FROM messages "
             "WHERE topic_id IN (SELECT value FROM json_each(?)) ORDER BY timestamp, id"
         )
-        rows = self._connection.execute(query, [self._most_bytes, json.dumps(sorted(topics))])
+        rows = self._select(query, [self._most_bytes, json.dumps(sorted(topics))])
         position = 0
         for topic, log_time_ns, size, data in rows:
             if self._on_read is not None:
@@ -121,14 +147,12 @@ class Database:
 
     def span_ns(self) -> tuple[int, int] | None:
         """Return first and last log time; None without messages."""
-        first, last = self._connection.execute(
-            "SELECT min(timestamp), max(timestamp) FROM messages"
-        ).fetchone()
+        ((first, last),) = self._select("SELECT min(timestamp), max(timestamp) FROM messages")
         return None if first is None else (int(first), int(last))
 
     def log_times(self) -> dict[int, NDArray[np.int64]]:
         """Return topic id -> (N,) log times in nanoseconds."""
-        rows = self._connection.execute("SELECT topic_id, timestamp FROM messages").fetchall()
+        rows = list(self._select("SELECT topic_id, timestamp FROM messages"))
         numbers, times = np.array(rows, np.int64).reshape(-1, 2).T
         return {number: times[numbers == number] for number in np.unique(numbers).tolist()}
 

@@ -6,6 +6,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from errno import EIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,8 +28,12 @@ def writing(path: Path, what: str = "cannot be written") -> Iterator[None]:
         yield
     except OSError as err:
         raise StoreError(
-            f"{path}: {what} ({err.strerror}); free disk space, or make the folder writable."
+            f"{path}: {what} ({err.strerror}); {_advice(err, 'free disk space, or make the folder writable')}."
         ) from err
+
+
+def _advice(err: Exception, usual: str) -> str:
+    return "check the disk, and try again" if isinstance(err, OSError) and err.errno == EIO else usual
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +73,7 @@ class Artifact:
             manifest: JsonObject = json.loads((self.folder / MANIFEST).read_bytes())
         except (OSError, ValueError) as err:
             raise StoreError(
-                f"{self.folder}: the manifest of this artifact cannot be read ({err}); build again to heal the store."
+                f"{self.folder}: the manifest of this artifact cannot be read ({err}); {_advice(err, 'build again to heal the store')}."
             ) from err
         return manifest
 
@@ -111,10 +116,9 @@ class Artifact:
 
     def _damaged(self, relative: str, err: Exception) -> StoreError:
         reason = str(err).splitlines()[0] if str(err) else type(err).__name__
-        return StoreError(
-            f"{self.path(relative)}: this file of the store is gone or damaged ({reason}); remove the artifact with "
-            "`bagassets verify`, then build again."
-        )
+        advice = _advice(err, "remove the artifact with `bagassets verify`, then build again")
+        state = "cannot be read" if isinstance(err, OSError) and err.errno == EIO else "is gone or damaged"
+        return StoreError(f"{self.path(relative)}: this file of the store {state} ({reason}); {advice}.")
 
 
 class ArtifactWriter:

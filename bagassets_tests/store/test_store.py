@@ -1,5 +1,6 @@
 """The store: one value has one text, immutable artifacts by content, first writer wins, nothing half-made."""
 
+import errno
 import json
 import math
 import os
@@ -210,6 +211,17 @@ class TestArtifacts:
             getattr(artifact, read)("file")
         with pytest.raises(StoreError, match="gone or damaged"):
             getattr(artifact, read)("none")
+
+    @pytest.mark.parametrize("read", ["read_json", "manifest"])
+    def test_a_disk_that_fails_is_not_said_to_have_damaged_a_file(self, store, monkeypatch, read):
+        artifact = run_action(store, action_of(), write("file", b"{}")).artifact
+
+        def failing(_path):
+            raise OSError(errno.EIO, "Input/output error")
+
+        monkeypatch.setattr(Path, "read_bytes", failing)
+        with pytest.raises(StoreError, match=r"cannot be read \(.*; check the disk, and try again\.$"):
+            getattr(artifact, read)(*["file"] * (read == "read_json"))
 
     def test_many_threads_may_write(self, store):
         def make(out):

@@ -144,7 +144,7 @@ def database_errors_explained(place: str) -> Iterator[None]:
     except DatabaseError as err:
         if type(err.orig) is not sqlite3.DatabaseError:
             raise
-        raise _damaged(_first_damaged(Path(place)), str(err.orig)) from err
+        raise _damaged(Path(place), str(err.orig)) from err
     except sqlite3.DatabaseError as err:
         # Of a file of our own in the state folder, opened without SQLAlchemy.
         raise StoreError(
@@ -159,7 +159,10 @@ def _unfinished(folder: Path) -> list[str]:
     Raises:
         StoreError: one is damaged.
     """
-    return [name for name, schema in _DATABASES.items() if not _is_whole(folder / name, schema)]
+    try:
+        return [name for name, schema in _DATABASES.items() if not _is_whole(folder / name, schema)]
+    except sqlite3.DatabaseError as err:
+        raise _damaged(folder, str(err)) from err
 
 
 def _is_whole(path: Path, schema: MetaData) -> bool:
@@ -177,8 +180,6 @@ def _is_whole(path: Path, schema: MetaData) -> bool:
             return any(_has_rows(connection, name) for name in tables - _REPLACEABLE)
     except sqlite3.OperationalError:
         return True  # in use or unreadable: Dagster will report that itself
-    except sqlite3.DatabaseError as err:
-        raise _damaged(path, str(err)) from err
 
 
 def _has_rows(connection: sqlite3.Connection, table: str) -> bool:
@@ -254,22 +255,29 @@ def _lay_out(path: Path) -> None:
         connection.execute("PRAGMA journal_mode = WAL")
 
 
-def _first_damaged(home: Path) -> Path:
-    """Return the database that SQLite finds damage in; the folder of all of them if it finds none."""
+def _first_damaged(home: Path) -> Path | None:
+    """Return the database that SQLite finds damage in; None if it finds none."""
     folder = storage_folder(home) or home
     for path in (*(folder / name for name in _DATABASES), *sorted(folder.glob("history/runs/*.db"))):
         try:
             with closing(open_read_only(str(path), _BUSY_S)) as connection:
-                if connection.execute("PRAGMA quick_check(1)").fetchall() != [("ok",)]:
+                if connection.execute("PRAGMA integrity_check(1)").fetchall() != [("ok",)]:
                     return path
         except sqlite3.OperationalError:
             continue
         except sqlite3.DatabaseError:
             return path
-    return folder
+    return None
 
 
-def _damaged(path: Path, reason: str) -> StoreError:
+def _damaged(home: Path, reason: str) -> StoreError:
+    """Return the error about what SQLite calls damage: it says the same of a read that failed."""
+    path = _first_damaged(home)
+    if path is None:
+        return StoreError(
+            f"{home}: a database of Dagster could not be read ({reason}), and is whole when it is read again; check its disk or file "
+            "server, and try again."
+        )
     aside = f"mv {shlex.quote(str(path))} {shlex.quote(f'{path}.damaged')}"
     return StoreError(
         f"{path}: this database of Dagster is damaged ({reason}). Stop `bagassets ui`, then restore it from a backup or "

@@ -295,12 +295,15 @@ class SalvagedDatabase(Database):
     def messages(self, topics: Collection[int]) -> Iterator[tuple[int, int, bytes | memoryview]]:
         """Yield topic id, log time and payload in order of log time."""
         rows = self._rows[np.isin(self._rows[:, 2], list(topics))]
+        page, read = b"", -1  # small messages that follow each other mostly share a page
         for time_ns, rowid, topic, number, place, size in _listed(rows):
             begin, size_here, head = place & 0x1FFFF, place >> 17 & 0x1FFFF, place >> 34
             if size - head > self._limits.message_bytes:
                 yield topic, time_ns, RefusedBytes()
                 continue
-            content = self._content(self._page(number), begin, size_here, size)
+            if number != read:
+                page, read = self._page(number), number
+            content = self._content(page, begin, size_here, size)
             if content is not None:
                 yield topic, time_ns, memoryview(content)[head:]
                 continue

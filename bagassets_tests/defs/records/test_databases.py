@@ -21,6 +21,7 @@ import pytest
 from alembic.config import Config
 from alembic.script import ScriptDirectory
 from sqlalchemy import create_engine, text
+from sqlalchemy.exc import DatabaseError
 
 from bagassets.base.errors import StoreError
 from bagassets.defs.records import databases
@@ -261,6 +262,16 @@ def test_a_disk_that_fails_below_a_database_of_ours_is_a_sentence(home):
         said = "a database of this project cannot be used"
         with pytest.raises(StoreError, match=said), database_errors_explained(str(home)):
             raise err
+
+
+def test_a_read_of_dagsters_database_that_failed_is_not_called_damage(home):
+    works(home)
+    failed = DatabaseError("SELECT 1", {}, sqlite3.DatabaseError("database disk image is malformed"))
+    with (
+        pytest.raises(StoreError, match="is whole when it is read again; check its disk"),
+        database_errors_explained(str(home)),
+    ):
+        raise failed
 
 
 def _read_everything(home):
