@@ -289,10 +289,6 @@ class Plan:
     storage_ids: Mapping[str, Mapping[str, int]] = field(default_factory=dict, compare=False)
     project: str | None = field(default=None, compare=False)
 
-    def latest(self, key: str) -> list[int | None]:
-        """Return values that change with every new record of a recording, and when its partition comes or goes."""
-        return [ids.get(key) if key in self.live else None for ids in self.storage_ids.values()]
-
     @property
     def joined(self) -> dict[str, list[str]]:
         """Series -> those of `removed` that have become its parts."""
