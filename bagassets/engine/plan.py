@@ -209,7 +209,12 @@ class BagPlan:
 
 
 def _line(number: int) -> Any:  # noqa: ANN401  (of whatever type)
-    return property(lambda kept: json.loads(kept.row.split(b"\n", number + 1)[number].decode()))
+    return property(lambda kept: _value(kept.row.split(b"\n", number + 1)[number]))
+
+
+@lru_cache(maxsize=64)  # but for what is recorded, most recordings have the same
+def _value(line: bytes) -> Any:  # noqa: ANN401  (likewise)
+    return json.loads(line.decode())
 
 
 def _of_rest(name: str) -> Any:  # noqa: ANN401  (likewise)
@@ -252,7 +257,7 @@ class KeptPlan(BagPlan):
     @property
     def findings(self) -> tuple[tuple[str, str, str], ...] | None:
         """See `BagPlan`."""
-        found = json.loads(self.row.split(b"\n", 5)[4])
+        found = _value(self.row.split(b"\n", 5)[4])
         return None if found is None else tuple(map(tuple, found))
 
     @property

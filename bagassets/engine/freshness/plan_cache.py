@@ -103,8 +103,8 @@ class PlanCache:
         """Return partition key -> cached plan; empty if the cache cannot be read.
 
         Args:
-            keys: those that are asked for; default: all.
-            others: number of artifacts that are checked besides.
+            keys: those that are asked for, where the others were looked at just now; default: all.
+            others: number of artifacts of these.
         """
         # First: what comes or goes from now on then shows next time.
         self._folders = folders_of(self._artifacts)
@@ -115,7 +115,8 @@ class PlanCache:
             return {}
         if not self._thorough:
             total = sum(len(one.made) for one in found.values()) // SIZE
-            self._suspects = groups_to_check(self._folders_before, self._folders, total + others)
+            before, sampled = self._folders_before, keys is None
+            self._suspects = groups_to_check(before, self._folders, total + others, sampled=sampled)
         return found
 
     def holds(self, made: bytes) -> bool:
