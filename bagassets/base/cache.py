@@ -89,13 +89,14 @@ class Cache:
             raise PlanNeeded(f"{self.path}: there is no {kind} {', '.join(keys)}, or it is damaged")
         return contents
 
-    def all(self, kind: str) -> dict[str, bytes]:
-        """Return key -> content of the entries of a kind; damaged ones are left out.
+    def all(self, kind: str, keys: Iterable[str] | None = None) -> dict[str, bytes]:
+        """Return key -> content of the entries of a kind, or of those with some keys; damaged ones are left out.
 
         Raises:
             PlanNeeded: the file cannot be read.
         """
-        return dict(_intact(kind, self._rows([(_ALL, (kind,))])[0]))
+        queries = [(_ALL, (kind,))] if keys is None else [(_ONE, (kind, key)) for key in keys]
+        return {key: content for rows in self._rows(queries) for key, content in _intact(kind, rows)}
 
     def write(self, changes: Changes) -> bool:
         """Change entries; a damaged file is replaced.

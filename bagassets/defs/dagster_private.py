@@ -70,6 +70,9 @@ if TYPE_CHECKING:
     # Partitions deleted many at a time: `partitions`.
     from dagster._core.storage.event_log.schema import DynamicPartitionsTable  # 1.7
 
+    # Which events of assets there are: `latest_ids`.
+    from dagster._core.storage.event_log.schema import SqlEventLogStorageTable  # 1.7
+
     # SQLite databases made whole or not at all, and kept open: `databases`, `sqlite_storage`.
     from dagster._core.storage.sqlite_storage import DagsterSqliteStorage  # 1.7
     from dagster._core.storage.runs.schema import RunStorageSqlMetadata  # 1.7
@@ -78,7 +81,7 @@ if TYPE_CHECKING:
     from dagster._core.storage.runs.sqlite.sqlite_run_storage import SqliteRunStorage  # 1.7
     from dagster._core.storage.schedules.sqlite.sqlite_schedule_storage import SqliteScheduleStorage  # 1.7
 
-    # One database for the events of all runs: `sqlite_storage`; checks in it: `recorder`, `old_runs`.
+    # One database for the events of all runs: `sqlite_storage`; checks in it: `recorder`, `old_runs`; wipes: `latest_ids`.
     from dagster._core.events import ASSET_EVENTS  # 1.7
     from dagster._core.storage.event_log.schema import AssetCheckExecutionsTable, AssetKeyTable  # 1.7
     from dagster._core.storage.event_log.sql_event_log import SqlEventLogStorage  # 1.7

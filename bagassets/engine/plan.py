@@ -209,7 +209,12 @@ class BagPlan:
 
 
 def _line(number: int) -> Any:  # noqa: ANN401  (of whatever type)
-    return property(lambda kept: json.loads(kept.row.split(b"\n", number + 1)[number].decode()))
+    return property(lambda kept: _value(kept.row.split(b"\n", number + 1)[number]))
+
+
+@lru_cache(maxsize=64)  # but for what is recorded, most recordings have the same
+def _value(line: bytes) -> Any:  # noqa: ANN401  (likewise)
+    return json.loads(line.decode())
 
 
 def _of_rest(name: str) -> Any:  # noqa: ANN401  (likewise)
@@ -252,7 +257,7 @@ class KeptPlan(BagPlan):
     @property
     def findings(self) -> tuple[tuple[str, str, str], ...] | None:
         """See `BagPlan`."""
-        found = json.loads(self.row.split(b"\n", 5)[4])
+        found = _value(self.row.split(b"\n", 5)[4])
         return None if found is None else tuple(map(tuple, found))
 
     @property
@@ -288,10 +293,6 @@ class Plan:
     live: frozenset[str] = field(default=frozenset(), compare=False)
     storage_ids: Mapping[str, Mapping[str, int]] = field(default_factory=dict, compare=False)
     project: str | None = field(default=None, compare=False)
-
-    def latest(self, key: str) -> list[int | None]:
-        """Return values that change with every new record of a recording, and when its partition comes or goes."""
-        return [ids.get(key) if key in self.live else None for ids in self.storage_ids.values()]
 
     @property
     def joined(self) -> dict[str, list[str]]:

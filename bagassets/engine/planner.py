@@ -13,6 +13,7 @@ from bagassets.assets.inventory import INVENTORY
 from bagassets.base.alike import names_text
 from bagassets.base.errors import StoreError
 from bagassets.base.garbage import uncollected
+from bagassets.engine.freshness.artifacts import SIZE
 from bagassets.engine.freshness.plan_cache import PlanCache, RecordingFingerprint, recording_fingerprint
 from bagassets.engine.graph import Graph
 from bagassets.engine.inputs import files_beside
@@ -167,7 +168,9 @@ class Planner:
     def __post_init__(self) -> None:
         artifacts = self.assets.store.root / "artifacts"
         self._cache = PlanCache(self.assets.recipe.state, artifacts, thorough=self.thorough)
-        self._before = self._cache.load()
+        made = {key: bag.made for key, bag in self.kept.items() if isinstance(bag, KeptPlan)}
+        asked = self.discovery.recordings.keys() - made.keys() if self.kept else None
+        self._before = self._cache.load(asked, sum(map(len, made.values())) // SIZE)
         self.kept = {key: bag for key, bag in self.kept.items() if self._still_holds(key, bag)}
         self._unsettled = Unsettled(self.assets.recipe.state).noted()
         self._fingerprints = {} if self.project is None else self._current_fingerprints(self.project)
@@ -261,6 +264,7 @@ class Planner:
                 recording.files,
                 files_beside(self.assets.recipe, recording),
                 ids if key in self.registered else {},
+                recording.seen,
             )
         return found
 
@@ -277,9 +281,10 @@ class Planner:
 
     def _still_holds(self, key: str, bag: BagPlan) -> bool:
         """Return whether a plan's artifacts are unchanged, as far as they are checked; where there is something to do, nobody looks."""
-        if key not in self._before:
+        if not isinstance(bag, KeptPlan) and key not in self._before:
             return not bag.settled
-        if not (holds := self._cache.holds(self._before[key])):
+        made = bag.made if isinstance(bag, KeptPlan) else self._before[key].made
+        if not (holds := self._cache.holds(made)):
             _remove_incomplete(self.assets.store, bag)
         return holds
 
@@ -303,7 +308,7 @@ class Planner:
                     self.discovery.recordings[key], records.get("bag"), self.assets.index
                 )
                 is_same = state.state == "fresh" and digest == last.assets["bag"].data_version
-                if is_same and self._cache.holds(entry):
+                if is_same and self._cache.holds(entry.made):
                     found[key] = last
         return found
 

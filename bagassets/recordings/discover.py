@@ -9,11 +9,12 @@ import unicodedata
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from operator import attrgetter
+from operator import attrgetter, itemgetter
 from pathlib import Path
 
 from bagassets.base.alike import names_text
 from bagassets.base.errors import RecordingError
+from bagassets.base.fingerprints import signature_of
 from bagassets.base.garbage import uncollected
 from bagassets.recipe.model import Bags
 from bagassets.recordings import unfinished
@@ -256,7 +257,7 @@ class _Walk:
     excluded: list[tuple[str, str]] = field(default_factory=list)
     unreadable: dict[str, str] = field(default_factory=dict)
 
-    def folder(self, path: Path | str, relative: str, ancestors: tuple[tuple[int, int], ...]) -> None:
+    def folder(self, path: Path, relative: str, ancestors: tuple[tuple[int, int], ...]) -> None:
         """Walk one folder; `ancestors` are device and inode of the folders it lies in."""
         try:
             status = os.stat(path)
@@ -270,20 +271,20 @@ class _Walk:
         except OSError as err:
             self._unreadable(relative, err)
             return
-        name = relative or Path(path).name
-        recording = _folder_recording(Path(path), name, entries)
+        name = relative or path.name
+        recording = _folder_recording(path, name, entries)
         if isinstance(recording, str):
             self._leave_out(name, recording)
             return
         if recording is not None:
             self._take(recording)
             return
-        if _lacks_storage(Path(path), entries):
+        if _lacks_storage(path, entries):
             self.excluded.append((name, _NO_STORAGE))
         for entry in entries:
             within = f"{relative}/{entry.name}" if relative else entry.name
             try:
-                self._entry(entry, within, (*ancestors, identity))
+                self._entry(entry, path, within, (*ancestors, identity))
             except OSError as err:
                 is_gone = isinstance(err, FileNotFoundError)
                 if entry.is_symlink() and (is_gone or err.errno == errno.ELOOP):
@@ -292,10 +293,12 @@ class _Walk:
                 elif not is_gone:  # it was removed during the walk
                     self._unreadable(within, err)
 
-    def _entry(self, entry: os.DirEntry[str], relative: str, ancestors: tuple[tuple[int, int], ...]) -> None:
+    def _entry(
+        self, entry: os.DirEntry[str], folder: Path, relative: str, ancestors: tuple[tuple[int, int], ...]
+    ) -> None:
         suffix = entry.name[entry.name.rfind(".") :]  # hidden files are left out
         if suffix in _BARE and not entry.is_dir():
-            path, status = Path(entry.path), entry.stat()
+            path, status = folder / entry.name, entry.stat()  # half the time of a `Path` of all of it
             if (what := _special_kind(status)) is not None:
                 self._leave_out(relative, f"this is {what}, no file")
             elif suffix == ".mcap" and is_view_file(path, status):
@@ -305,7 +308,7 @@ class _Walk:
         elif suffix in unfinished.SUFFIXES and not entry.is_dir():
             self._unfinished(entry, relative)
         elif entry.name not in _SYSTEM_FOLDERS and entry.is_dir() and self._may_hold_included(relative):
-            self.folder(entry.path, relative, ancestors)
+            self.folder(folder / entry.name, relative, ancestors)
 
     def _unfinished(self, entry: os.DirEntry[str], relative: str) -> None:
         """Take or list what a recorder left that was stopped."""
@@ -394,9 +397,11 @@ def _recording_files(
 ) -> RecordingFiles:
     if file_format == "ros2":  # others have none, and there may be thousands
         files = [*files, *journals_of(path for path, _ in files).items()]
-    names = tuple(sorted(name for name, _ in files))
+    if len(files) > 1:
+        files.sort(key=itemgetter(0))
     size, mtime_ns = sum(s.st_size for _, s in files), max(s.st_mtime_ns for _, s in files)
-    return RecordingFiles(_key(relative), relative, path, file_format, names, size, mtime_ns)
+    names, seen = tuple(name for name, _ in files), tuple(signature_of(s) for _, s in files)
+    return RecordingFiles(_key(relative), relative, path, file_format, names, size, mtime_ns, seen=seen)
 
 
 def _shown(name: str) -> str:

@@ -154,6 +154,7 @@ def _join(joined: Joined, whole: str, paths: Sequence[str], key_of: Callable[[st
         sum(map(attrgetter("size"), parts)),
         max(map(attrgetter("mtime_ns"), parts)),
         parts,
+        tuple(chain.from_iterable(map(attrgetter("seen"), parts))),
     )
 
 

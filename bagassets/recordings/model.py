@@ -1,9 +1,11 @@
 """What recordings consist of: files, messages, and definitions of message types."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, Protocol
+
+from bagassets.base.fingerprints import Signature
 
 Format = Literal["ros1", "ros2", "mcap"]
 Serialization = Literal["ros1", "cdr", "protobuf", "json"]
@@ -44,6 +46,7 @@ class RecordingFiles:
         size: sum of their sizes in bytes.
         mtime_ns: newest modification time of any of them.
         parts: of a series, its parts in order, each as the recording that it would be alone.
+        seen: signature of each file when it was found; empty if they are not known.
     """
 
     key: str
@@ -54,6 +57,7 @@ class RecordingFiles:
     size: int
     mtime_ns: int
     parts: tuple["RecordingFiles", ...] = ()
+    seen: tuple[Signature, ...] = field(default=(), compare=False)
 
     @property
     def names(self) -> tuple[str, ...]:

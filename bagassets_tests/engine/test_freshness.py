@@ -365,7 +365,7 @@ class TestPlanCache:
             "ünder/b.bag": other,
         }
         assert {entry.fingerprint for entry in found.values()} == {FINGERPRINT}
-        assert cache.holds(found["a.bag"])
+        assert cache.holds(found["a.bag"].made)
         self.save(cache, gone=["a.bag"])
         assert cache.load().keys() == {"ünder/b.bag"}
 
@@ -375,9 +375,9 @@ class TestPlanCache:
         (entry,) = cache.load().values()
         path = store / "c1" / ("c1" * 32) / "files" / "new"
         path.write_text("")
-        assert not cache.holds(entry)
+        assert not cache.holds(entry.made)
         path.parents[1].joinpath("manifest.json").unlink()
-        assert not cache.holds(entry)
+        assert not cache.holds(entry.made)
 
     def test_what_rests_on_a_missing_artifact_is_dropped(self, tmp_path, store):
         cache = PlanCache(tmp_path / "state", store)
@@ -393,7 +393,7 @@ class TestPlanCache:
 
         def holds(*, thorough):
             cache = PlanCache(tmp_path / "state", store, thorough=thorough)
-            return cache.holds(cache.load()[PLAN.key])
+            return cache.holds(cache.load()[PLAN.key].made)
 
         assert holds(thorough=False)
         (store / "c1" / ("c2" * 32)).mkdir()  # another one in the folder of one of them

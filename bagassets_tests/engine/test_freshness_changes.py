@@ -246,7 +246,7 @@ def full_plan(recipe):
     """Return what the full path decides, and compare it with a plan made without cached ones."""
     found = survey(recipe)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(PlanCache, "load", lambda _self: {})
+        patch.setattr(PlanCache, "load", lambda *_args: {})
         patch.setattr(PlanCache, "save", lambda *_args, **_options: None)
         anew = survey(recipe)
     assert found.plan == anew.plan, "cached plans of recordings are those found when they are examined"

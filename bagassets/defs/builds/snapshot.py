@@ -4,14 +4,15 @@ from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from bagassets.base.fingerprints import PlanNeeded, tree_lines
+from bagassets.base.fingerprints import PlanNeeded, Signature, tree_lines
 from bagassets.defs.records.events import event_database
 from bagassets.defs.records.instance_plan import workspace_fingerprint
 from bagassets.defs.records.workspace import Workspace
 from bagassets.engine.build_report import Remark, remark_lines
 from bagassets.engine.freshness import decide
+from bagassets.engine.freshness.artifacts import folders_of, note_of
 from bagassets.engine.inputs import files_beside, named_files
-from bagassets.engine.plan import Plan
+from bagassets.engine.plan import KeptPlan, Plan
 from bagassets.formats.dataset_build import dataset_code_versions, dataset_folders
 from bagassets.propose.project import dagster_home
 from bagassets.recipe.load import paths_written
@@ -29,6 +30,7 @@ class Snapshot:
         self._workspace, self._recipe, instance = workspace, workspace.recipe, workspace.instance
         self._marks: dict[str, str] | None = None
         self._tree: list[str] = []
+        self._folders: dict[str, Signature] = {}
         recipe_file = Path(workspace.recipe_file).absolute()
         # Where the events of assets are: the file of SQLite, or the URL of PostgreSQL; other databases have neither.
         database = event_database(instance) or getattr(instance.event_log_storage, "postgres_url", None)
@@ -61,6 +63,7 @@ class Snapshot:
         project = workspace_fingerprint(self._workspace)
         if project is not None:
             with suppress(PlanNeeded):
+                self._folders = folders_of(self._places["artifacts"])
                 self._tree = tree_lines(self._places["bag_root"])
                 self._marks = dict(decide.fingerprints_of(self._places, project, self._tree))
 
@@ -92,7 +95,13 @@ class Snapshot:
         """
         bags = plan.bags.values()
         is_waiting = any(FOR_NOW in reason for reason in plan.excluded.values())
-        if self._marks is None or is_waiting or not all(bag.settled for bag in bags):
+        made: Iterable[bytes] | None = None
+        if self._marks is not None and not is_waiting and all(bag.settled for bag in bags):
+            # What was noted with plans that were kept is older, so whatever has changed since differs from it.
+            with suppress(PlanNeeded):
+                root = self._places["artifacts"]
+                made = [one.made if isinstance(one, KeptPlan) else note_of(root, one.artifacts) for one in bags]
+        if self._marks is None or made is None:
             decide.forget_note(self._recipe.state)
             return
         skipped = sum(bag.skipped is not None for bag in bags)
@@ -101,7 +110,8 @@ class Snapshot:
             self._recipe.state,
             self._places,
             [*self._marks.values()],
-            artifacts={digest for bag in bags for digest in bag.artifacts},
+            folders=self._folders,
+            made=made,
             published=[*dataset_code_versions(self._recipe)],
             lines=[
                 *remark_lines(remarks),

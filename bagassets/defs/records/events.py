@@ -97,14 +97,21 @@ class Records:
             if event is not None and (made := event.asset_materialization) is not None
         }
 
-    def latest_ids(self, assets: Iterable[A]) -> dict[A, Mapping[str, int]]:
+    def latest_ids(
+        self, assets: Iterable[A], *, of: set[str] | None = None, after: int | None = None
+    ) -> dict[A, Mapping[str, int]]:
         """Return asset -> partition key -> storage id of the latest materialization (20 ms for 10,000 partitions).
 
         Partitions that were deleted are included; intersect with the live ones.
+
+        Args:
+            assets: which.
+            of: partition keys; default: all.
+            after: only ids that are larger.
         """
         latest, key_of = self.instance.event_log_storage.get_latest_storage_id_by_partition, self.names.key
         kind = dg.DagsterEventType.ASSET_MATERIALIZATION
-        return {asset: latest(key_of(asset), kind) for asset in assets}
+        return {asset: latest(key_of(asset), kind, of, after) for asset in assets}
 
     def fetch(self, ids: Mapping[A, Mapping[str, int]], keys: Iterable[str]) -> dict[str, dict[A, Recorded]]:
         """Return partition key -> asset -> latest record, for the storage ids that `latest_ids` gave."""
@@ -125,7 +132,7 @@ class Records:
 
     def of_recording(self, key: str) -> Mapping[str, Recorded]:
         """Return asset -> latest record of one recording; nothing if it is not registered."""
-        return self.fetch(self.latest_ids(all_assets()), [key])[key] if key in self.live() else {}
+        return self.fetch(self.latest_ids(all_assets(), of={key}), [key])[key] if key in self.live() else {}
 
     def _late(self, records: Sequence[dg.EventLogRecord]) -> set[int]:
         """Return the ids of records that were written after their run had been given up (see `fence`).

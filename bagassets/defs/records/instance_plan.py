@@ -7,7 +7,7 @@ from types import MappingProxyType
 
 from bagassets.base.fingerprints import PlanNeeded, loaded_code_fingerprint, project_fingerprint
 from bagassets.base.garbage import uncollected
-from bagassets.defs.records.events import all_assets
+from bagassets.defs.records.latest_ids import latest_ids
 from bagassets.defs.records.workspace import Workspace
 from bagassets.engine.inputs import named_files
 from bagassets.engine.plan import BagPlan, Plan
@@ -45,7 +45,7 @@ def planner_of(
             found,
             records.live() if live is None else live,
             workspace_fingerprint(workspace),
-            records.latest_ids(all_assets()) if ids is None else ids,
+            latest_ids(workspace) if ids is None else ids,
             records.fetch,
             kept,
             partial(quick_findings, workspace.assets, found),
@@ -76,18 +76,17 @@ def replan_instance(
             records.
         on_planned: see `Planner.plan`.
     """
-    live, ids = workspace.records.live(), workspace.records.latest_ids(all_assets())
-    now = replace(before, live=live, storage_ids=ids)
-    kept = {
-        key: bag
-        for key, bag in before.bags.items()
-        if key not in worked_on and now.latest(key) == before.latest(key)
-    }
-    there = {
-        key: recording
-        for key, recording in before.discovery.recordings.items()
-        if key in kept or all(path.exists() for path in recording.files)
-    }
+    live, ids = workspace.records.live(), latest_ids(workspace)
+    changed = {*worked_on, *(live ^ before.live)}
+    for asset, now in ids.items():
+        if now != (last := before.storage_ids[asset]):
+            changed.update(key for key, _ in now.items() ^ last.items())
+    kept = {key: bag for key, bag in before.bags.items() if key not in changed}
+    there = dict(before.discovery.recordings)
+    for key in changed & there.keys():
+        there[key] = replace(there[key], seen=())  # what runs store with files changes these
+        if not all(path.exists() for path in there[key].files):
+            del there[key]
     discovery = replace(before.discovery, recordings=there)
     planner = planner_of(workspace, live, discovery, ids, kept, thorough=False)
     plan = planner.plan(on_planned)

@@ -66,7 +66,7 @@ def folders_of(root: str) -> dict[str, Signature]:
 
 
 def groups_to_check(
-    before: Mapping[str, Signature], now: Mapping[str, Signature], total: int
+    before: Mapping[str, Signature], now: Mapping[str, Signature], total: int, *, sampled: bool = True
 ) -> frozenset[int]:
     """Return the groups whose artifacts are to be checked, by their first byte.
 
@@ -74,11 +74,13 @@ def groups_to_check(
         before: signatures of the folders (`folders_of`) when artifacts were noted.
         now: signatures as they are.
         total: number of artifacts.
+        sampled: of a large store, some groups are checked, too, whose folder has not changed.
     """
     share = MOST_CHECKED / max(total, 1)
     if share >= 1.0:
         return ALL_GROUPS
     # No secret is at stake: any groups will do, as long as they differ from time to time.
+    share *= sampled
     changed = (int(name, 16) for name in now if before.get(name) != now[name] or random.random() < share)
     return frozenset(changed)
 

@@ -29,7 +29,7 @@ from bagassets.base.fingerprints import (
     records_fingerprint,
     tree_lines,
 )
-from bagassets.engine.freshness.artifacts import SIZE, are_unchanged, folders_of, groups_to_check, note_of
+from bagassets.engine.freshness.artifacts import SIZE, are_unchanged, each_once, folders_of, groups_to_check
 from bagassets.engine.freshness.published import Publication
 
 RECORDS, RECORDINGS = "a record", "a recording"
@@ -209,17 +209,19 @@ def note_nothing_to_do(
     places: Places,
     fingerprints: list[str],
     *,
-    artifacts: Iterable[str],
+    folders: dict[str, Signature],
+    made: Iterable[bytes],
     published: list[str],
     lines: list[str],
 ) -> None:
-    """Note for the next build that there is nothing to do; if something changed meanwhile, remove the note.
+    """Note for the next build that there is nothing to do; if a dataset changed meanwhile, remove the note.
 
     Args:
         state: the state folder.
         places: what the plan depends on.
         fingerprints: of `fingerprints_of`, taken before the plan was made.
-        artifacts: digests of the artifacts that the plan rests on.
+        folders: signatures of the folders of artifacts, likewise.
+        made: what was noted of the artifacts that the plan rests on (`freshness.artifacts.note_of`).
         published: names of the datasets, which are up to date.
         lines: what a build with nothing to do prints.
     """
@@ -228,13 +230,9 @@ def note_nothing_to_do(
         for dataset in published:
             Publication(state, dataset).check()
         settled = _Settled(
-            places=places,
-            marks=fingerprints,
-            folders=folders_of(places["artifacts"]),
-            published=published,
-            lines=lines,
+            places=places, marks=fingerprints, folders=folders, published=published, lines=lines
         )
-        changes.put(_ARTIFACTS, "", note_of(places["artifacts"], sorted(artifacts)))
+        changes.put(_ARTIFACTS, "", each_once(b"".join(made)))
     except PlanNeeded:
         forget_note(state)
         return

@@ -6,7 +6,7 @@ stay the same; otherwise the planner decides.
 
 import json
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 from bagassets.base.cache import Cache, Changes
@@ -54,9 +54,10 @@ class CachedPlan(NamedTuple):
 def recording_fingerprint(
     project: str,
     relative: str,
-    files: Iterable[str | os.PathLike[str]],
+    files: Sequence[str | os.PathLike[str]],
     beside: Iterable[str | os.PathLike[str]],
     records: Mapping[str, int],
+    seen: Sequence[Signature] = (),
 ) -> RecordingFingerprint:
     """Return the fingerprint of one recording.
 
@@ -66,11 +67,13 @@ def recording_fingerprint(
         files: the files of the recording.
         beside: its label files, and the paths where they might be.
         records: asset -> id of its latest record in Dagster; empty if the partition does not exist.
+        seen: signatures of the files, if they were looked at just now.
     """
     rest = [project, relative]
     rest += [f"{os.fspath(path)}\0{signature(path)}" for path in beside]
     rest += [f"{asset}\0{number}" for asset, number in sorted(records.items()) if asset != "bag"]
-    names = [f"{os.path.basename(path)}\0{signature(path)}" for path in files]
+    marks = zip(files, seen or map(signature, files), strict=True)
+    names = [f"{os.path.basename(path)}\0{mark}" for path, mark in marks]
     return RecordingFingerprint(digest_lines(names), records.get("bag"), digest_lines(rest))
 
 
@@ -96,23 +99,29 @@ class PlanCache:
         self._folders_before: dict[str, Signature] = {}
         self._suspects = ALL_GROUPS
 
-    def load(self) -> dict[str, CachedPlan]:
-        """Return partition key -> cached plan; empty if the cache cannot be read."""
+    def load(self, keys: Collection[str] | None = None, others: int = 0) -> dict[str, CachedPlan]:
+        """Return partition key -> cached plan; empty if the cache cannot be read.
+
+        Args:
+            keys: those that are asked for, where the others were looked at just now; default: all.
+            others: number of artifacts of these.
+        """
         # First: what comes or goes from now on then shows next time.
         self._folders = folders_of(self._artifacts)
         try:
-            found = {key: _read(content) for key, content in self._cache.all(_KIND).items()}
+            found = {key: _read(content) for key, content in self._cache.all(_KIND, keys).items()}
             self._folders_before = json.loads(self._cache.all(_FOLDERS).get("", b"{}"))
         except PlanNeeded:
             return {}
         if not self._thorough:
             total = sum(len(one.made) for one in found.values()) // SIZE
-            self._suspects = groups_to_check(self._folders_before, self._folders, total)
+            before, sampled = self._folders_before, keys is None
+            self._suspects = groups_to_check(before, self._folders, total + others, sampled=sampled)
         return found
 
-    def holds(self, entry: CachedPlan) -> bool:
-        """Return whether the artifacts of a recording are unchanged, as far as they are checked."""
-        return are_unchanged(self._artifacts, entry.made, self._suspects)
+    def holds(self, made: bytes) -> bool:
+        """Return whether artifacts are as they were noted (`CachedPlan.made`), as far as they are checked."""
+        return are_unchanged(self._artifacts, made, self._suspects)
 
     def save(
         self,

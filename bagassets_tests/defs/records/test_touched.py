@@ -266,7 +266,7 @@ def test_the_plan_is_the_same_as_one_that_remembers_nothing(built, monkeypatch):
     with pending_work.open_project(built) as workspace:
         remembered = instance_plan.plan_instance(workspace)
         assert looked == []
-        monkeypatch.setattr(PlanCache, "load", lambda _self: {})
+        monkeypatch.setattr(PlanCache, "load", lambda *_args: {})
         whole = instance_plan.plan_instance(workspace)
     assert sorted(looked) == sorted(KEYS)
     assert remembered == whole
