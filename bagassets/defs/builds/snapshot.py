@@ -100,7 +100,9 @@ class Snapshot:
             # What was noted with plans that were kept is older, so whatever has changed since differs from it.
             with suppress(PlanNeeded):
                 root = self._places["artifacts"]
-                made = [one.made if isinstance(one, KeptPlan) else note_of(root, one.artifacts) for one in bags]
+                made = [
+                    one.made if isinstance(one, KeptPlan) else note_of(root, one.artifacts) for one in bags
+                ]
         if self._marks is None or made is None:
             decide.forget_note(self._recipe.state)
             return
