@@ -31,7 +31,8 @@ AnyPath = str | os.PathLike[str]
 
 def make_folder(path: AnyPath, *, new: bool = False) -> None:
     """Create a folder and those above it, unless it exists; with `new`, it must not."""
-    os.makedirs(path, exist_ok=not new)
+    if new or not os.path.isdir(path):
+        os.makedirs(path, exist_ok=not new)
 
 
 def write(path: AnyPath, content: bytes | memoryview, *, new: bool = False, mode: int = 0o666) -> None:

@@ -24,6 +24,9 @@ from bagassets.store.artifact import Artifact, ArtifactWriter
 from bagassets.store.lease import in_use
 from bagassets.store.store import Outcome, Pending, Store
 
+# The images of a smaller recording are encoded sooner than threads are started.
+_WORTH_THREADS_BYTES = 1_000_000
+
 
 @dataclass(frozen=True)
 class AssetResult:
@@ -259,7 +262,7 @@ def run_pass(
     ended: dict[str, Summary | BagAssetsError] = {}
     channels = {node.name: node.channel for node in nodes}
     try:
-        with encoders(threads) as pool:
+        with encoders(threads if graph.recording.size > _WORTH_THREADS_BYTES else 1) as pool:
             for node in nodes:
                 pending[node.name] = store.begin(node.known_action)
             for node in nodes:

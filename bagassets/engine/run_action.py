@@ -30,9 +30,6 @@ def run_action(store: Store, action: Action, make: Make, subject: Path | None = 
         make: writes the artifact.
         subject: the recording that errors may name; see `Store.record_failure`.
     """
-    known = store.use(action)
-    if known is not None:
-        return known
     with store.lock(action):
         known = store.use(action)
         if known is not None:

@@ -1,8 +1,8 @@
 """Actions: executions of a step, named by a digest of everything that shapes their bytes."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from functools import cache
+from dataclasses import dataclass, field, fields
+from functools import cache, cached_property
 from importlib.metadata import PackageNotFoundError, version
 
 from bagassets.base.json_types import JsonMapping, JsonObject
@@ -50,9 +50,9 @@ class Action:
 
     def as_json(self) -> JsonObject:
         """Return the action as JSON, from which its digest is computed."""
-        return dict(vars(self))
+        return {one.name: getattr(self, one.name) for one in fields(self)}
 
-    @property
+    @cached_property
     def digest(self) -> str:
         """Digest of the action."""
         return digest_json(self.as_json())

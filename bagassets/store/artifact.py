@@ -1,6 +1,5 @@
 """Artifacts: immutable folders of files, named by the digest of their manifest."""
 
-import io
 import json
 import threading
 from collections.abc import Iterator
@@ -22,7 +21,7 @@ MANIFEST = "manifest.json"
 
 
 @contextmanager
-def writing(path: Path, what: str = "cannot be written") -> Iterator[None]:
+def writing(path: files.AnyPath, what: str = "cannot be written") -> Iterator[None]:
     """Raise a `StoreError` about a path of the store if what is done inside fails."""
     try:
         yield
@@ -109,7 +108,8 @@ class Artifact:
         try:
             # Twice as fast as `read_table`, which is made for data sets of many files. Most tables are so small that threads and
             # reading ahead cost more time than they save.
-            file = pq.ParquetFile(self.path(relative), memory_map=True, pre_buffer=False)
+            # Given the path, it would first look for a file system that knows it.
+            file = pq.ParquetFile(pa.memory_map(str(self.path(relative))), pre_buffer=False)
             return file.read(columns, use_threads=False)
         except (OSError, pa.ArrowInvalid) as err:
             raise self._damaged(relative, err) from err
@@ -131,7 +131,7 @@ class ArtifactWriter:
         self._files = folder / "files"
         self._folder = folder
         self._entries: dict[str, FileEntry] = {}
-        self._made: set[Path] = set()
+        self._made = {str(self._files)}
         self._lock = threading.Lock()
         files.make_folder(self._files, new=True)
 
@@ -147,15 +147,15 @@ class ArtifactWriter:
             StoreError: the name was used before, or the file cannot be written.
         """
         entry = FileEntry(relative, len(data), digest_bytes(data))
-        path = self._files / relative
+        path = f"{self._files}/{relative}"
         with self._lock:
             if relative in self._entries:
                 raise StoreError(f"{relative}: written twice into one artifact; this is a bug of the step.")
             self._entries[relative] = entry
         with writing(path):
-            if path.parent not in self._made:
-                files.make_folder(path.parent)
-                self._made.add(path.parent)
+            if (parent := path.rpartition("/")[0]) not in self._made:
+                files.make_folder(parent)
+                self._made.add(parent)
             files.write(path, data, new=True, mode=0o444)  # read-only, since datasets have hard links to it
         return entry
 
@@ -166,11 +166,12 @@ class ArtifactWriter:
 
     def write_table(self, relative: str, table: "pa.Table") -> FileEntry:
         """Write a Parquet file, zstd-compressed, the same bytes for the same table."""
-        import pyarrow.parquet as pq  # noqa: PLC0415  (0.2 s, not paid by commands that write no table)
+        import pyarrow as pa  # noqa: PLC0415  (0.2 s, not paid by commands that write no table)
+        import pyarrow.parquet as pq  # noqa: PLC0415
 
-        sink = io.BytesIO()
+        sink = pa.BufferOutputStream()
         pq.write_table(table, sink, compression="zstd", store_schema=False)
-        return self.write(relative, sink.getbuffer())
+        return self.write(relative, memoryview(sink.getvalue()))
 
     def finish(self, summary: JsonObject) -> str:
         """Write the manifest and return the digest of the artifact."""

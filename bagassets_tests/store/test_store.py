@@ -472,7 +472,7 @@ class TestFileSystems:
         refused = []
 
         def full(path, *args, **options):
-            if place in path.parts:
+            if place in Path(path).parts:
                 refused.append(path)
                 raise OSError(28, "No space left on device")
             return real(path, *args, **options)

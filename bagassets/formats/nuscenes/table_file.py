@@ -10,7 +10,6 @@ sensor, keeps files small, and hides differences in the last bit between process
 import json
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 
 from bagassets.base.errors import DatasetError
@@ -19,6 +18,8 @@ from bagassets.formats.json_files import rounded, rows_bytes
 from bagassets.formats.nuscenes.schema import TABLES, Row
 
 QUATERNION_DIGITS = 9
+# `json.dumps` makes one for each call that has options.
+_LINE = json.JSONEncoder(separators=(",", ":"), ensure_ascii=False, allow_nan=False)
 
 
 def quaternion(values: Iterable[float]) -> list[float]:
@@ -33,8 +34,7 @@ def table_bytes(name: str, rows: Sequence[Row]) -> bytes:
         KeyError: a row lacks a column of the schema.
     """
     columns = TABLES[name].columns
-    line = partial(json.dumps, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
-    return rows_bytes([line({column: row[column] for column in columns}).encode() for row in rows])
+    return rows_bytes([_LINE.encode({column: row[column] for column in columns}).encode() for row in rows])
 
 
 def read_table(folder: Path, name: str) -> list[JsonObject]:
