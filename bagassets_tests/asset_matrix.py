@@ -79,7 +79,7 @@ def _lerobot(folder, ways):
         },
         "episodes": episodes,
         "task": {"topic": "/tf_static", "field": "frame"} if ways == "topic" else "Lift.",
-        "video": {"codec": "av1", "crf": 40, "preset": "11", "keyframes": 4, "odd_size": "pad"},
+        "video": {"codec": "av1", "crf": 40, "preset": "8", "keyframes": 4, "odd_size": "pad"},
     }
 
 

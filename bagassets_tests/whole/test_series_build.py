@@ -270,6 +270,7 @@ def test_a_drive_that_is_left_out_for_now_is_looked_at_again(monkeypatch, reason
     monkeypatch.setattr(snapshot, "dataset_code_versions", lambda _: ())
     monkeypatch.setattr(snapshot, "dataset_folders", lambda _: {})
     saved = snapshot.Snapshot.__new__(snapshot.Snapshot)
-    saved._recipe, saved._places, saved._marks, saved._tree = SimpleNamespace(state=None), None, {}, []
+    saved._recipe, saved._marks, saved._tree, saved._folders = SimpleNamespace(state=None), {}, [], {}
+    saved._places = {"artifacts": ""}
     saved.save(SimpleNamespace(bags={}, excluded={"drive.bag": reason}))
     assert noted == [is_noted]
