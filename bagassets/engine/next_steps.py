@@ -5,7 +5,7 @@ Both are loops around it: look, decide, do. It reads nothing and knows no clock;
 
 import math
 import sys
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -49,7 +49,6 @@ class Rules:
         patience_s: so long the datasets wait for runs, and nothing is removed if all recordings are gone at once.
         fewest_doubted: so many recordings must be gone for that.
         bag_first: of a recording that was only touched, `bag` alone is asked for.
-        begin_at_once: no run waits for a place, which one that waits for others might hold.
     """
 
     jobs: int = 1
@@ -60,7 +59,6 @@ class Rules:
     patience_s: float = math.inf
     fewest_doubted: int = 1
     bag_first: bool = False
-    begin_at_once: bool = False
 
 
 @dataclass(frozen=True)
@@ -74,7 +72,7 @@ class State:
         held: those of `gone` that must stay registered for now -> why.
         new: recordings on disk that are not registered, and are no longer written to.
         todo: what is to be made, of recordings that are no longer written to; of `DATASET`, if some dataset is behind.
-        joined: the datasets that a run makes, too, if it is the only one, or the last one and without steps.
+        joined: the datasets that a run makes, too, if it is the only one.
         active: what runs that have not ended are about; recordings, and `DATASET`.
         runs: number of these runs.
         empty_since_s: since when there has been no recording where there were some, as `Steps` said last.
@@ -135,19 +133,18 @@ def next_steps(state: State, rules: Rules) -> Steps:
     }
     dealt = batches(assets, sizes, rules.jobs, rules.most_per_run)
     runs = dealt[: max(0, rules.most_runs - state.runs)]
-    stepless = without_steps(sizes, rules.jobs, rules.most_per_run)
     is_busy = bool(runs or state.active)
     busy_since_s = (state.busy_since_s or state.now_s) if is_busy else None
     is_over = busy_since_s is None or state.now_s - busy_since_s > rules.patience_s
     if is_over and datasets is not None:
         runs = [*runs, {DATASET: datasets.assets}]
-    elif state.joined and runs and not state.active and _joins(runs, todo, stepless, rules):
-        runs = [*runs[:-1], {**runs[-1], DATASET: state.joined}]
+    elif state.joined and len(runs) == 1 and not state.active and _is_quick(runs[0], todo):
+        runs = [{**runs[0], DATASET: state.joined}]
     return Steps(
         remove=tuple(sorted(frozenset(state.gone) - frozenset(state.held))),
         register=tuple(sorted(state.new)),
         runs=tuple(runs),
-        without_steps=stepless,
+        without_steps=without_steps(sizes, rules.jobs, rules.most_per_run),
         is_over=is_over,
         empty_since_s=empty_since_s,
         busy_since_s=None if is_over else busy_since_s,
@@ -161,12 +158,10 @@ def _may_ask(key: str, work: Work, state: State, rules: Rules) -> bool:
     return not work.tries or state.now_s - work.tried_s >= rules.retry_s * work.tries
 
 
-def _joins(runs: Sequence[Batch], todo: Mapping[str, Work], stepless: frozenset[str], rules: Rules) -> bool:
-    """Return whether the last run makes the datasets, too: then one more would take a good part of the time.
+def _is_quick(run: Batch, todo: Mapping[str, Work]) -> bool:
+    """Return whether a second run, for the datasets, would take a good part of the time that a first one takes.
 
-    A single one does so unless its recording is very large, and new: else little is to be made again. There a step for each
-    asset shows more in the web UI. One of several waits for the others in the end.
+    So it is unless a recording is very large, and new: else little is to be made again. There a step for each asset shows
+    more in the web UI.
     """
-    if len(runs) > 1:
-        return rules.begin_at_once and stepless.issuperset(runs[-1])
-    return all(todo[key].size <= WORTH_STEPS_BYTES or not todo[key].is_new for key in runs[-1])
+    return all(todo[key].size <= WORTH_STEPS_BYTES or not todo[key].is_new for key in run)

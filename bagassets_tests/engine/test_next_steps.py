@@ -11,7 +11,7 @@ from bagassets.defs.graph.sensor_scan import RULES as SENSOR
 from bagassets.engine.batches import DATASET, SMALL_BYTES, WORTH_STEPS_BYTES
 from bagassets.engine.next_steps import Rules, State, Work, next_steps
 
-BUILD = Rules(jobs=2, begin_at_once=True)
+BUILD = Rules(jobs=2)
 ALL = ("bag", "inventory", "frames")
 SETS = ("nuscenes_dataset", "trajectory_map")
 NOW_S = 1_800_000_000.0
@@ -79,18 +79,6 @@ class TestBoth:
         ),
         pytest.param({"a": SMALL, "b": SMALL}, {}, [("a", *ALL), ("b", *ALL)], id="nor if there are two"),
         pytest.param(
-            dict.fromkeys("abcd", LARGE),
-            {},
-            [("a", *ALL), ("b", *ALL), ("c", *ALL), ("d", DATASET)],
-            id="the last one does if there are many, which have no steps",
-        ),
-        pytest.param(
-            dict.fromkeys("abcd", HUGE),
-            {},
-            [(key, *ALL) for key in "abcd"],
-            id="not so if they have, as they are large",
-        ),
-        pytest.param(
             {"a": SMALL}, {"joined": ()}, [("a", *ALL)], id="nor if they were tried, or not asked for"
         ),
         pytest.param(
@@ -105,12 +93,6 @@ class TestBoth:
 )
 def test_a_build(todo, known, runs):
     assert of_runs(next_steps(state(**({"todo": todo, "joined": SETS} | known)), BUILD)) == runs
-
-
-def test_no_run_waits_for_others_that_may_wait_for_its_place():
-    known = {"todo": dict.fromkeys("abcd", LARGE), "joined": SETS}
-    steps = next_steps(state(**known), replace(BUILD, begin_at_once=False))
-    assert DATASET not in {key for run in steps.runs for key in run}
 
 
 @pytest.mark.parametrize("gone", [("a",), ("a", "b")])

@@ -119,7 +119,6 @@ class BuildLoop:
             launching.most_at_once or self.options.jobs,
             launching.recordings_per_run,
             patience_s=0.0 if self.options.allow_empty else math.inf,
-            begin_at_once=launching.executes_here,
         )
         pool: RunPool | None = None
         with ExitStack() as stack:
@@ -141,8 +140,6 @@ class BuildLoop:
                 pool.work(steps.runs, following, steps.without_steps)
                 self.interrupted = pool.interrupted
                 asked = {key for run in steps.runs for key in run} & pool.ended.keys()
-                if DATASET in asked and next(reversed(pool.ended)) != DATASET:
-                    asked.remove(DATASET)  # a worker died, so that a recording was made after the datasets
                 tries.update(asked)
                 worked_on = asked.union(*following.values())
                 self._note_unsettled(worked_on)

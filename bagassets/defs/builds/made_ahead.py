@@ -2,7 +2,7 @@
 
 Starting the server of a build keeps one processor busy for a second or two; opening Dagster's records, planning and starting
 a run take a third of a second. Meanwhile another processor makes the recordings that the build will begin with. The page of
-the map, which is the same for all recordings, is made when a processor has nothing else to do: the datasets come
+the map, which is the same for all recordings, is made when a processor has nothing else to do: the run of the datasets comes
 last, alone. The runs find all this in the store, or wait for what is being made. No Dagster is needed here, and no failure
 is reported: it happens again in the run, which reports it.
 """

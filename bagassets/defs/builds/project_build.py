@@ -1,4 +1,4 @@
-"""A build of a project: runs for the recordings that need one, side by side, then the datasets.
+"""A build of a project: runs for the recordings that need one, side by side, then a run for the datasets.
 
 A run is created only when a worker is free for it. One recording's failure does not stop the
 others, and an interrupt loses nothing that was finished.

@@ -7,9 +7,8 @@ it is cancelled or killed, the server ends them, and what they have not recorded
 import logging
 import os
 import signal
-import time
 import traceback
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 
@@ -25,7 +24,7 @@ from bagassets.defs.graph.checks import check_recording, run_dataset_checks
 from bagassets.defs.graph.dataset import dataset_is_current, make_dataset, record_inputs
 from bagassets.defs.graph.making import make_recording
 from bagassets.defs.records.databases import database_errors_explained
-from bagassets.defs.records.fence import refuse_if_ended, run_has_ended
+from bagassets.defs.records.fence import run_has_ended
 from bagassets.defs.records.instance_plan import plan_instance, workspace_fingerprint
 from bagassets.defs.records.instances import open_instance, pack_instance
 from bagassets.defs.records.naming import Naming
@@ -35,7 +34,6 @@ from bagassets.defs.records.reporting import errors_explained
 from bagassets.defs.records.run_step import RunStep
 from bagassets.defs.records.workspace import Workspace
 from bagassets.defs.runs.exclusive import RecordingLock
-from bagassets.defs.runs.orphaned_runs import UNFINISHED
 from bagassets.defs.runs.run_progress import note_begun, note_ended
 from bagassets.engine.batches import DATASET, Batch, batches
 from bagassets.engine.unsettled import Unsettled
@@ -47,7 +45,7 @@ from bagassets.store.lease import HOLDERS, in_use
 
 _MOST_NAMED = 3
 _PART = f"{__name__}:make_part"
-_POLL_S, _OTHER_RUNS_S = 0.5, 0.05
+_POLL_S = 0.5
 
 Ended = dict[str, str | None]
 """Partition key -> why the recording, or the datasets (`DATASET`), failed; None if it did not."""
@@ -63,12 +61,7 @@ def batch_job(names: Naming) -> dg.JobDefinition:
             "recordings": dg.Field(
                 dict,
                 description="Partition key: names of the assets to make; with an empty key, names of datasets.",
-            ),
-            "after": dg.Field(
-                [str],
-                default_value=[],
-                description="Runs of other recordings that have to end before the datasets are made.",
-            ),
+            )
         },
         out=dg.Out(dg.Nothing),
         description=(
@@ -80,8 +73,7 @@ def batch_job(names: Naming) -> dg.JobDefinition:
         workspace = Workspace.of(context, names.workspace)
         lock: RecordingLock = getattr(context.resources, names.lock)
         with errors_explained():
-            config = context.op_config
-            make_batch(RunStep.of(context), workspace, lock, config["recordings"], after=config["after"])
+            make_batch(RunStep.of(context), workspace, lock, context.op_config["recordings"])
 
     @dg.job(
         name=names.batch_job,
@@ -95,13 +87,7 @@ def batch_job(names: Naming) -> dg.JobDefinition:
 
 
 def make_batch(
-    step: RunStep,
-    workspace: Workspace,
-    lock: RecordingLock,
-    batch: Batch,
-    *,
-    after: Sequence[str] = (),
-    side_by_side: bool = False,
+    step: RunStep, workspace: Workspace, lock: RecordingLock, batch: Batch, *, side_by_side: bool = False
 ) -> None:
     """Make recordings, and then the datasets if `batch` has them.
 
@@ -110,7 +96,6 @@ def make_batch(
         workspace: recipe and store.
         lock: keeps runs of a recording apart.
         batch: partition key -> assets.
-        after: runs that have to end before the datasets are made.
         side_by_side: as many at the same time as there are processors, if the run has a fork server; else one after the other.
 
     Raises:
@@ -126,7 +111,6 @@ def make_batch(
     left = {key: assets for key, assets in recordings.items() if key not in ended}
     ended |= _make_each(step, workspace, lock, left)
     if DATASET in batch:
-        _wait_for_runs(step, after)
         _make_datasets(step, workspace, batch[DATASET], ended)
     if range_policy():  # Dagster's command says of all later steps that they are skipped
         for key, failed in ended.items():
@@ -255,18 +239,6 @@ def noted(recorder: Recorder, ended: Ended) -> Iterator[None]:
         ended[key] = f"{type(err).__name__}: {err}"
         step.log(f"{key or 'the datasets'}: an unexpected error\n\n{traceback.format_exc()}", logging.ERROR)
     note_ended(step, key, ended[key], has_made=recorder.has_made)
-
-
-def _wait_for_runs(step: RunStep, run_ids: Sequence[str]) -> None:
-    """Wait until runs have ended, or were deleted.
-
-    Raises:
-        RunEndedError: this run was given up meanwhile.
-    """
-    # To Dagster, a filter without a run is an error.
-    while run_ids and step.instance.get_runs_count(dg.RunsFilter(run_ids=run_ids, statuses=UNFINISHED)):
-        refuse_if_ended(step.instance, step.run_id)
-        time.sleep(_OTHER_RUNS_S)
 
 
 def _make_datasets(step: RunStep, workspace: Workspace, wanted: Collection[str], ended: Ended) -> None:

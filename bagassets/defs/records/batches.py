@@ -4,7 +4,7 @@ A batch has its recordings in the config of its job. The range of a backfill is 
 the order in which they were registered; Dagster makes it of exactly those that were asked for.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -19,10 +19,10 @@ PARTITION_TAG = "dagster/partition"
 _RANGE_TAGS = "dagster/asset_partition_range_start", "dagster/asset_partition_range_end"
 
 
-def batch_config(batch: Batch, names: Naming, after: Sequence[str] = ()) -> dict[str, Any]:
-    """Return the run config of the job of batches, whose datasets wait until the runs `after` have ended."""
+def batch_config(batch: Batch, names: Naming) -> dict[str, Any]:
+    """Return the run config of the job of batches."""
     recordings = {key: list(assets) for key, assets in batch.items()}
-    return {"ops": {names.batch_op: {"config": {"recordings": recordings, "after": list(after)}}}}
+    return {"ops": {names.batch_op: {"config": {"recordings": recordings}}}}
 
 
 def batch_of(run: dg.DagsterRun, names: Naming | None = None) -> tuple[str, ...]:

@@ -92,7 +92,7 @@ class RunPool:
         location: code location of the assets.
         key_of: how the keys of assets are made from their names; default: below the prefix of the project.
         tags: partition key -> further tags of its run.
-        ended: partition key -> how its run ended, the last one last; the key of unpartitioned assets is empty.
+        ended: partition key -> how its run ended; the key of unpartitioned assets is empty.
         interrupted: the user pressed Ctrl-C.
     """
 
@@ -193,7 +193,7 @@ class RunPool:
                     create_job_run(
                         self.instance,
                         self.names.batch_job,
-                        batch_config(batch, self.names, after=list(self._active) if DATASET in batch else ()),
+                        batch_config(batch, self.names),
                         location=self.location,
                         run_id=run_id,
                     )
@@ -307,7 +307,6 @@ class RunPool:
             self._conclude(key, EndedRun(run_id, problem, stopped, seconds))
 
     def _conclude(self, key: str, ended: EndedRun) -> None:
-        self.ended.pop(key, None)
         self.ended[key] = ended
         if ended.stopped:
             self.on_event(Event("stopped", key))

@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import ExitStack
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -21,19 +20,15 @@ from bagassets.base.errors import BagAssetsError
 from bagassets.cli import early
 from bagassets.cli.early import JOBS_PER_PROCESSOR
 from bagassets.cli.remote import build_on_server
-from bagassets.defs.builds.pending_work import open_project
-from bagassets.defs.records.batches import batch_of
 from bagassets.defs.records.instances import open_instance
 from bagassets.defs.runs.exclusive import exclusive
 from bagassets.defs.runs.worker_tag import RunWorker
-from bagassets.engine.batches import DATASET
 from bagassets.engine.build_report import BagOutcome, BuildOptions, BuildReport, Event
 from bagassets.engine.choose import SelectionError
 from bagassets.engine.freshness.decide import plain_build
 from bagassets.forkserver.client import Client, ServerRefusedError
 from bagassets.forkserver.process import ProcessId
 from bagassets.forkserver.tasks import find_server
-from bagassets.formats.dataset_lock import load_lock
 from bagassets.recipe import load_recipe
 from bagassets_tests.in_process import make_project
 from bagassets_tests.services import eventually
@@ -57,22 +52,6 @@ def command(recipe_file, *arguments):
 
 def run(recipe_file, *arguments):
     return subprocess.run(command(recipe_file, *arguments), capture_output=True, text=True, check=False)
-
-
-@pytest.fixture
-def four(tmp_path):
-    """Write a project of four recordings: two runs share them, the first about the longest and the shortest."""
-    recipe_file = make_project(tmp_path, ())
-    for number, duration_s in enumerate((3.0, 2.0, 1.5, 1.0)):
-        write_drive(tmp_path / "bags" / f"d{number}.bag", "ros1", duration_s=duration_s)
-    yield recipe_file
-    for client in Client.all_of(load_recipe(recipe_file).state):
-        client.shutdown(grace_s=1.0)
-
-
-def joined(recipe_file):
-    """Return the recordings in the dataset of a project, by the lock of their artifacts."""
-    return set(load_lock(load_recipe(recipe_file).nuscenes.output).bags)
 
 
 @pytest.fixture
@@ -319,62 +298,6 @@ def test_a_killed_worker_fails_its_recording_and_the_build_goes_on(built):
     )
     built.write_text(text)
     assert recipe.nuscenes.output.is_dir()
-
-
-def test_the_run_that_is_begun_last_makes_the_dataset_when_the_others_have_ended(four):
-    keys = {f"d{number}.bag" for number in range(4)}
-    with exclusive(load_recipe(four).state / "locks", "d0.bag", keep_waiting=lambda _asked: True):
-        build = subprocess.Popen(command(four, "--jobs", "2", "--json"), stdout=subprocess.PIPE, text=True)
-        with open_project(four) as workspace:
-            runs = partial(workspace.instance.get_run_records, ascending=True)
-            noted = partial(is_noted, workspace.instance)
-            eventually(lambda: len(runs()) == 2 and noted(runs()[1], "d2.bag: done."), "d2.bag is recorded")
-            assert not workspace.instance.get_latest_materialization_event(dg.AssetKey("nuscenes_dataset"))
-    out, _ = build.communicate(timeout=90)
-    assert json.loads(out)["dataset"]["state"] == "updated"
-    assert joined(four) == keys
-    with open_project(four) as workspace:
-        first, last = workspace.instance.get_run_records(ascending=True)
-        made = workspace.instance.get_latest_materialization_event(dg.AssetKey("nuscenes_dataset"))
-    assert made.run_id == last.dagster_run.run_id
-    assert made.timestamp > first.end_time
-    assert DATASET in batch_of(last.dagster_run)
-
-
-def is_noted(instance, record, message):
-    return any(entry.message == message for entry in instance.all_logs(record.dagster_run.run_id))
-
-
-@pytest.mark.long
-def test_what_a_worker_left_when_it_died_is_in_the_dataset_even_if_that_was_made_meanwhile(four):
-    assert run(four, "--bag", "d0.bag", "--select", "bag").returncode == 0  # a server for this recipe
-    held, died = {}, []
-    for key in ("d0.bag", "d3.bag"):  # which the first run is about
-        held[key] = ExitStack()
-        held[key].enter_context(
-            exclusive(load_recipe(four).state / "locks", key, keep_waiting=lambda _asked: True)
-        )
-
-    def steer(event):
-        if event.kind == "started" and event.key in held and not died:
-            died.append(event.key)
-            with find_server(four) as other, open_project(four) as workspace:
-                runs = {one["label"]: one["process"] for one in workers_of(other)}
-                for run_id, process in runs.items():
-                    if event.key in batch_of(workspace.instance.get_run_by_id(run_id)):
-                        assert ProcessId.from_json(process).send(signal.SIGKILL)
-        elif (event.kind, event.key) == ("done", DATASET):
-            without.append(joined(four))
-            for lock in held.values():
-                lock.close()
-
-    without = []
-    with find_server(four) as client:
-        report = build_on_server(client, four, BuildOptions(jobs=2), steer, None)
-    left = {"d0.bag", "d3.bag"} - {*died}
-    assert without[0] == {"d1.bag", "d2.bag"}, "the dataset was made before what was left"
-    assert joined(four) == {"d1.bag", "d2.bag", *left}
-    assert report["dataset"]["state"] == "updated"
 
 
 @pytest.mark.parametrize(
