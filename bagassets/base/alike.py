@@ -10,8 +10,8 @@ _SPACES = re.compile(r"(\s+)")
 # A number or a time (ISO 8601), in what may surround it: brackets, a unit, a full stop.
 _NUMBER = re.compile(r"(\W*?)(\d{4}-\d\d-\d\dT[\d:.]+Z|-?\d+(?:\.\d+)?)(\D*)")
 _HERE = "\0"
-# A sentence may begin with the recording, also in a column, or behind what it is about.
-_PRONOUN = re.compile(r"(?:^|(?<=  )|(?<=: ))its?\b")
+# A sentence may begin with the recording, also in a column, or behind its path.
+_PRONOUN = re.compile(r"(?:^|(?<=  )|(?<=…: ))its?\b")
 _OF_EACH = {"it": "each", "its": "their"}
 
 

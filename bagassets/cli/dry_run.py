@@ -33,7 +33,7 @@ def dry_run_lines(pending: "PendingWork", own: "OwnProject") -> Iterator[str]:
     for key, assets in pending.todo.items():
         planned = {name: pending.plan.bags[key].assets[name] for name in assets}
         lines = [
-            f"  {_VERBS[state]:<8} {', '.join(names)}: {visible(reason)}"
+            f"  {_VERBS[state]:<8} {', '.join(names)}  {visible(reason)}"
             for (state, reason), names in names_by_reason(planned).items()
         ]
         found.append(((), key, "\n".join(lines)))

@@ -202,7 +202,7 @@ def test_status_and_dry_run_tell_reasons_once():
     own = SimpleNamespace(problem="", targets={}, left_out={})
     lines = "\n".join(dry_run_lines(pending, own)).splitlines()
     assert [" ".join(line.split()) for line in lines] == [
-        TOLD[0], f"run frames: {TOLD[1]}", KEYS[-1], "run frames: something else",
+        TOLD[0], f"run frames {TOLD[1]}", KEYS[-1], "run frames something else",
     ]  # fmt: skip
 
 
