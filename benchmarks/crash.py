@@ -71,7 +71,10 @@ def main() -> int:
     begun = time.monotonic() - max((one["at_s"] for one in before), default=0.0)
     found = _Found()
     with (
-        tempfile.TemporaryDirectory(dir=options.folder if options.folder.is_dir() else None) as name,
+        # When it is interrupted, workers may still write.
+        tempfile.TemporaryDirectory(
+            dir=options.folder if options.folder.is_dir() else None, ignore_cleanup_errors=True
+        ) as name,
         kept.open("w", encoding="utf-8") as lines,
     ):
         print(json.dumps(header), *map(json.dumps, before), sep="\n", file=lines, flush=True)
@@ -281,4 +284,7 @@ def _git(*arguments: str) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        sys.exit("Stopped; run it again to go on, if the code is the same.")
