@@ -65,8 +65,8 @@ def main() -> int:
         with tempfile.TemporaryDirectory() as name:
             return int(_failing_reads.run_with(Path(name), ["-m", "benchmarks.crash", *sys.argv[1:]]))
     import_module(_CODE)  # workers are forked with it
-    header, kept = _header(options), ROOT / "build" / "crash-tried.jsonl"
-    before = _tried_before(kept, header)
+    kept = ROOT / "build" / f"crash-tried-{_run_digest(options)[:16]}.jsonl"
+    before = _tried_before(kept)
     kept.parent.mkdir(exist_ok=True)
     begun = time.monotonic() - max((one["at_s"] for one in before), default=0.0)
     found = _Found()
@@ -77,7 +77,7 @@ def main() -> int:
         ) as name,
         kept.open("w", encoding="utf-8") as lines,
     ):
-        print(json.dumps(header), *map(json.dumps, before), sep="\n", file=lines, flush=True)
+        print(*map(json.dumps, before), sep="\n", end="\n" if before else "", file=lines, flush=True)
         for one in before:
             found.add(one)
         for one in _tried(Path(name), options, {(*one["what"], one["one"]) for one in before}):
@@ -98,7 +98,7 @@ def main() -> int:
     if options.json:
         options.json.write_text(json.dumps(results, indent=1) + "\n", "utf-8")
     print(crash_table(results))
-    kept.unlink()
+    kept.unlink(missing_ok=True)
     return 1 if found.problems else 0
 
 
@@ -141,22 +141,22 @@ class _Found:
         print(problem, file=sys.stderr, flush=True)
 
 
-def _header(options: argparse.Namespace) -> dict[str, Any]:
-    """Return what must be the same for a run to go on where another was interrupted."""
+def _run_digest(options: argparse.Namespace) -> str:
+    """Return a digest of what must be the same for a run to go on where another was interrupted."""
     code = hashlib.sha256()
     for folder, pattern in (("bagassets", "**/*.py"), ("bagassets_tests", "*.*"), ("benchmarks", "crash.py")):
         for path in sorted((ROOT / folder).glob(pattern)):
             code.update(path.read_bytes())
-    chosen = {name: getattr(options, name) for name in ("share", "seed", "only", "command")}
-    return {"code": code.hexdigest(), **chosen}
+    code.update(repr([options.share, options.seed, options.only, options.command]).encode())
+    return code.hexdigest()
 
 
-def _tried_before(kept: Path, header: dict[str, Any]) -> list[Answer]:
-    """Return what an interrupted run had tried, if that was the same run of the same code."""
+def _tried_before(kept: Path) -> list[Answer]:
+    """Return what an interrupted run had tried."""
     found: list[Answer] = []
     with suppress(FileNotFoundError, json.JSONDecodeError):  # the last line may be half
         found.extend(map(json.loads, kept.read_text("utf-8").splitlines()))
-    return found[1:] if found[:1] == [header] else []
+    return found
 
 
 def _tried(folder: Path, options: argparse.Namespace, tried: Collection[tuple[str, ...]]) -> Iterator[Answer]:
