@@ -3,8 +3,9 @@
 The commands of `bagassets_tests/crash_project.py` are recorded, change by change of files. After a crash before each change, with
 what may be left then (killed; without power: new files empty, full of zeros, torn in the middle, any of these, and a change
 lost; all with and without the last commit of Dagster's database), a build must end well, then `verify` must find nothing and
-the dataset be that of a project built from nothing; what leaves the same files, byte for byte, is tried once. The same after each change failed once, with EIO and with ENOSPC, and after
-each read failed once, with EIO, where the command must end in a sentence; and after histories of three steps::
+the dataset be that of a project built from nothing; what leaves the same files, byte for byte, is tried once. The same after
+each change failed once, with EIO and with ENOSPC, and after each read failed once, with EIO, where the command must end in a
+sentence; and after histories of three steps::
 
     make crash                                   # all of them: some hours on two quiet cores; interrupted, it goes on later
     python -m benchmarks.crash --share 0.05      # a sample

@@ -54,7 +54,7 @@ _MODULES = {"decoders": "plugins", "formats": "plugins"}
 _GC_THRESHOLD = 100_000
 
 # Errors of the file system that a path given by the user, or a failing disk, can cause; any other is a defect.
-_REFUSALS = {EACCES, EDQUOT, EEXIST, EIO, EISDIR, ENAMETOOLONG, ENOENT, ENOSPC, ENOTDIR, EPERM, EROFS}
+_REFUSALS = {EACCES, EDQUOT, EEXIST, EISDIR, ENAMETOOLONG, ENOENT, ENOSPC, ENOTDIR, EPERM, EROFS}
 
 
 class _LazyGroup(click.Group):
@@ -139,7 +139,7 @@ def main(args: Sequence[str] | None = None, *, handed_over: "HandedOver | None" 
 
 def text_of_refusal(err: OSError) -> str | None:
     """Return a sentence about an error that a path given by the user, or the disk, can cause; None if it is a defect."""
-    if err.errno == EIO:  # of a file that was open, it does not tell the name
+    if err.errno == EIO:  # reads of an open file do not name it
         return f"{err.filename or 'a file'} cannot be read or written ({err.strerror}); check the disks of project, store and recordings."
     if err.errno not in _REFUSALS or err.filename is None:
         return None

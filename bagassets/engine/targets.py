@@ -94,11 +94,10 @@ def target_state(
     recorded, waits, change = found.recorded, f"waits for {found.waits_for}", _change(target, found)
     if change is None and found.waits_for:
         return AssetState("unknown", waits)
-    if change is None and recorded is None:
-        return AssetState("blocked", NOTHING_TO_MAKE_IT_FROM)
     if change is None:
-        version = None if recorded is None else recorded.data_version
-        return AssetState("fresh", "what it reads is as it was when it was made", version)
+        if recorded is None:
+            return AssetState("blocked", NOTHING_TO_MAKE_IT_FROM)
+        return AssetState("fresh", "what it reads is as it was when it was made", recorded.data_version)
     if failure := found.failure():
         return AssetState("failed", failure)
     reason = f"{change}; {waits}" if found.waits_for else change

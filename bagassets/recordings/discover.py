@@ -397,8 +397,7 @@ def _recording_files(
 ) -> RecordingFiles:
     if file_format == "ros2":  # others have none, and there may be thousands
         files = [*files, *journals_of(path for path, _ in files).items()]
-    if len(files) > 1:
-        files.sort(key=itemgetter(0))
+    files.sort(key=itemgetter(0))
     size, mtime_ns = sum(s.st_size for _, s in files), max(s.st_mtime_ns for _, s in files)
     names, seen = tuple(name for name, _ in files), tuple(signature_of(s) for _, s in files)
     return RecordingFiles(_key(relative), relative, path, file_format, names, size, mtime_ns, seen=seen)

@@ -146,10 +146,10 @@ def dataset_assets(
                         record_inputs(workspace, inputs)
                         step = context.op_execution_context.get_step_execution_context()
                         step.fetch_external_input_asset_version_info()
-                    if workspace.records.whole(asset) is None and not any(inputs.parts.values()):
+                    if not any(inputs.parts.values()) and workspace.records.whole(asset) is None:
                         raise BagAssetsError(
                             f"{asset}: {NOTHING_TO_MAKE_IT_FROM}; materialize the assets of recordings first, "
-                            f"or run `bagassets build`, and see `bagassets status`."
+                            "or run `bagassets build`, and see `bagassets status`."
                         )
                     made = make_dataset(workspace, plan, inputs, asset, context.run.run_id)
                 yield from Recorder(workspace, DATASET, context).record(made)

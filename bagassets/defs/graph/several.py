@@ -1,7 +1,8 @@
 """Several recordings in one run: one after the other, or side by side in processes that the fork server forks for the run.
 
-The run is of the job that `bagassets build` launches and the sensor requests, or of a backfill's range. Each is recorded as its own partition, as a run of its own would. The processes are those of the run, which waits for them; if
-it is cancelled or killed, the server ends them, and what they have not recorded is lost.
+The run is of the job that `bagassets build` launches and the sensor requests, or of a backfill's range. Each recording is
+recorded as its own partition, as by a run of its own. The processes are those of the run, which waits for them; if it is
+cancelled or killed, the server ends them, and what they have not recorded is lost.
 """
 
 import logging

@@ -31,7 +31,7 @@ class _Kept(NamedTuple):
 
     last: int
     mark: str
-    ids: dict[str, dict[str, int]]
+    ids: Mapping[str, Mapping[str, int]]
 
 
 def latest_ids(workspace: Workspace) -> Mapping[str, Mapping[str, int]]:
@@ -51,7 +51,7 @@ def latest_ids(workspace: Workspace) -> Mapping[str, Mapping[str, int]]:
         mark = _mark(connection, last)
         holds = (mark if last == kept.last else _mark(connection, kept.last)) == kept.mark
     if not holds or kept.ids.keys() != {*assets}:
-        found = {asset: dict(ids) for asset, ids in records.latest_ids(assets).items()}
+        found: Mapping[str, Mapping[str, int]] = records.latest_ids(assets)
     elif last != kept.last:
         newer = records.latest_ids(assets, after=kept.last)
         found = {asset: {**ids, **newer[asset]} for asset, ids in kept.ids.items()}
