@@ -212,8 +212,8 @@ def test_a_dry_run_runs_nothing_and_shows_what_would(edited):
     done = run("build", "--dry-run", recipe=edited)
     assert done.exit_code == ALL_WELL
     lines = [line.split() for line in done.stdout.splitlines()]
-    assert ["run", "frames:", "CAM_FRONT:", "quality", "90", "->", "33"] in lines
-    assert ["may", "run", "nuscenes_tables:", "waits", "for", "frames"] in lines, "the cause stands above"
+    assert ["run", "frames", "CAM_FRONT:", "quality", "90", "->", "33"] in lines
+    assert ["may", "run", "nuscenes_tables", "waits", "for", "frames"] in lines, "the cause stands above"
     assert "failed before and is not retried" in done.stdout
     code, value = output("build", "-n", recipe=edited)
     assert code == ALL_WELL
