@@ -1,11 +1,11 @@
 """Turning unexpected errors into a sentence for users, so that one costs a single asset of a recording, not the run."""
 
-import errno
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from bagassets.base.disk_errors import FAILING, FULL, READ_ONLY, disk_advice
 from bagassets.base.errors import (
     BagAssetsError,
     MemoryShortageError,
@@ -15,7 +15,7 @@ from bagassets.base.errors import (
 )
 
 _OPENCV_NO_MEMORY = -4  # cv2.Error.StsNoMem, as `cv2.error.code`
-_DISK_FAILS = {errno.EDQUOT, errno.EIO, errno.ENOSPC, errno.EROFS, errno.ESTALE}
+_OF_DISKS = {*FULL, *FAILING, READ_ONLY}
 _PACKAGE = Path(__file__).parents[1]
 
 
@@ -29,16 +29,14 @@ def disk_errors_explained(what: str) -> Iterator[None]:
     try:
         yield
     except OSError as err:
-        if err.errno not in _DISK_FAILS:
+        if err.errno not in _OF_DISKS:
             raise
         raise _disk_failure(err, what) from err
 
 
 def _disk_failure(err: OSError, what: str) -> StoreError:
     place = "" if err.filename is None else f"{err.filename}: "  # reads of an open file do not name it
-    return StoreError(
-        f"{place}{what} cannot be made ({err.strerror}); free disk space, or check the disk, and build again."
-    )
+    return StoreError(f"{place}{what} cannot be made ({err.strerror}); {disk_advice(err)}.")
 
 
 def explained_error(err: Exception, path: Path, what: str) -> BagAssetsError:
@@ -56,7 +54,7 @@ def explained_error(err: Exception, path: Path, what: str) -> BagAssetsError:
             f"{path}: {what} ran out of memory; nothing of it is on record. Build again with fewer recordings at a time "
             "(--jobs), or on a machine with more memory."
         )
-    if isinstance(err, OSError) and err.errno in _DISK_FAILS:
+    if isinstance(err, OSError) and err.errno in _OF_DISKS:
         return _disk_failure(err, f"{what} of {path}")
     place = "a library"
     for frame in traceback.extract_tb(err.__traceback__):

@@ -8,12 +8,13 @@ import importlib
 import os
 import sys
 from collections.abc import Sequence
-from errno import EACCES, EDQUOT, EEXIST, EIO, EISDIR, ENAMETOOLONG, ENOENT, ENOSPC, ENOTDIR, EPERM, EROFS
+from errno import EACCES, EDQUOT, EEXIST, EISDIR, ENAMETOOLONG, ENOENT, ENOSPC, ENOTDIR, EPERM, EROFS
 from typing import TYPE_CHECKING
 
 import click
 
 from bagassets import __version__
+from bagassets.base.disk_errors import FAILING
 from bagassets.base.errors import BagAssetsError, kind_and_text
 from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.terminal import echo, status_of_unwritten
@@ -139,7 +140,7 @@ def main(args: Sequence[str] | None = None, *, handed_over: "HandedOver | None" 
 
 def text_of_refusal(err: OSError) -> str | None:
     """Return a sentence about an error that a path given by the user, or the disk, can cause; None if it is a defect."""
-    if err.errno == EIO:  # reads of an open file do not name it
+    if err.errno in FAILING:  # reads of an open file do not name it
         return f"{err.filename or 'a file'} cannot be read or written ({err.strerror}); check the disks of project, store and recordings."
     if err.errno not in _REFUSALS or err.filename is None:
         return None

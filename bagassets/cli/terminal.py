@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from bagassets.base.disk_errors import FULL
 from bagassets.base.escaping import terminal, visible
 from bagassets.cli.exit_status import ExitStatus
 
@@ -14,8 +15,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from rich.console import Console
-
-_FULL = {errno.ENOSPC, errno.EDQUOT}
 
 
 def echo(line: str, *, err: bool = False) -> None:
@@ -50,7 +49,7 @@ def quoted(path: "Path") -> str:
 
 def status_of_unwritten(err: OSError) -> int | None:
     """Say why the output of a command cannot be written; return its exit status, or None if `err` is about something else."""
-    if err.errno in _FULL and err.filename is None:
+    if err.errno in FULL and err.filename is None:
         echo(f"error: the output of this command, or a file, cannot be written ({err.strerror}).", err=True)
     elif err.errno != errno.EPIPE:  # else nobody reads any more what `watch` writes
         return None

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 
+from bagassets.base.disk_errors import disk_advice
 from bagassets.base.errors import BagAssetsError
 from bagassets.base.fingerprints import Signature, signature
 from bagassets.base.lock_files import LockFile
@@ -150,7 +151,7 @@ class Server:
             path.unlink(missing_ok=True)
             raise BagAssetsError(
                 f"{path}: the fork server cannot create its socket, or note it in {self._files.lock} ({err.strerror}); "
-                "free disk space, or make the folder writable."
+                f"{disk_advice(err)}."
             ) from err
         finally:
             os.umask(mask)

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from bagassets.base.disk_errors import disk_advice
 from bagassets.base.errors import DatasetError
 from bagassets.base.files import remove_all
 from bagassets.base.lock_files import LockFile
@@ -25,7 +26,7 @@ def guarded(output: Path) -> Iterator[None]:
             yield
     except OSError as err:
         raise DatasetError(
-            f"{err.filename or output}: the dataset cannot be written ({err.strerror}); free disk space, or make the folder writable."
+            f"{err.filename or output}: the dataset cannot be written ({err.strerror}); {disk_advice(err)}."
         ) from err
 
 

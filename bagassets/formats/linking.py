@@ -8,6 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from bagassets.base import files
+from bagassets.base.disk_errors import disk_advice
 from bagassets.base.errors import DatasetError
 
 # Hard links do not cross file systems; some file systems have none, or limit their number per file.
@@ -65,9 +66,7 @@ class Linker:
                 f"{source}: this file of the store is gone, so {filename} cannot be made; build again to repair the store."
             ) from err
         except OSError as err:
-            raise DatasetError(
-                f"{target}: cannot be written ({err.strerror}); free disk space, or make the folder writable."
-            ) from err
+            raise DatasetError(f"{target}: cannot be written ({err.strerror}); {disk_advice(err)}.") from err
 
     def _may_be_torn(self, target: str) -> bool:
         with suppress(FileNotFoundError):

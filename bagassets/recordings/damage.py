@@ -4,9 +4,9 @@ import re
 import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
-from errno import EIO, ENODEV, ENXIO, ESTALE, ETIMEDOUT
 from pathlib import Path
 
+from bagassets.base.disk_errors import FAILING
 from bagassets.base.errors import DiskError, RecordingError
 
 _ADVICE = {
@@ -42,8 +42,7 @@ _REASONS = (
     (r"unexpected|[Ee]nd ?[Oo]f ?[Ff]ile|[Tt]runcated|Got only|cut off|incomplete", "it ends too early, or is damaged"),
 )  # fmt: skip
 NO_BEGINNING = "it does not begin as such a file does"
-# Of disks and file servers; on damaged bytes libraries raise others.
-_OF_DISKS = {EIO, ENODEV, ENXIO, ESTALE, ETIMEDOUT}
+# Of disks; on damaged bytes SQLite raises others.
 _READS_FAIL = {"SQLITE_CANTOPEN", "SQLITE_IOERR_CORRUPTFS", "SQLITE_IOERR_READ"}
 _CONTRADICTS = "its bytes contradict each other"
 
@@ -98,7 +97,7 @@ def refuse_failing_disk(path: Path, err: BaseException) -> None:
     one: BaseException | None = err
     while one is not None:
         name = getattr(one, "sqlite_errorname", "")
-        if (isinstance(one, OSError) and one.errno in _OF_DISKS) or name in _READS_FAIL:
+        if (isinstance(one, OSError) and one.errno in FAILING) or name in _READS_FAIL:
             why = one.strerror if isinstance(one, OSError) else one
             raise DiskError(
                 f"{path}: it cannot be read ({why}); check its disk or file server, and try again."

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Self
 
 from bagassets.base.cache import is_damage
+from bagassets.base.disk_errors import disk_advice
 from bagassets.base.errors import StoreError
 
 if TYPE_CHECKING:
@@ -127,7 +128,7 @@ class DigestIndex:
                 self._insert(path, row)
         except (OSError, sqlite3.Error) as err:
             raise StoreError(
-                f"{self._path}: the index of digests cannot be written ({err}); free disk space, or make the folder writable."
+                f"{self._path}: the index of digests cannot be written ({err}); {disk_advice(err)}."
             ) from err
 
     def _insert(self, path: Path, row: _IndexRow) -> None:

@@ -9,11 +9,11 @@ import sqlite3
 import stat
 from collections.abc import Iterable, Iterator
 from contextlib import closing, contextmanager
-from errno import EDQUOT, ENOSPC
 from os import SEEK_END, stat_result
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from bagassets.base.disk_errors import FULL
 from bagassets.base.errors import RecordingError, ScratchError
 from bagassets.base.quantities import readable_bytes
 from bagassets.recordings.damage import DamageError
@@ -101,7 +101,7 @@ def scratch_folder(path: Path, size: int) -> Iterator[Path]:
         try:
             yield Path(name)
         except OSError as err:
-            if err.errno in {ENOSPC, EDQUOT}:
+            if err.errno in FULL:
                 raise error from err
             raise
         except sqlite3.OperationalError as err:

@@ -5,11 +5,11 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from errno import EIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bagassets.base import files
+from bagassets.base.disk_errors import FAILING, disk_advice
 from bagassets.base.errors import StoreError
 from bagassets.base.json_types import Json, JsonObject
 from bagassets.store.canonical import canonical_json, digest_bytes
@@ -26,13 +26,7 @@ def writing(path: files.AnyPath, what: str = "cannot be written") -> Iterator[No
     try:
         yield
     except OSError as err:
-        raise StoreError(
-            f"{path}: {what} ({err.strerror}); {_advice(err, 'free disk space, or make the folder writable')}."
-        ) from err
-
-
-def _advice(err: Exception, usual: str) -> str:
-    return "check the disk, and try again" if isinstance(err, OSError) and err.errno == EIO else usual
+        raise StoreError(f"{path}: {what} ({err.strerror}); {disk_advice(err)}.") from err
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +66,7 @@ class Artifact:
             manifest: JsonObject = json.loads((self.folder / MANIFEST).read_bytes())
         except (OSError, ValueError) as err:
             raise StoreError(
-                f"{self.folder}: the manifest of this artifact cannot be read ({err}); {_advice(err, 'build again to heal the store')}."
+                f"{self.folder}: the manifest of this artifact cannot be read ({err}); {disk_advice(err, 'build again to heal the store')}."
             ) from err
         return manifest
 
@@ -116,8 +110,10 @@ class Artifact:
 
     def _damaged(self, relative: str, err: Exception) -> StoreError:
         reason = str(err).splitlines()[0] if str(err) else type(err).__name__
-        advice = _advice(err, "remove the artifact with `bagassets verify`, then build again")
-        state = "cannot be read" if isinstance(err, OSError) and err.errno == EIO else "is gone or damaged"
+        advice = disk_advice(err, "remove the artifact with `bagassets verify`, then build again")
+        state = (
+            "cannot be read" if isinstance(err, OSError) and err.errno in FAILING else "is gone or damaged"
+        )
         return StoreError(f"{self.path(relative)}: this file of the store {state} ({reason}); {advice}.")
 
 

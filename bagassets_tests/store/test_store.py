@@ -220,7 +220,9 @@ class TestArtifacts:
             raise OSError(errno.EIO, "Input/output error")
 
         monkeypatch.setattr(Path, "read_bytes", failing)
-        with pytest.raises(StoreError, match=r"cannot be read \(.*; check the disk, and try again\.$"):
+        with pytest.raises(
+            StoreError, match=r"cannot be read \(.*; check the disk or file server, and try again\.$"
+        ):
             getattr(artifact, read)(*["file"] * (read == "read_json"))
 
     def test_many_threads_may_write(self, store):

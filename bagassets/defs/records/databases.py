@@ -22,6 +22,7 @@ from alembic.script import ScriptDirectory
 from sqlalchemy import Engine, MetaData, event
 from sqlalchemy.exc import DatabaseError, OperationalError
 
+from bagassets.base.disk_errors import disk_advice
 from bagassets.base.errors import BagAssetsError, StoreError
 from bagassets.base.fingerprints import open_read_only
 from bagassets.base.lock_files import LockFile
@@ -86,7 +87,7 @@ def make_whole(folder: Path) -> None:
                     _make(folder, _unfinished(folder))
     except OSError as err:
         raise StoreError(
-            f"{err.filename or folder}: Dagster's database cannot be created ({err.strerror}); free disk space, or fix the folder."
+            f"{err.filename or folder}: Dagster's database cannot be created ({err.strerror}); {disk_advice(err)}."
         ) from err
 
 
