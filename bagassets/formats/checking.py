@@ -110,8 +110,12 @@ def check_bag(
                 try:
                     finding = check.rule(evidence)
                 except (StoreError, PluginError) as err:
-                    finding = Finding([str(err)])
+                    finding = Unchecked([str(err)])
             yield Verdict(bag.key, asset.name, check.name, severity, finding)
+
+
+class Unchecked(Finding):
+    """What is said of a check that could not run: an artifact was not to be read, or a rule of a package failed."""
 
 
 class KeptVerdicts:
@@ -140,7 +144,13 @@ class KeptVerdicts:
         return None
 
     def keep(self, recording: RecordingFiles, artifacts: Iterable[str], verdicts: Iterable[Verdict]) -> None:
-        """Keep the verdicts of all checks of a recording, with its artifacts (digests) as they are now."""
+        """Keep the verdicts of all checks of a recording, with its artifacts (digests) as they are now.
+
+        Nothing is kept if a check could not run: next time, the disk or file server may answer.
+        """
+        verdicts = list(verdicts)
+        if any(isinstance(one.finding, Unchecked) for one in verdicts):
+            return
         rows = [[one.asset, one.check, one.severity, one.finding and vars(one.finding)] for one in verdicts]
         with suppress(PlanNeeded):  # one is gone
             mark = self._mark(recording, note_of(self._artifacts, artifacts))

@@ -22,6 +22,7 @@ _PRESETS = {
     "h264": "ultrafast superfast veryfast faster fast medium slow slower veryslow placebo 0 1 2 3 4 5 6 7 8 9",
     "av1": "-2 -1 0 1 2 3 4 5 6 7 8 9 10 11 12 13",
 }
+_WORST_OF_X264 = 51  # which x264 takes for any that is greater
 IMAGES = "observation.image"
 OWN_COLUMNS = ("timestamp", "frame_index", "episode_index", "index", "task_index")
 """Columns that every dataset has."""
@@ -148,7 +149,10 @@ class Encoding(Model):
 
     codec: Literal["h264", "av1"] = Field("h264", description="H.264 by x264, or AV1 by SVT-AV1.")
     crf: int | None = Field(
-        None, ge=1, le=63, description="Quality, smaller is better; default: 23 for h264, 30 for av1."
+        None,
+        ge=1,
+        le=63,
+        description="Quality, smaller is better: 1 to 51 for h264 (default: 23), 1 to 63 for av1 (default: 30).",
     )
     preset: str | None = Field(
         None,
@@ -163,7 +167,9 @@ class Encoding(Model):
     )
 
     @model_validator(mode="after")
-    def _has_that_preset(self) -> Self:
+    def _is_known_to_the_encoder(self) -> Self:
+        if self.codec == "h264" and (self.crf or 0) > _WORST_OF_X264:
+            raise FieldValueError(("crf",), f"of h264 must be 1 to {_WORST_OF_X264}; found {self.crf}")
         known = _PRESETS[self.codec].split()
         if self.preset is None or self.preset.lower() in known:
             return self

@@ -9,7 +9,7 @@ from dagster._core.event_api import PartitionKeyFilter
 from dagster._core.loader import LoadingContextForTest
 from dagster._core.storage.partition_status_cache import get_and_update_asset_status_cache_value
 
-from bagassets.base.errors import DatasetError
+from bagassets.base.errors import DatasetError, StoreError
 from bagassets.defs.builds import made_ahead, pending_work
 from bagassets.defs.builds import report as builds_report
 from bagassets.defs.graph import making, several
@@ -25,6 +25,7 @@ from bagassets.formats import checking
 from bagassets.recipe import load_recipe
 from bagassets.recordings.digest import DigestIndex, recording_digest
 from bagassets.recordings.discover import discover
+from bagassets.store.artifact import Artifact
 from bagassets.store.store import Store
 from bagassets_tests.in_process import build, make_project, states, survey
 from bagassets_tests.small_drive import RECIPE, write_drive
@@ -223,6 +224,30 @@ def test_what_a_batch_was_checked_for_is_not_checked_again(project, monkeypatch)
         planner_of(workspace).plan()
     asked, _ = look()
     assert len(asked) == 1, "it was checked with what was there before"
+
+
+def test_a_check_that_could_not_read_is_made_again(project, monkeypatch):
+    """What a disk refused once is no property of the recording."""
+    build(project, monkeypatch, jobs=1)
+    store = Store(load_recipe(project).store_path)
+    for cloud in store.root.glob("artifacts/*/*/files/*.bin"):
+        cloud.with_name("stranger").touch()  # so that each recording is to be checked once more
+    with pending_work.open_project(project) as workspace:
+        planner_of(workspace).plan()
+
+    def look():
+        with pending_work.open_project(project) as workspace:
+            plan = planner_of(workspace).plan()
+            found = dict(checking.check_bags(workspace.assets, plan, plan.bags.values()))
+        return [one for verdicts in found.values() for one in verdicts if one.is_error]
+
+    def refuse(*_):
+        raise StoreError("the disk refuses")
+
+    with monkeypatch.context() as refusing:
+        refusing.setattr(Artifact, "read_table", refuse)
+        assert look()
+    assert look() == []
 
 
 def material(instance, name):

@@ -397,11 +397,12 @@ class TestBrokenRules:
                 "preset: placido",
                 "of h264 must be one of ultrafast, .*; found 'placido'; did you mean placebo",
             ),
+            ("crf: 52", "of h264 must be 1 to 51; found 52"),
             ("codec: av1, preset: veryfast", "of av1 must be one of -2, -1, 0, .*, 13; found 'veryfast'"),
         ],
     )
-    def test_a_preset_that_the_encoder_lacks_is_refused_with_the_recipe(self, tmp_path, video, found):
-        with pytest.raises(RecipeError, match=rf"recipe\.yaml:19: lerobot\.video\.preset: {found}"):
+    def test_what_the_encoder_lacks_is_refused_with_the_recipe(self, tmp_path, video, found):
+        with pytest.raises(RecipeError, match=rf"recipe\.yaml:19: lerobot\.video\.(preset|crf): {found}"):
             make_project(tmp_path, RECIPE + f"  video: {{{video}}}\n")
 
     @pytest.mark.parametrize("preset", ["Fast", "0"])
