@@ -172,6 +172,8 @@ def _environment(name: str, python: str, requirements: Iterable[str]) -> str:
     install = (inside, "-m", "pip", "install", "--quiet", "--disable-pip-version-check")
     _run(*install, *requirements)
     _run(*install, "--no-deps", "--editable", str(ROOT))
+    # As the Makefile does for its environment: else each command of another Python compiles us where nobody keeps bytecode.
+    _run(inside, "-m", "compileall", "-q", "bagassets")
     _run(inside, "--version")
     _run(
         inside,
