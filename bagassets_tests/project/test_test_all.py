@@ -12,6 +12,8 @@ from packaging.utils import canonicalize_name
 from bagassets_tests.conftest import MARKS, may_be_chosen
 from scripts import test_all
 
+pytestmark = pytest.mark.once
+
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
 SHIM = "#!/bin/sh\necho 'pyenv: command not found' >&2\nexit 127\n"
