@@ -12,8 +12,6 @@ import bagassets
 from bagassets.base import files
 from bagassets.base.files import create_atomically, replacing, write_atomically
 
-pytestmark = pytest.mark.once
-
 
 def names(folder):
     return sorted(path.name for path in folder.iterdir())

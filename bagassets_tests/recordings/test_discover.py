@@ -14,8 +14,6 @@ from bagassets.recordings.globs import literal_glob, matches, may_match_within
 from bagassets.recordings.join_parts import FOR_NOW
 from bagassets_tests.recorded_bags import NOON_NS, text, write_ros1
 
-pytestmark = pytest.mark.once
-
 
 def touch(root, *names):
     for name in names:

@@ -14,8 +14,6 @@ from bagassets.formats.nuscenes.format import NUSCENES
 from bagassets.formats.nuscenes.settings import NuScenes
 from bagassets.store.store import Store
 
-pytestmark = pytest.mark.once
-
 VERSION = "v1.0-test"
 
 
