@@ -1,6 +1,7 @@
 """Simulated crashes and failures of the disk: a sample of what `make crash` tries in full."""
 
 import errno
+import gc
 import os
 import random
 import re
@@ -61,7 +62,8 @@ ROOT = Path(__file__).parents[2]
 @pytest.fixture(scope="module")
 def project(tmp_path_factory):
     crash_project.warm_up(tmp_path_factory.mktemp("warm"))
-    return Project(tmp_path_factory.mktemp("crash"))
+    yield Project(tmp_path_factory.mktemp("crash"))
+    gc.unfreeze()
 
 
 # Each is recorded by one worker: that takes as long as a test of it.
