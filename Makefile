@@ -71,7 +71,7 @@ test-all: $(VENV)/.made $(DEVKIT)/.made
 # The real lerobot loads, decodes, merges and trains on what we write; a part of test-all. torch for the processor alone is
 # not in the package index, so its own is asked if no other place is configured.
 test-lerobot: $(VENV)/.made $(LEROBOT)/.made
-	$(BIN)/pytest -n auto -m lerobot bagassets_tests/formats/lerobot $(PYTEST_ARGS)
+	$(BIN)/pytest -n 0 -m lerobot bagassets_tests/formats/lerobot $(PYTEST_ARGS)
 
 $(LEROBOT)/.made: requirements-lerobot.lock
 	@[ -n "$(LEROBOT_PYTHON)" ] || { echo "lerobot 0.4.4 needs Python 3.11, and there is none here: name it, as in\
