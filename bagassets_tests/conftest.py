@@ -5,9 +5,12 @@ libraries and programs do. So few variables are kept, and a test that depends on
 """
 
 import os
+import re
 import time
 from collections.abc import Iterator
 from fnmatch import fnmatchcase
+from itertools import product
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -21,6 +24,8 @@ KEPT = (
     "BAGASSETS_DEVKIT_PYTHON", "BAGASSETS_LEROBOT_PYTHON", "PYTEST_*", "HYPOTHESIS_*", "COVERAGE_*", "COV_CORE_*", "MUTA*", "PYTHONDONTWRITEBYTECODE",
 )  # fmt: skip
 SET = {"LC_ALL": "C.UTF-8", "TZ": "UTC"}
+# By these, runs choose tests: a test has none that its file does not name, and all that `pytestmark` of its file names.
+MARKS = ("lerobot", "long", "once")
 
 
 def pytest_configure() -> None:
@@ -36,6 +41,31 @@ def pytest_configure() -> None:
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add what CI asks for: a test that could not run is no test that passed."""
     parser.addoption("--no-skips", action="store_true", help="fail if a test is skipped")
+
+
+def may_be_chosen(text: str, expression: str) -> bool:
+    """Whether marks let a run choose some test of a file; True if that cannot be told.
+
+    Args:
+        text: of the file.
+        expression: what follows `-m`.
+    """
+    named = set(re.findall(r"\bmark\.(\w+)", text))
+    by_all = re.search(r"^pytestmark = (\[[^]]*\]|.*)", text, re.MULTILINE)
+    of_all = set(re.findall(r"\bmark\.(\w+)", by_all[0])) if by_all else set()
+    cases = [(True,) if mark in of_all else (False, True) if mark in named else (False,) for mark in MARKS]
+    try:
+        return any(eval(expression, {}, dict(zip(MARKS, has, strict=True))) for has in product(*cases))
+    except (NameError, SyntaxError):
+        return True
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Import no file of which no test is chosen: each worker of each part of `make test-all` would import all of them."""
+    expression = config.getoption("markexpr")
+    if not expression or collection_path.suffix != ".py":
+        return None
+    return None if may_be_chosen(collection_path.read_text("utf-8"), expression) else True
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:

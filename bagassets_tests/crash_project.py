@@ -209,7 +209,8 @@ class Project:
     # --- commands; each returns a text if it did not end well ---
 
     def build(self):
-        report, _ = build(self.recipe_file, pytest.MonkeyPatch())
+        with pytest.MonkeyPatch.context() as patched:
+            report, _ = build(self.recipe_file, patched)
         failed = (one.reason for one in report.outcomes.values() if one.result == "failed")
         return "; ".join(filter(None, [report.dataset_problem, *failed]))
 

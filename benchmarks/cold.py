@@ -56,9 +56,9 @@ def cold(options: Options) -> None:
     """Measure, and write `cold.json` and `cold.md`."""
     size = _BAG_GB * options.size_gb
     folder, trials = options.folder, options.trials
-    several, many = (2, _FEW + 1) if options.tiny else (8, max(_FEW + 1, round(20 * options.size_gb)))
+    several, few, many = (2, 1, 2) if options.tiny else (8, _FEW, max(_FEW + 1, round(20 * options.size_gb)))
     small = f"recordings of {LEAST_BYTES / 1e6:.0f} MB"
-    few_name, many_name = f"{_FEW} {small}", f"{many} {small}"
+    few_name, many_name = f"{few} {small}", f"{many} {small}"
     cases: dict[str, Callable[[], Project]] = {
         f"one recording of {size:.2f} GB": lambda: project(folder / "cold-one", [size * 1e9], trials),
         f"one recording of {size / 4:.2f} GB": lambda: project(
@@ -67,7 +67,7 @@ def cold(options: Options) -> None:
         f"{several} recordings of {size / several:.2f} GB": lambda: project(
             folder / "cold-several", [size * 1e9 / several] * several, trials
         ),
-        few_name: lambda: project(folder / "cold-few", [LEAST_BYTES] * _FEW, trials),
+        few_name: lambda: project(folder / "cold-few", [LEAST_BYTES] * few, trials),
         many_name: lambda: project(folder / "cold-small", [LEAST_BYTES] * many, trials),
         f"JPEG, {size / 2:.2f} GB": lambda: jpeg_project(folder / "cold-jpeg", size * 5e8, trials),
         f"JPEG, {size / 8:.2f} GB": lambda: jpeg_project(folder / "cold-jpeg-part", size * 1.25e8, trials),

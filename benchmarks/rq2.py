@@ -22,7 +22,7 @@ def rq2(options: Options) -> None:
     times: dict[str, dict[float, list[float]]] = {}
     outputs: dict[str, Any] = {}
     for factor in FACTORS:
-        number = 2 * factor
+        number = factor if options.tiny else 2 * factor
         size = options.size_gb * 1e9 / (2 * FACTORS[-1])
         made = project(options.folder / f"rq2-x{factor}", [size] * number, options.trials, first_seed=100)
         size_gb = made.size_gb

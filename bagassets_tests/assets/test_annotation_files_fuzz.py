@@ -24,6 +24,8 @@ from bagassets.assets.boxes.frames import BoxFrames
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.recipe.model_annotations import AnnotationTopic
 
+pytestmark = pytest.mark.once
+
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=5), inner, max_size=4),

@@ -16,6 +16,8 @@ from bagassets.defs.records.workspace import Workspace
 from bagassets.recipe import load_recipe
 from bagassets_tests.small_drive import RECIPE, write_drive
 
+pytestmark = pytest.mark.once
+
 CHANGED = {"annotations", "nuscenes_tables"}
 
 

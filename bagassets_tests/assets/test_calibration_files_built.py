@@ -22,6 +22,8 @@ from bagassets_tests.in_process import QUICK, build, make_project, states, surve
 from bagassets_tests.recording_build import RecordingBuild
 from bagassets_tests.small_drive import HEIGHT, WIDTH
 
+pytestmark = pytest.mark.once
+
 KEY = "a.bag"
 LENS = CameraModel("plumb_bob", WIDTH, HEIGHT, 30.0, 30.0, 16.0, 12.0, (-0.1, 0.0, 0.0, 0.0, 0.0))
 FRONT = "      CAM_FRONT: {{modality: camera, topic: /cam/image_raw}}\n"

@@ -7,6 +7,8 @@ from bagassets.recipe.model import Rig
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.canonical import digest_bytes
 
+pytestmark = pytest.mark.once
+
 
 @pytest.fixture
 def recording(tmp_path):

@@ -6,6 +6,8 @@ from bagassets.assets import kept_messages
 from bagassets.assets.kept_messages import KeptMessages
 from bagassets.recordings.model import RawMessage
 
+pytestmark = pytest.mark.once
+
 PACKET = "ethernet_msgs/msg/Packet"
 
 

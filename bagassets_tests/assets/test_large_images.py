@@ -7,6 +7,8 @@ import pytest
 
 from bagassets.assets.image_output import _SMALL_PIXELS, _Room
 
+pytestmark = pytest.mark.once
+
 LARGE = _SMALL_PIXELS + 1
 SOON_S, NEVER_S = 30, 0.2
 

@@ -28,6 +28,8 @@ from bagassets.recipe.model_checks import Checks
 from bagassets.store.store import Store
 from bagassets_tests.nuscenes_checks import check_tables
 
+pytestmark = pytest.mark.once
+
 VERSION = "v1.0-test"
 RECORDINGS = 6
 

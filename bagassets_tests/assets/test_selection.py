@@ -11,6 +11,8 @@ from bagassets.formats.nuscenes import selection
 from bagassets.recipe.model import Recipe
 from bagassets_tests.pose_data import CLOUD, IMAGE, T0, Msg, Recorded, S, header
 
+pytestmark = pytest.mark.once
+
 CHANNELS = {
     "CAM_FRONT": {"modality": "camera", "topic": "/cam"},
     "LIDAR_TOP": {"modality": "lidar", "topic": "/points"},

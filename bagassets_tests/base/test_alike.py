@@ -19,6 +19,8 @@ from bagassets.formats.checking import Verdict
 from bagassets.report.model import Problem, RecordingFacts, ReportData
 from bagassets.report.page import report_page
 
+pytestmark = pytest.mark.once
+
 WARN = ("warn", "scenes_made")
 
 

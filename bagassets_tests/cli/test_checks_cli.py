@@ -15,6 +15,8 @@ from bagassets.recipe import load_recipe, parse_recipe
 from bagassets.store.store import Store
 from bagassets_tests.in_process import QUICK, build, make_project
 
+pytestmark = pytest.mark.once
+
 GOOD, SHORT = "a.mcap", "b.mcap"
 PASSED, USAGE, FOUND = 0, 2, 3
 # Of the assets that this recipe asks for: not of signals, for one.

@@ -25,6 +25,8 @@ from bagassets_tests.in_process import build, make_project
 from bagassets_tests.services import BIN
 from bagassets_tests.small_drive import START_NS, STORE1, messages, write_drive
 
+pytestmark = pytest.mark.once
+
 
 def write_bag(path, entries, store=STORE1):
     """Write (topic, type, stamp, message) as a ROS 1 bag."""

@@ -21,6 +21,8 @@ from bagassets_tests.recording_build import RecordingBuild
 from bagassets_tests.series import write_parts
 from bagassets_tests.small_drive import START_NS, STORE1, messages, write_drive
 
+pytestmark = pytest.mark.once
+
 URDF = """<?xml version="1.0"?>
 <!-- made by xacro -->
 <robot name="cart">

@@ -24,7 +24,7 @@ from bagassets.sample.recipe import sample_recipe
 from bagassets_tests.arm_recordings import make_project, write_arm
 from bagassets_tests.services import eventually
 
-pytestmark = pytest.mark.xdist_group("notebook")
+pytestmark = [pytest.mark.xdist_group("notebook"), pytest.mark.once]
 
 CODE = """
 import bagassets, sys

@@ -23,6 +23,8 @@ from bagassets.sample.world import World
 from bagassets_tests.sweep_data import raw
 from bagassets_tests.sweep_run import CLOUD, Runner, lidar, request
 
+pytestmark = pytest.mark.once
+
 START_NS = 1_750_000_000_000_000_000
 TRUTH = Truth(World(5), START_NS, {})
 TURN_NS = round(1e8 * 719 / 720)  # from the first to the last column of a revolution

@@ -19,6 +19,8 @@ from bagassets_tests.in_process import QUICK, build, make_project, survey
 from bagassets_tests.recording_build import ASSETS
 from bagassets_tests.small_drive import write_drive
 
+pytestmark = pytest.mark.once
+
 
 def free(monkeypatch, size):
     monkeypatch.setattr(shutil, "disk_usage", lambda _path: SimpleNamespace(free=size))

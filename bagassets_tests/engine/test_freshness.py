@@ -22,6 +22,8 @@ from bagassets.engine.run_action import run_action
 from bagassets.store.action import Action
 from bagassets.store.store import Store
 
+pytestmark = pytest.mark.once
+
 
 def changes(*put, drop=()):
     made = Changes()

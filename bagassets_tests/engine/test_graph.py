@@ -20,6 +20,8 @@ from bagassets.recordings.discover import discover
 from bagassets.store.store import Store
 from bagassets_tests.small_drive import RECIPE, write_drive
 
+pytestmark = pytest.mark.once
+
 
 @dataclass(frozen=True)
 class Text:

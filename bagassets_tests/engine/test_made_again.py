@@ -13,6 +13,8 @@ from bagassets.recordings.discover import Discovery
 from bagassets.recordings.model import RecordingFiles
 from bagassets_tests.small_drive import RECIPE
 
+pytestmark = pytest.mark.once
+
 WHY = "as far as this version of bagassets makes them differently (see its changelog)"
 
 

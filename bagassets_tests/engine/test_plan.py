@@ -24,6 +24,8 @@ from bagassets.recordings.model import RecordingFiles
 from bagassets_tests.in_process import build, make_project, survey
 from bagassets_tests.recording_build import RECORDING_ASSETS
 
+pytestmark = pytest.mark.once
+
 KEY = "a.bag"
 CAMERA = {"modality": "camera", "topic": "/cam"}
 POSE = {"source": "odometry", "topic": "/odom"}

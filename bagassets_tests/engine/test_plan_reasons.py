@@ -10,6 +10,8 @@ from bagassets_tests.in_process import build, make_project, survey
 from bagassets_tests.label_files import box_entries, box_json, write_boxes_json
 from bagassets_tests.small_drive import RECIPE
 
+pytestmark = pytest.mark.once
+
 KEY = "a.bag"
 TWO = RECIPE.replace(
     "      LIDAR_TOP:", "      CAM_BACK: {{modality: camera, topic: /cam/image_raw, extrinsics: {{translation: [0, 0, 1], rotation: [1, 0, 0, 0]}}}}\n      LIDAR_TOP:"

@@ -9,6 +9,8 @@ from bagassets.base.fingerprints import PlanNeeded
 from bagassets.engine.freshness import published
 from bagassets.engine.freshness.published import Publication
 
+pytestmark = pytest.mark.once
+
 PARTS = ("a", "b", "c")
 
 

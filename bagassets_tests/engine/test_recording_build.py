@@ -12,6 +12,8 @@ from bagassets.store.store import Store
 from bagassets_tests.recording_build import RecordingBuild
 from bagassets_tests.small_drive import RECIPE, write_drive
 
+pytestmark = pytest.mark.once
+
 URDF = """<robot name="car">
 <joint name="a" type="fixed"><origin xyz="0.25 0.5 1.5"/><parent link="base_link"/><child link="lidar"/></joint>
 <joint name="b" type="fixed"><origin xyz="1 2 3"/><parent link="base_link"/><child link="cam"/></joint>

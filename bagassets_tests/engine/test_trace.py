@@ -17,6 +17,8 @@ from bagassets.forkserver.client import Client
 from bagassets.sample.drive import Target, write_recordings
 from bagassets.sample.recipe import sample_recipe
 
+pytestmark = pytest.mark.once
+
 
 def events_of(file):
     content = json.loads(file.read_text())

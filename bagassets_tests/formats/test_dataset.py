@@ -26,6 +26,8 @@ from bagassets.recipe.model_splits import Splits
 from bagassets.store.store import Store
 from bagassets_tests.nuscenes_checks import check_dataset, check_tables
 
+pytestmark = pytest.mark.once
+
 VERSION = "v1.0-test"
 SETTINGS = NuScenes(version=VERSION)
 SPLITS = Splits(shares={"train": 0.5, "night": 0.5})

@@ -15,6 +15,8 @@ from bagassets.recipe import load_recipe, parse_recipe
 from bagassets_tests.in_process import QUICK, build, make_project
 from bagassets_tests.small_drive import write_drive
 
+pytestmark = pytest.mark.once
+
 
 def test_recordings_too_short_for_a_scene_fail_the_build_and_the_way_out_gives_scenes(tmp_path, monkeypatch):
     recipe_file = make_project(tmp_path, (), text=QUICK.replace("min_length_s: 0.5", "min_length_s: 1"))

@@ -18,6 +18,8 @@ from bagassets.recipe import load_recipe, parse_recipe
 from bagassets_tests.in_process import QUICK, build, make_project, states, survey
 from bagassets_tests.small_drive import write_drive
 
+pytestmark = pytest.mark.once
+
 VISION = QUICK.replace("nuscenes: {{version: v1.0-test}}\n", "vision: {{frames: 4}}\n")
 POSED = "    ego_pose: {{source: odometry, topic: /odom}}\n"
 UNPOSED = VISION.replace(POSED, "").replace("frames: 4", "frames: 4, trajectories: ['CAM_FRONT:ego']")

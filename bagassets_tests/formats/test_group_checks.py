@@ -21,6 +21,8 @@ from bagassets.recipe.model import Recipe
 from bagassets.store.action import Step
 from bagassets.store.store import Store
 
+pytestmark = pytest.mark.once
+
 NUMBER, NAMES = 9, frozenset(check.name for check in CHECKS)
 
 

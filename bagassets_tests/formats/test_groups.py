@@ -27,6 +27,8 @@ from bagassets.recipe.model_splits import Splits
 from bagassets.store.action import Step
 from bagassets.store.store import Store
 
+pytestmark = pytest.mark.once
+
 NUMBER, FORMATS = 12, ("nuscenes", "vision", "one")
 
 

@@ -26,7 +26,7 @@ from bagassets.sample.recipe import sample_recipe
 from bagassets.store.store import Store
 from bagassets_tests.sample_drives import build_recordings
 
-pytestmark = pytest.mark.xdist_group("reader_while_built")
+pytestmark = [pytest.mark.xdist_group("reader_while_built"), pytest.mark.once]
 
 VERSION = "v1.0-test"
 

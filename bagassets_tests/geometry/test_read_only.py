@@ -13,6 +13,8 @@ from bagassets.defs.records.databases import database_errors_explained
 from bagassets.store.writable import require_writable
 from bagassets_tests.in_process import make_project
 
+pytestmark = pytest.mark.once
+
 
 @pytest.fixture
 def read_only(tmp_path, monkeypatch):

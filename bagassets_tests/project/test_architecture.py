@@ -7,6 +7,8 @@ import pytest
 from bagassets.formats.catalogue import formats, known_assets
 from scripts.architecture import ABOUT, PICTURES, THEMES, draw, edges, ranks
 
+pytestmark = pytest.mark.once
+
 SVG = "{http://www.w3.org/2000/svg}"
 
 

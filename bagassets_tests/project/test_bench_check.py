@@ -7,6 +7,8 @@ import pytest
 
 from benchmarks.check import ages_table, main
 
+pytestmark = pytest.mark.once
+
 
 @pytest.fixture
 def checkout(tmp_path):

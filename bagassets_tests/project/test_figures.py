@@ -8,6 +8,8 @@ import pytest
 
 from benchmarks.pages import FIGURES, MARK, NOT_YET, RESULTS, pages, with_figures
 
+pytestmark = pytest.mark.once
+
 # Seconds, shares of processors, rates: what a script has to have measured.
 MEASURED = re.compile(
     r"[0-9][0-9.,]*\s?(?:s|ms|µs|min|CPU-s|s/GB|[MG]B/s|(?:milli|micro|CPU-|processor )?seconds?|minutes?)\b"

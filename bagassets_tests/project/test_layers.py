@@ -6,7 +6,11 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+import pytest
+
 import bagassets
+
+pytestmark = pytest.mark.once
 
 ROOT = Path(bagassets.__file__).parent
 

@@ -11,6 +11,8 @@ from scripts.call_path import call_path_table, cut
 from scripts.code_size import ROOT, code_size_table, count
 from scripts.wrap import WIDTH, wrapped
 
+pytestmark = pytest.mark.once
+
 
 @pytest.fixture(scope="module")
 def generated():

@@ -9,6 +9,8 @@ import pytest
 import bagassets
 from bagassets_tests.small_drive import RECIPE
 
+pytestmark = pytest.mark.once
+
 # What `dagster.yaml`, `workspace.yaml`, `deploy/`, pages and examples of 0.1.0, and those of the day before the modules
 # moved, name. Projects and packages that were written after them say so for ever: nothing leaves this list.
 NAMED = {

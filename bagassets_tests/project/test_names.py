@@ -9,6 +9,8 @@ import pytest
 import bagassets
 from bagassets.formats.catalogue import OUR_ASSETS, OURS
 
+pytestmark = pytest.mark.once
+
 ROOT = Path(bagassets.__file__).parent
 
 # Words that mean something else: place -> why. Whoever adds a line has to say what else the word means there.

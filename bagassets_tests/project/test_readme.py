@@ -18,6 +18,8 @@ from bagassets.cli.main import COMMANDS
 from bagassets.defs.records.instances import open_instance
 from bagassets_tests.services import BIN, bare_environment, eventually, free_port, running
 
+pytestmark = pytest.mark.once
+
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text("utf-8")
 STEPS = (ROOT / "docs" / "first-steps.md").read_text("utf-8")

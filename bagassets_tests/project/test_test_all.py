@@ -1,5 +1,6 @@
 """`make test-all`: which Pythons it finds, what it says of each part, and that the lowest versions are the lowest."""
 
+import re
 import sys
 import tomllib
 from pathlib import Path
@@ -8,7 +9,10 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
+from bagassets_tests.conftest import MARKS, may_be_chosen
 from scripts import test_all
+
+pytestmark = pytest.mark.once
 
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
@@ -129,3 +133,49 @@ def test_without_the_python_that_it_needs_a_part_is_left_out(monkeypatch, capfd)
     said = capfd.readouterr().out
     assert "lowest: left out: there is no Python 3.11" in said
     assert "newest: left out: there is no Python" in said
+
+
+SOME_LONG = """
+import pytest
+
+
+@pytest.mark.long
+def test_one(): ...
+
+
+def test_two(): ...
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "chosen_by"),
+    [
+        ("def test_one(): ...\n", {"not long", "not long and not once"}),
+        (SOME_LONG, {"not long", "not long and not once", "long and not lerobot"}),
+        ("pytestmark = pytest.mark.long\n", {"long and not lerobot"}),
+        ("pytestmark = pytest.mark.once\n", {"not long"}),
+        (f"pytestmark = pytest.mark.once\n{SOME_LONG}", {"not long", "long and not lerobot"}),
+        ('pytestmark = [pytest.mark.xdist_group("a"), pytest.mark.once]\n', {"not long"}),
+        (
+            'pytestmark = [\n    pytest.mark.long,\n    pytest.mark.skipif(1, reason="b"),\n]\n',
+            {"long and not lerobot"},
+        ),
+        ("pytestmark = [pytest.mark.lerobot, pytest.mark.long]\n", {"lerobot"}),
+        ("@pytest.mark.once\ndef test_one(): ...\n", {"not long", "not long and not once"}),
+    ],
+)
+def test_files_without_a_test_that_is_chosen_are_not_imported(text, chosen_by):
+    expressions = ("not long", "not long and not once", "long and not lerobot", "lerobot")
+    assert {one for one in expressions if may_be_chosen(text, one)} == chosen_by
+    assert may_be_chosen(text, "of_tomorrow or not long")
+    assert may_be_chosen(text, "and")
+
+
+def test_marks_that_choose_tests_are_named_in_the_files_of_the_tests():
+    named = {
+        path.relative_to(ROOT).as_posix()
+        for path in (ROOT / "bagassets_tests").rglob("*.py")
+        if re.search(rf"mark\.({'|'.join(MARKS)})\b", path.read_text("utf-8"))
+    }
+    assert len(named) > 50
+    assert [name for name in named if not name.rpartition("/")[2].startswith("test_")] == []

@@ -13,6 +13,8 @@ from bagassets.recipe.load import load_recipe
 from bagassets_tests.services import bare_environment, make_project
 from bagassets_tests.small_drive import write_drive
 
+pytestmark = pytest.mark.once
+
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "one_recording.py"
 

@@ -10,6 +10,8 @@ from bagassets.recipe import load_recipe
 from bagassets.recordings.digest_record import ATTRIBUTE
 from bagassets_tests.in_process import QUICK, build, make_project
 
+pytestmark = pytest.mark.once
+
 
 @pytest.fixture
 def written(monkeypatch):

@@ -14,6 +14,8 @@ from bagassets.recordings.open import open_recording
 from bagassets_tests import failing_reads
 from bagassets_tests.small_drive import write_drive
 
+pytestmark = pytest.mark.once
+
 
 def read_with_each_read_failing(bag):
     """Print what reading a recording ends in, for each read that fails: how many messages, or the error."""

@@ -13,7 +13,7 @@ from bagassets.sample.recipe import sample_recipe
 from bagassets_tests.in_process import QUICK
 from bagassets_tests.small_drive import write_drive
 
-pytestmark = pytest.mark.xdist_group("formats_equal")
+pytestmark = [pytest.mark.xdist_group("formats_equal"), pytest.mark.once]
 
 NAMES = {"ros1": "drive.bag", "ros2": "drive", "mcap": "drive.mcap"}
 

@@ -37,6 +37,8 @@ from bagassets_tests.pose_data import Written
 from bagassets_tests.series import write_part, write_parts
 from bagassets_tests.small_drive import START_NS, write_drive
 
+pytestmark = pytest.mark.once
+
 TOPICS = {"/odom": "nav_msgs/msg/Odometry", "/tf_static": "tf2_msgs/msg/TFMessage"}
 OTHER = {**TOPICS, "/imu": "sensor_msgs/msg/Imu"}
 LATER = {"/odom": "nav_msgs/msg/Odometry"}

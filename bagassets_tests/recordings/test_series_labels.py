@@ -40,6 +40,8 @@ from bagassets_tests.posed import Posed, at, truth
 from bagassets_tests.series import write_parts
 from bagassets_tests.small_drive import START_NS
 
+pytestmark = pytest.mark.once
+
 PARTS = range(3)
 PER_PART = 7  # clouds
 BY_TOPIC = {"by": "topic", "topic": "/points"}

@@ -1,6 +1,7 @@
 """Simulated crashes and failures of the disk: a sample of what `make crash` tries in full."""
 
 import errno
+import gc
 import os
 import random
 import re
@@ -52,16 +53,24 @@ from bagassets_tests.crash_project import (
 )
 from bagassets_tests.in_process import build, make_project, states, survey
 
+pytestmark = pytest.mark.once
+
 SEED = 3
 ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
 def project(tmp_path_factory):
-    return Project(tmp_path_factory.mktemp("crash"))
+    crash_project.warm_up(tmp_path_factory.mktemp("warm"))
+    yield Project(tmp_path_factory.mktemp("crash"))
+    gc.unfreeze()
 
 
-@pytest.fixture(scope="module", params=SCENARIOS)
+# Each is recorded by one worker: that takes as long as a test of it.
+@pytest.fixture(
+    scope="module",
+    params=[pytest.param(name, marks=pytest.mark.xdist_group(f"crash: {name}")) for name in SCENARIOS],
+)
 def scenario(request, project):
     found = recorded(project, request.param)
     crash_project.import_what_was_needed()
@@ -69,7 +78,6 @@ def scenario(request, project):
 
 
 @pytest.mark.long
-@pytest.mark.once
 def test_after_a_crash_the_next_build_gives_what_a_build_from_nothing_gives(project, scenario):
     chosen = random.Random(SEED).sample(list(crashes(scenario, SEED)), 6)
     found = {crash: replay(project, scenario, crash) for crash in chosen}
@@ -77,7 +85,6 @@ def test_after_a_crash_the_next_build_gives_what_a_build_from_nothing_gives(proj
 
 
 @pytest.mark.long
-@pytest.mark.once
 def test_a_change_that_fails_ends_in_a_sentence_and_the_next_build_is_right(project, scenario):
     chosen = random.Random(SEED).sample(list(failures(scenario)), 3)
     found = {failure: fail(project, scenario, failure) for failure in chosen}
@@ -85,7 +92,6 @@ def test_a_change_that_fails_ends_in_a_sentence_and_the_next_build_is_right(proj
 
 
 @pytest.mark.long
-@pytest.mark.once
 @pytest.mark.skipif(shutil.which("cc") is None, reason="the library that has reads fail is compiled")
 @pytest.mark.parametrize("command", ["change", "LeRobot: change"])
 def test_a_read_that_fails_ends_in_a_sentence_and_the_next_build_is_right(command):
@@ -109,7 +115,6 @@ def test_a_read_that_fails_ends_in_a_sentence_and_the_next_build_is_right(comman
 
 
 @pytest.mark.long
-@pytest.mark.once
 def test_a_build_that_does_not_look_for_torn_files_is_found_out(project, monkeypatch):
     scenario = recorded(project, "change")
     # Where the records of actions are torn as well, all is made again anyway.
@@ -120,7 +125,6 @@ def test_a_build_that_does_not_look_for_torn_files_is_found_out(project, monkeyp
 
 
 @pytest.mark.long
-@pytest.mark.once
 def test_what_was_removed_from_a_dataset_does_not_come_back(project):
     scenario = recorded(project, "removal")
     changes = scenario.recording.changes
@@ -135,7 +139,6 @@ def test_what_was_removed_from_a_dataset_does_not_come_back(project):
 
 
 @pytest.mark.long
-@pytest.mark.once
 def test_whatever_happened_before_the_dataset_is_that_of_a_project_built_from_nothing(tmp_path):
     histories = Histories(tmp_path)
     chosen = random.Random(SEED).sample(list(product(STEPS, repeat=3)), 5)

@@ -16,7 +16,7 @@ from bagassets.formats.nuscenes.settings import NuScenes
 from bagassets.recipe.model_splits import Splits
 from bagassets.store.store import Store
 
-pytestmark = [pytest.mark.devkit, pytest.mark.xdist_group("devkit")]
+pytestmark = [pytest.mark.devkit, pytest.mark.xdist_group("devkit"), pytest.mark.once]
 
 VERSION = "v1.0-test"
 PAGE = (Path(__file__).parents[2] / "docs" / "devkit.md").read_text("utf-8")

@@ -22,6 +22,8 @@ from bagassets_tests.confined import confined
 from bagassets_tests.recording_build import UPSTREAM, RecordingBuild
 from bagassets_tests.reindexed_bag import reindexed as reindexed_bag
 
+pytestmark = pytest.mark.once
+
 KEY = "a.bag"
 
 

@@ -19,6 +19,8 @@ from bagassets.sample.oddities import APART_M
 from bagassets.store.store import Store
 from bagassets_tests.recording_build import RecordingBuild
 
+pytestmark = pytest.mark.once
+
 MADE = {"bag", "inventory", "calibration", "ego_poses", "annotations"}
 
 

@@ -33,7 +33,7 @@ from bagassets_tests.series import write_part, write_parts
 from bagassets_tests.small_drive import RECIPE, START_NS
 from bagassets_tests.whole.test_end_to_end import build_of, make_project
 
-pytestmark = pytest.mark.xdist_group("series_build")
+pytestmark = [pytest.mark.xdist_group("series_build"), pytest.mark.once]
 
 CUTS_S = {3: (0.7, 1.33), 5: (0.4, 0.81, 1.0, 1.5)}
 ANGLES = (

@@ -13,6 +13,8 @@ from bagassets_tests.defs.graph.test_batches import KEYS, batch_runs, partitions
 from bagassets_tests.in_process import build, make_project, states, survey
 from bagassets_tests.small_drive import write_drive
 
+pytestmark = pytest.mark.once
+
 GOOD, BROKEN = KEYS[0], KEYS[2]
 
 

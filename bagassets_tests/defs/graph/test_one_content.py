@@ -10,6 +10,8 @@ from bagassets.recipe import load_recipe
 from bagassets_tests.in_process import build, make_project
 from bagassets_tests.small_drive import write_drive
 
+pytestmark = pytest.mark.once
+
 KEYS = ["a.bag", "b.bag", "c.mcap"]
 LOCK = "v1.0-test/dataset.lock.json"
 OUTDATED = "its content has changed since its nuscenes_tables was made; build it again."
