@@ -46,7 +46,7 @@ _LOG = logging.getLogger(__name__)
 _LARGEST_BYTES = 4_000_000_000
 # A run that waits for another process says nothing of how far that is; one that is at work for ten seconds should.
 _LARGEST_WHOLE_BYTES = 2_000_000_000
-_JOB = f"{__name__}:make_ahead"
+_FIRST_JOB, _JOB, _MAP_JOB = (f"{__name__}:{name}" for name in ("make_first", "make_ahead", "make_map"))
 # So long does a build open Dagster and plan; then its runs begin, and need the processors.
 _BEGIN_S = 0.35
 _LEAST_URGENT = 19
@@ -54,7 +54,9 @@ _LAUNCHER = "BagAssetsRunLauncher"  # in `dagster.yaml`
 
 
 def make_first(args: JsonObject) -> int:
-    """Make recordings until the server takes jobs; return the number of those that were tried.
+    """Make recordings until the server takes jobs and its build has planned; return the number of those that were tried.
+
+    Another process would make the maps of all lenses anew, and the machine code, before it could go on.
 
     Args:
         args: `recipe` (file), `bags` and `select` (of `BuildOptions`), and `state` and `stamp` of the server's `ServerFiles`.
@@ -67,7 +69,7 @@ def make_first(args: JsonObject) -> int:
     assets, tried = recording_assets(recipe), 0
     known = assets.index.digests()
     for recording in _chosen(recipe, args["bags"], _LARGEST_BYTES):
-        if files.socket is not None:
+        if _has_planned(files):
             break
         tried += 1
         _make(assets, recording, known, whole_bytes)
@@ -91,13 +93,18 @@ def making_ahead(recipe_file: Path, options: BuildOptions) -> Iterator[None]:
 
 
 def make_ahead(args: JsonObject) -> None:
-    """Make what is new while a build plans (see `make_new`), and then the page of the map, if it has one.
+    """Make what is new while a build plans (see `make_new`), and then the page of the map.
 
     Args:
         args: `recipe` (file) and `bags` (of `BuildOptions`).
     """
+    make_new(load_recipe(Path(args["recipe"])), args["bags"])
+    make_map(args)
+
+
+def make_map(args: JsonObject) -> None:
+    """Make the page of the map, if the project has one; `args` has its `recipe` (file)."""
     recipe = load_recipe(Path(args["recipe"]))
-    make_new(recipe, args["bags"])
     os.nice(_LEAST_URGENT)  # the runs have begun
     if recipe.preview.has_map:
         # Folium looks whether it is there, for tables that it could draw; that takes longer than the page.
@@ -126,6 +133,15 @@ def make_new(recipe: Recipe, bags: Collection[str]) -> None:
                 _make(assets, recording, known, _LARGEST_WHOLE_BYTES)
 
 
+def _has_planned(files: ServerFiles) -> bool:
+    """Return whether a server has been taking jobs for so long that the build that started it has planned."""
+    try:
+        since_s = time.time() - files.lock.stat().st_mtime
+    except OSError:  # there is none yet
+        return False
+    return files.socket is not None and not 0 <= since_s <= _BEGIN_S
+
+
 def _has_our_launcher(recipe_file: Path, recipe: Recipe) -> bool:
     """Return whether workers of the server are to execute the runs, as far as can be told without Dagster."""
     # What is wrong with the file, the build meets, too, and reports.
@@ -149,7 +165,8 @@ def _submit(recipe_file: Path, options: BuildOptions) -> Client | None:
         return None
     try:
         args = {"recipe": str(recipe_file), "bags": list(options.bags)}
-        client.submit(_JOB, args, label=f"ahead-{uuid4()}", grace_s=1.0)
+        goes_on = any(job["function"] == _FIRST_JOB for job in client.status()["jobs"])
+        client.submit(_MAP_JOB if goes_on else _JOB, args, label=f"ahead-{uuid4()}", grace_s=1.0)
     except (BagAssetsError, OSError) as err:  # it would only save time
         _LOG.info("nothing is made ahead: %s", err)
         client.close()

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 import threading
@@ -131,10 +132,18 @@ def test_inventories_alone_where_not_all_is_asked_for_or_others_make_it(project,
     assert steps_in_store(project) == ["inventory"] * 3
 
 
-def test_it_ends_when_the_server_serves(project, monkeypatch):
-    states = iter([None, "socket"])
-    monkeypatch.setattr(ServerFiles, "socket", property(lambda _self: next(states)))
-    assert make_first(asked(project)) == 1
+def test_it_ends_when_the_build_has_planned(project, monkeypatch):
+    files = ServerFiles(load_recipe(project).state, "0" * 64)
+    files.folder.mkdir(parents=True)
+    files.lock.touch()
+    monkeypatch.setattr(made_ahead, "_BEGIN_S", 60.0)
+    os.utime(files.lock, (time.time() - 120,) * 2)
+    assert make_first(asked(project, "a.bag")) == 1, "the server takes no jobs yet"
+    files.lock.write_text(str(files.choose_socket()))
+    assert make_first(asked(project, "b.*")) == 1, "it takes jobs since just now"
+    for since_s in (120, -120):  # as a clock may be set
+        os.utime(files.lock, (time.time() - since_s,) * 2)
+        assert make_first(asked(project, "c")) == 0
 
 
 def test_a_damaged_recording_costs_the_others_nothing(project):
@@ -201,8 +210,10 @@ def test_a_cold_build_counts_what_was_made_ahead_as_built(project):
     assert output["counts"]["built"] == 3
     [client] = Client.all_of(load_recipe(project).state)
     log = client.files.log.read_text()
-    assert "job make_first: exit code 0" in log
+    ended = log.index("job make_first: exit code 0")
     assert "bagassets.defs.builds.made_ahead:make_first" in log
+    assert "made_ahead:make_ahead" not in log[:ended], "its process goes on, and no other one begins"
+    assert re.search("made_ahead:make_(ahead|map) in process", log)
 
 
 # --- while a build plans ------------------------------------------------------------------
