@@ -102,20 +102,16 @@ class Recording(ABC):
     def _guarded(self, topics: Collection[str]) -> Iterator[RawMessage]:
         # Only the reader runs in here: exceptions of the consumer do not enter a generator.
         try:
-            # What nearly all messages are, told without a call: there are thousands a second.
+            # What nearly all messages are is told without a call: there are thousands a second.
             usual = {topic: (self.topics[topic].msgtype, self.topics[topic].large_bytes) for topic in topics}
             for message in self._read(topics):
                 topic, msgtype, log_time_ns, data = message
-                its_type, large_bytes = usual[topic]
-                if not (
-                    type(log_time_ns) is int
-                    and _FIRST_NS <= log_time_ns <= _LAST_NS
-                    and type(data) in _BYTES
-                    and msgtype == its_type
-                    and len(data) <= large_bytes
-                ):
-                    message = self._checked(message, large_bytes)  # noqa: PLW2901  (a placeholder for it)
-                yield message
+                its_type, most = usual[topic]
+                is_usual = type(log_time_ns) is int and type(data) in _BYTES and msgtype == its_type
+                if is_usual and len(data) <= most and _FIRST_NS <= log_time_ns <= _LAST_NS:
+                    yield message
+                else:
+                    yield self._checked(message, most)
         except BagAssetsError:
             raise
         except Exception as err:  # whatever the libraries raise: see `unreadable`

@@ -135,11 +135,9 @@ def make_new(recipe: Recipe, bags: Collection[str]) -> None:
 
 def _has_planned(files: ServerFiles) -> bool:
     """Return whether a server has been taking jobs for so long that the build that started it has planned."""
-    try:
-        since_s = time.time() - files.lock.stat().st_mtime
-    except OSError:  # there is none yet
-        return False
-    return files.socket is not None and not 0 <= since_s <= _BEGIN_S
+    with suppress(OSError):  # it is not there yet
+        return files.socket is not None and not 0 <= time.time() - files.lock.stat().st_mtime <= _BEGIN_S
+    return False
 
 
 def _has_our_launcher(recipe_file: Path, recipe: Recipe) -> bool:
