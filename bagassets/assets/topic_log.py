@@ -36,8 +36,6 @@ class TopicLog:
         self._stamps = array("q")
         self._stamped_times = array("q")
         self._frames: dict[str, None] = {}
-        self._unordered = 0
-        self._first_unordered_ns: int | None = None
 
     @property
     def count(self) -> int:
@@ -66,10 +64,6 @@ class TopicLog:
         if header is None:
             return
         stamp_ns, frame = header
-        if self._stamps and stamp_ns < self._stamps[-1]:
-            self._unordered += 1
-            if self._first_unordered_ns is None:
-                self._first_unordered_ns = stamp_ns
         self._stamps.append(stamp_ns)
         self._stamped_times.append(log_time_ns)
         if frame and frame not in self._frames and len(self._frames) < MOST_FRAMES:
@@ -89,6 +83,7 @@ class TopicLog:
         times = self.times_ns
         stamps = np.array(self._stamps, dtype=np.int64)
         offsets = np.array(self._stamped_times, dtype=np.int64) - stamps
+        unordered = stamps[1:][stamps[1:] < stamps[:-1]]
         periods = np.diff(times)
         span_ns = int(times[-1] - times[0]) if len(times) > 1 else 0
         return {
@@ -109,8 +104,8 @@ class TopicLog:
                 "max": _seconds(int(offsets.max())),
             },
             "period_ns": _median_period(stamps if (stamps > 0).any() else times),
-            "unordered_stamps": self._unordered,
-            "first_unordered_ns": self._first_unordered_ns,
+            "unordered_stamps": len(unordered),
+            "first_unordered_ns": int(unordered[0]) if len(unordered) else None,
             "frame_ids": list(self._frames),
             **_gaps(times, periods),
         }

@@ -10,8 +10,12 @@ from heapq import heapify, heapreplace
 DATASET = ""
 """Stands for the datasets among partition keys."""
 
-SMALL_BYTES = 64 * 2**20
-_LARGEST_BATCH_BYTES = 256 * 2**20
+SMALL_BYTES = 256 * 2**20
+_LARGEST_BATCH_BYTES = 2**30
+_IN_QUEUE_BYTES = (
+    64 * 2**20,
+    256 * 2**20,
+)  # likewise, where runs wait in a queue: there may be many processors
 WORTH_STEPS_BYTES = 4 * 2**30
 """Up to here a recording does without a step for each asset, where the choice is free.
 
@@ -21,7 +25,8 @@ processors, and little beside a larger recording.
 _AT_ALL_BYTES = 2**20  # a recording costs as much as these, whatever its size
 MOST_RECORDINGS = 50
 """Or about that, in one run: its log can still be read."""
-# Where there are fewer, a run each, with steps, shows more. A run costs as much as recording two or three small recordings.
+# Where there are fewer, a run each, with steps, shows more. A run costs as much as recording two or three small recordings,
+# and its worker makes the maps of all lenses anew, which takes as long as a tenth of a recording of 240 MB.
 _FEWEST, _FEWEST_PER_JOB = 4, 2
 
 Batch = Mapping[str, Sequence[str]]
@@ -41,12 +46,14 @@ def batches(todo: Batch, sizes: Mapping[str, int], jobs: int, most_per_run: int 
     Returns:
         The runs, the longest first: begun last, it would keep one worker busy after all others are done.
     """
-    small = sorted((key for key in todo if sizes[key] <= SMALL_BYTES), key=lambda key: (-sizes[key], key))
-    most, jobs = (MOST_RECORDINGS, jobs) if most_per_run is None else (most_per_run, 1)
+    most, small_bytes, batch_bytes = MOST_RECORDINGS, SMALL_BYTES, _LARGEST_BATCH_BYTES
+    if most_per_run is not None:
+        most, (small_bytes, batch_bytes), jobs = most_per_run, _IN_QUEUE_BYTES, 1
+    small = sorted((key for key in todo if sizes[key] <= small_bytes), key=lambda key: (-sizes[key], key))
     if most == 1 or not _are_many(small, jobs, most_per_run):
         small = []
     total = sum(sizes[key] for key in small)
-    rounds = max(1, -(-total // (jobs * _LARGEST_BATCH_BYTES)), -(-len(small) // (jobs * most)))
+    rounds = max(1, -(-total // (jobs * batch_bytes)), -(-len(small) // (jobs * most)))
     needed = jobs * rounds  # so that no job is left with one more than the others
     dealt: list[tuple[int, int, list[str]]] = [(0, number, []) for number in range(needed)] if small else []
     heapify(dealt)

@@ -4,6 +4,7 @@ import math
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from functools import partial
 from heapq import heappop, heappush, heapreplace
 from itertools import islice
 from pathlib import Path
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
 _BYTES = (bytes, memoryview, bytearray)
 _FIRST_NS, _LAST_NS = -(2**63), 2**63 - 1
+_MESSAGE = partial(tuple.__new__, RawMessage)  # in a third of the time
 
 T = TypeVar("T")
 
@@ -100,9 +102,16 @@ class Recording(ABC):
     def _guarded(self, topics: Collection[str]) -> Iterator[RawMessage]:
         # Only the reader runs in here: exceptions of the consumer do not enter a generator.
         try:
-            large = {topic: self.topics[topic].large_bytes for topic in topics}
+            # What nearly all messages are is told without a call: there are thousands a second.
+            usual = {topic: (self.topics[topic].msgtype, self.topics[topic].large_bytes) for topic in topics}
             for message in self._read(topics):
-                yield self._checked(message, large[message.topic])
+                topic, msgtype, log_time_ns, data = message
+                its_type, most = usual[topic]
+                is_usual = type(log_time_ns) is int and type(data) in _BYTES and msgtype == its_type
+                if is_usual and len(data) <= most and _FIRST_NS <= log_time_ns <= _LAST_NS:
+                    yield message
+                else:
+                    yield self._checked(message, most)
         except BagAssetsError:
             raise
         except Exception as err:  # whatever the libraries raise: see `unreadable`
@@ -176,7 +185,8 @@ class FileRecording(Recording, Generic[F]):
     def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
         wanted = self._carrying(topics, self._sources)
         for connection, log_time_ns, data in self._file.messages(wanted.keys()):
-            yield RawMessage(*wanted[connection], log_time_ns, data)
+            topic, msgtype = wanted[connection]
+            yield _MESSAGE((topic, msgtype, log_time_ns, data))
 
     def span_ns(self) -> tuple[int, int] | None:
         """Return first and last log time, as its index says."""

@@ -161,13 +161,13 @@ class IndexReader(rosbag1.Reader):
         """Yield connection, log time and payload in order of log time."""
         chunks = LatestChunks(self._load, self._limits.chunk_bytes, self._sizes.unpacked_bytes)
         records = [Records(one.id, one.topic) for one in self.connections if one.id in connections]
+        readers = [(record.connection, record.data) for record in records]
         loaded, chunk = -1, b""
         for number, time_ns, position, offset in in_order([self._index(r.connection) for r in records]):
-            record = records[number]
             if position != loaded:
-                chunk = chunks.at(position)
-                loaded = position
-            yield record.connection, time_ns, detached(record.data(chunk, time_ns, offset))
+                chunk, loaded = chunks.at(position), position
+            connection, read = readers[number]
+            yield connection, time_ns, detached(read(chunk, time_ns, offset))
 
     def _load(self, position: int) -> bytes:
         """Return the uncompressed content of the chunk at a position of the file.
@@ -219,14 +219,14 @@ def text_in(header: Header, name: str) -> str:
 class Records:
     """Finds the message records of one connection in chunks.
 
-    The first header is parsed. Each next one is compared with the same header at its own time, and parsed only if it
-    differs.
+    The first header is parsed. Each next one is compared with it but for its time, and parsed only if it differs.
     """
 
     def __init__(self, connection: int, topic: str) -> None:
         self.connection = connection
         self.topic = topic
-        self._around_time: tuple[bytes, bytes] | None = None
+        self._alike = Struct("")  # a header like the first one, and the size of the data behind it
+        self._around_time = b"", b""
 
     def data(self, chunk: bytes, time_ns: int, begin: int) -> memoryview:
         """Return the bytes of the message that the index announces, as a view of the chunk.
@@ -234,11 +234,13 @@ class Records:
         Raises:
             DamageError: there is no such message.
         """
-        if self._around_time is not None:
-            before, after = self._around_time
-            header = before + _TIME.pack(*divmod(time_ns, 10**9)) + after
-            if chunk.startswith(header, begin):
-                return sized(chunk, begin + len(header))
+        alike = self._alike
+        data_begin = begin + alike.size
+        if alike.size and data_begin <= len(chunk):
+            before, seconds, nanoseconds, after, size = alike.unpack_from(chunk, begin)
+            is_alike = (before, after) == self._around_time and seconds * 10**9 + nanoseconds == time_ns
+            if is_alike and data_begin + size <= len(chunk):
+                return memoryview(chunk)[data_begin : data_begin + size]
         return sized(chunk, self._parse(chunk, time_ns, begin))
 
     def _parse(self, chunk: bytes, time_ns: int, begin: int) -> int:
@@ -254,6 +256,7 @@ class Records:
         before, stamp, after = chunk[begin:end].partition(b"time=" + header["time"])
         if stamp:
             self._around_time = before + stamp[: -_TIME.size], after
+            self._alike = Struct(f"<{end - begin - len(after) - _TIME.size}sII{len(after)}sI")
         return end
 
 

@@ -97,8 +97,8 @@ def test_large_recordings_have_a_run_each_and_small_ones_share():
     assert sum(len(batch) for batch in shared) == 1000
     empty = dict.fromkeys(many, 0)
     assert {len(batch) for batch in batches(dict.fromkeys(many, ("bag",)), empty, 2)} == {50}
-    # 540 MB fill three runs: with four, each of two jobs has as many.
-    medium = {f"m{number:02}": 27 * 10**6 for number in range(20)}
+    # 3.24 GB fill three runs: with four, each of two jobs has as many.
+    medium = {f"m{number:02}": 162 * 10**6 for number in range(20)}
     dealt = batches(dict.fromkeys(medium, ("bag",)), medium, 2)
     assert [len(batch) for batch in dealt] == [5, 5, 5, 5]
     assert batches({}, {}, 2) == []
@@ -108,6 +108,9 @@ def test_where_runs_wait_in_a_queue_their_number_follows_from_how_many_share_one
     sizes = {f"s{number:02}": 1000 for number in range(40)} | {"large": 10**9}
     todo = dict.fromkeys(sizes, ("bag",))
     assert [len(batch) for batch in batches(todo, sizes, 1000, 10)] == [1, 10, 10, 10, 10]
+    medium = {f"m{number}": 10**8 for number in range(8)}
+    assert {len(batch) for batch in batches(dict.fromkeys(medium, ("bag",)), medium, 1000, 10)} == {1}
+    assert [len(batch) for batch in batches(dict.fromkeys(medium, ("bag",)), medium, 2)] == [4, 4]
     assert {len(batch) for batch in batches(todo, sizes, 1000, 1)} == {1}
     few = dict.fromkeys(["s00", "s01", "s02"], ("bag",))
     assert {len(batch) for batch in batches(few, sizes, 1000, 10)} == {1}
