@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from bagassets.store.store import Store
 
 State = Literal["fresh", "record-only", "stale", "unknown", "blocked", "failed", "missing", "skipped"]
-_SKIPPED = "skipped:"
+_SKIPPED, _AS_RECORDED = "skipped:", "="
 
 
 @dataclass(frozen=True)
@@ -193,16 +193,26 @@ class BagPlan:
 
     def as_row(self) -> bytes:
         """Return a settled plan without its key as lines of JSON: what is asked of 100,000 at a time, and the rest."""
-        rest = [self.assets, self.format, self.channels, sorted(self.optional), self.rig]
-        lines = [self.skipped, [*self.assets], self.recorded, self.damage, self.findings, rest]
+        states = {
+            name: state._replace(data_version=_AS_RECORDED)
+            if (version := state.data_version) is not None and version == self.recorded.get(name)
+            else state
+            for name, state in self.assets.items()
+        }
+        rest = [states, self.format, sorted(self.optional), self.rig]  # alike for most recordings
+        lines = [self.skipped, [*self.assets], self.recorded, self.damage, self.findings, self.channels, rest]
         return b"\n".join(json.dumps(one, separators=(",", ":")).encode() for one in lines)
 
     @classmethod
     def from_row(cls, key: str, row: bytes) -> "BagPlan":
         """Inverse of `as_row`."""
-        _, _, recorded, damage, found, rest = map(json.loads, row.split(b"\n"))
-        states, file_format, channels, optional, rig = rest
-        assets = {name: AssetState(*state) for name, state in states.items()}
+        *lines, rest = row.split(b"\n")
+        _, _, recorded, damage, found, channels = map(json.loads, lines)
+        states, file_format, optional, rig = _value(rest)
+        assets = {
+            name: state._replace(data_version=recorded[name]) if state.data_version == _AS_RECORDED else state
+            for name, state in ((name, AssetState(*state)) for name, state in states.items())
+        }
         findings = None if found is None else tuple(map(tuple, found))
         facts = file_format, recorded, tuple(channels), frozenset(optional), rig
         return BagPlan(key, assets, *facts, findings=findings, damage=damage)

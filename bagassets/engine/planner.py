@@ -14,7 +14,12 @@ from bagassets.base.alike import names_text
 from bagassets.base.errors import StoreError
 from bagassets.base.garbage import uncollected
 from bagassets.engine.freshness.artifacts import SIZE
-from bagassets.engine.freshness.plan_cache import PlanCache, RecordingFingerprint, recording_fingerprint
+from bagassets.engine.freshness.plan_cache import (
+    CachedPlan,
+    PlanCache,
+    RecordingFingerprint,
+    recording_fingerprint,
+)
 from bagassets.engine.graph import Graph
 from bagassets.engine.inputs import files_beside
 from bagassets.engine.plan import AssetState, BagPlan, KeptPlan, Plan, Recorded, version_as_input
@@ -153,6 +158,7 @@ class Planner:
         kept: states of recordings that are not planned again if their artifacts are unchanged.
         check: returns what quick checks find in a recording with nothing to do (`BagPlan.findings`); kept with its plan.
         thorough: look at all artifacts, however many there are; see `PlanCache`.
+        sampled: see `PlanCache`.
     """
 
     assets: RecordingAssets
@@ -164,14 +170,16 @@ class Planner:
     kept: Mapping[str, BagPlan] = field(default_factory=dict)
     check: Callable[[BagPlan], tuple[tuple[str, str, str], ...] | None] = lambda _: None
     thorough: bool = True
+    sampled: bool = True
 
     def __post_init__(self) -> None:
         artifacts = self.assets.store.root / "artifacts"
-        self._cache = PlanCache(self.assets.recipe.state, artifacts, thorough=self.thorough)
-        made = {key: bag.made for key, bag in self.kept.items() if isinstance(bag, KeptPlan)}
-        asked = self.discovery.recordings.keys() - made.keys() if self.kept else None
-        self._before = self._cache.load(asked, sum(map(len, made.values())) // SIZE)
-        self.kept = {key: bag for key, bag in self.kept.items() if self._still_holds(key, bag)}
+        how = {"thorough": self.thorough, "sampled": self.sampled and not self.kept}
+        self._cache = PlanCache(self.assets.recipe.state, artifacts, **how)
+        asked = self.discovery.recordings.keys() - self.kept.keys() if self.kept else None
+        made = sum(len(bag.made) for bag in self.kept.values() if isinstance(bag, KeptPlan))
+        self._before = self._cache.load(asked, made // SIZE)
+        self.kept = {key: bag for key, bag in self.kept.items() if self._still_holds(bag)}
         self._unsettled = Unsettled(self.assets.recipe.state).noted()
         self._fingerprints = {} if self.project is None else self._current_fingerprints(self.project)
         # Of the recordings whose last plan may hold: that plan, and the fingerprint as it is now.
@@ -191,7 +199,10 @@ class Planner:
         recordings = self.discovery.recordings
         bags = {**self.kept, **self._unchanged()}
         unchanged = frozenset(bags)
-        bags |= self._recorded_anew(key for key in recordings if key not in unchanged)
+        noted: dict[str, CachedPlan] = {}
+        anew = self._recorded_anew(key for key in recordings if key not in unchanged)
+        bags |= anew
+        bags |= self._noted(anew, noted)
         changed = [key for key in recordings if key not in bags]
         recorded: dict[str, Mapping[str, Recorded]] = {}
         examined = 0
@@ -202,17 +213,12 @@ class Planner:
                 graph = recorded_graph(self.assets, recordings[key], of_key)
                 bag = plan_recording(graph)
                 bags[key] = _once_more(bag) if key in self._unsettled else bag
+            bags |= self._noted({key: bags[key] for key in some}, noted)
             recorded |= {key: of for key, of in records.items() if not bags[key].settled}
             examined += len(some)
             if on_planned is not None and len(changed) > AT_A_TIME:
                 on_planned(examined, len(changed))
-        settled = {key: bags[key] for key in self._fingerprints.keys() - unchanged if bags[key].settled}
-        bags |= {key: self._looked_into(bag) for key, bag in settled.items() if bag.findings is None}
-        settled = {key: bags[key] for key in settled}
-        self._cache.save(
-            {key: (self._fingerprints[key], bag.as_row(), bag.artifacts) for key, bag in settled.items()},
-            self._before.keys() - unchanged - settled.keys(),
-        )
+        self._cache.save(noted, self._before.keys() - unchanged - noted.keys())
         ordered = {key: bags[key] for key in recordings}
         found = self.discovery
         ties = Ties(found.near, found.former_keys)
@@ -220,6 +226,19 @@ class Planner:
         asked = {**found.asked, **ties.disputed(self.assets.recipe.splits)}
         seen_from = found, self.registered, self.storage_ids, self.project
         return Plan(ordered, dict(found.excluded), removed, ties, asked, recorded, *seen_from)
+
+    def _noted(
+        self, bags: Mapping[str, BagPlan], noted: dict[str, CachedPlan]
+    ) -> Iterator[tuple[str, BagPlan]]:
+        """Note plans of recordings with nothing to do for the next one, and yield them as they are kept: a tenth as large."""
+        for key, bag in bags.items():
+            if not bag.settled or key not in self._fingerprints:
+                continue
+            found = self._looked_into(bag) if bag.findings is None else bag
+            made = self._cache.note(found.artifacts)
+            if made is not None:
+                noted[key] = CachedPlan(self._fingerprints[key], made, found.as_row())
+            yield key, found if made is None else KeptPlan(key, noted[key].row, made)
 
     def _looked_into(self, bag: BagPlan) -> BagPlan:
         """Return the plan of a recording with nothing to do, with what is kept with it."""
@@ -275,16 +294,15 @@ class Planner:
             if entry.fingerprint != now:
                 continue
             bag = KeptPlan(key, entry.row, entry.made)
-            if self._still_holds(key, bag):
+            if self._still_holds(bag):
                 found[key] = bag
         return found
 
-    def _still_holds(self, key: str, bag: BagPlan) -> bool:
+    def _still_holds(self, bag: BagPlan) -> bool:
         """Return whether a plan's artifacts are unchanged, as far as they are checked; where there is something to do, nobody looks."""
-        if not isinstance(bag, KeptPlan) and key not in self._before:
+        if not isinstance(bag, KeptPlan):
             return not bag.settled
-        made = bag.made if isinstance(bag, KeptPlan) else self._before[key].made
-        if not (holds := self._cache.holds(made)):
+        if not (holds := self._cache.holds(bag.made)):
             _remove_incomplete(self.assets.store, bag)
         return holds
 

@@ -16,7 +16,12 @@ from bagassets.base.fingerprints import PlanNeeded, project_fingerprint, recipe_
 from bagassets.engine.freshness import decide
 from bagassets.engine.freshness.artifacts import note_of
 from bagassets.engine.freshness.decide import BuildLog, state_folder
-from bagassets.engine.freshness.plan_cache import PlanCache, RecordingFingerprint, recording_fingerprint
+from bagassets.engine.freshness.plan_cache import (
+    CachedPlan,
+    PlanCache,
+    RecordingFingerprint,
+    recording_fingerprint,
+)
 from bagassets.engine.plan import AssetState, BagPlan, KeptPlan
 from bagassets.engine.run_action import run_action
 from bagassets.store.action import Action
@@ -353,7 +358,10 @@ class TestPlanCache:
         return tmp_path / "artifacts"
 
     def save(self, cache, *plans, gone=()):
-        cache.save({plan.key: (FINGERPRINT, plan.as_row(), plan.artifacts) for plan in plans}, gone)
+        noted = {
+            plan.key: CachedPlan(FINGERPRINT, cache.note(plan.artifacts), plan.as_row()) for plan in plans
+        }
+        cache.save(noted, gone)
 
     def test_what_was_saved_is_loaded(self, tmp_path, store):
         other = replace(PLAN, key="ünder/b.bag", format="mcap")
@@ -379,17 +387,28 @@ class TestPlanCache:
         path.parents[1].joinpath("manifest.json").unlink()
         assert not cache.holds(entry.made)
 
-    def test_what_rests_on_a_missing_artifact_is_dropped(self, tmp_path, store):
+    def test_nothing_is_noted_of_artifacts_of_which_one_is_missing(self, tmp_path, store):
         cache = PlanCache(tmp_path / "state", store)
-        self.save(cache, PLAN)
-        self.save(cache, replace(PLAN, channels=("0" * 64,)))
-        assert cache.load() == {}
+        assert cache.note([*PLAN.artifacts, "0" * 64]) is None
+
+    def test_what_is_stored_or_dropped_leaves_the_others_of_its_group_alone(self, tmp_path, store):
+        cache = PlanCache(tmp_path / "state", store)
+        keys = [f"{number}.bag" for number in range(600)]  # two in each group, or more
+        self.save(cache, *(replace(PLAN, key=key) for key in keys))
+        cache = PlanCache(tmp_path / "state", store)  # knows nothing of them
+        self.save(cache, replace(PLAN, key="7.bag", rig="another"), gone=["8.bag", "never there.bag"])
+        found = cache.load()
+        assert found.keys() == {*keys} - {"8.bag"}
+        plans = {key: BagPlan.from_row(key, entry.row) for key, entry in found.items()}
+        assert plans.pop("7.bag") == replace(PLAN, key="7.bag", rig="another")
+        assert plans == {key: replace(PLAN, key=key) for key in plans}
+        assert cache.load(["7.bag", "8.bag"]) == {"7.bag": found["7.bag"]}
 
     def test_of_many_artifacts_it_looks_where_the_store_changed(self, tmp_path, store, monkeypatch):
         monkeypatch.setattr("bagassets.engine.freshness.artifacts.MOST_CHECKED", 0)
         cache = PlanCache(tmp_path / "state", store)
         cache.load()
-        cache.save({PLAN.key: (FINGERPRINT, PLAN.as_row(), PLAN.artifacts)}, [])
+        self.save(cache, PLAN)
 
         def holds(*, thorough):
             cache = PlanCache(tmp_path / "state", store, thorough=thorough)
@@ -411,7 +430,7 @@ class TestPlanCache:
         assert not holds(thorough=False), "or it went"
 
     def test_a_kept_plan_is_the_plan(self):
-        whole = replace(PLAN, findings=(("warn", "check", "problem"),), damage="half of it")
+        whole = replace(PLAN, recorded={"bag": "b" * 64}, findings=(("warn", "check", "problem"),), damage="half")
         for plan in (PLAN, whole):
             kept = KeptPlan(
                 plan.key,

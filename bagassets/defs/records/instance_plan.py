@@ -24,6 +24,7 @@ def planner_of(
     kept: Mapping[str, BagPlan] = MappingProxyType({}),
     *,
     thorough: bool = True,
+    sampled: bool = True,
 ) -> Planner:
     """Return what plans everything, from what Dagster's records and the folders are now.
 
@@ -34,6 +35,7 @@ def planner_of(
         ids: see `Plan.storage_ids`; default: as they are.
         kept: see `Planner`.
         thorough: see `Planner`.
+        sampled: likewise.
 
     Raises:
         BagAssetsError: the recipe or the bag root is not usable.
@@ -50,12 +52,13 @@ def planner_of(
             kept,
             partial(quick_findings, workspace.assets, found),
             thorough=thorough,
+            sampled=sampled,
         )
 
 
 def plan_instance(workspace: Workspace) -> Plan:
-    """Plan everything, as a build does."""
-    return planner_of(workspace, thorough=False).plan()
+    """Plan everything, as a build does, in a run that one has launched, or the sensor: of artifacts these have checked a sample."""
+    return planner_of(workspace, thorough=False, sampled=False).plan()
 
 
 def replan_instance(
