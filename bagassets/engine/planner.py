@@ -16,6 +16,7 @@ from bagassets.base.garbage import uncollected
 from bagassets.engine.freshness.artifacts import SIZE
 from bagassets.engine.freshness.plan_cache import (
     CachedPlan,
+    Checked,
     PlanCache,
     RecordingFingerprint,
     recording_fingerprint,
@@ -157,8 +158,7 @@ class Planner:
         fetch: takes some of `storage_ids` and partition keys; returns partition key -> asset -> what Dagster recorded last.
         kept: states of recordings that are not planned again if their artifacts are unchanged.
         check: returns what quick checks find in a recording with nothing to do (`BagPlan.findings`); kept with its plan.
-        thorough: look at all artifacts, however many there are; see `PlanCache`.
-        sampled: see `PlanCache`.
+        checked: how many artifacts are; see `PlanCache`.
     """
 
     assets: RecordingAssets
@@ -169,13 +169,11 @@ class Planner:
     fetch: Fetch
     kept: Mapping[str, BagPlan] = field(default_factory=dict)
     check: Callable[[BagPlan], tuple[tuple[str, str, str], ...] | None] = lambda _: None
-    thorough: bool = True
-    sampled: bool = True
+    checked: Checked = "all"
 
     def __post_init__(self) -> None:
         artifacts = self.assets.store.root / "artifacts"
-        how = {"thorough": self.thorough, "sampled": self.sampled and not self.kept}
-        self._cache = PlanCache(self.assets.recipe.state, artifacts, **how)
+        self._cache = PlanCache(self.assets.recipe.state, artifacts, self.checked)
         asked = self.discovery.recordings.keys() - self.kept.keys() if self.kept else None
         made = sum(len(bag.made) for bag in self.kept.values() if isinstance(bag, KeptPlan))
         self._before = self._cache.load(asked, made // SIZE)

@@ -410,27 +410,29 @@ class TestPlanCache:
         cache.load()
         self.save(cache, PLAN)
 
-        def holds(*, thorough):
-            cache = PlanCache(tmp_path / "state", store, thorough=thorough)
+        def holds(checked):
+            cache = PlanCache(tmp_path / "state", store, checked)
             return cache.holds(cache.load()[PLAN.key].made)
 
-        assert holds(thorough=False)
+        assert holds("sample")
         (store / "c1" / ("c2" * 32)).mkdir()  # another one in the folder of one of them
-        assert holds(thorough=False)
+        assert holds("sample")
         file = store / "ab" / ("ab" * 32) / "files" / "new"
         file.write_text("")
-        assert holds(thorough=False), "within an artifact nobody looks, where there are so many"
-        assert not holds(thorough=True)
+        assert holds("sample"), "within an artifact nobody looks, where there are so many"
+        assert not holds("all")
         monkeypatch.setattr("bagassets.engine.freshness.artifacts.MOST_CHECKED", 10**6)
-        assert not holds(thorough=False), "but where there are few"
+        assert not holds("sample"), "but where there are few"
         monkeypatch.setattr("bagassets.engine.freshness.artifacts.MOST_CHECKED", 0)
         (store / "ab" / ("c2" * 32)).mkdir()
-        assert not holds(thorough=False), "and where others came beside it"
+        assert not holds("sample"), "and where others came beside it"
         shutil.rmtree(store / "c2" / ("c2" * 32))
-        assert not holds(thorough=False), "or it went"
+        assert not holds("sample"), "or it went"
 
     def test_a_kept_plan_is_the_plan(self):
-        whole = replace(PLAN, recorded={"bag": "b" * 64}, findings=(("warn", "check", "problem"),), damage="half")
+        whole = replace(
+            PLAN, recorded={"bag": "b" * 64}, findings=(("warn", "check", "problem"),), damage="half"
+        )
         for plan in (PLAN, whole):
             kept = KeptPlan(
                 plan.key,

@@ -10,7 +10,7 @@ import os
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 from zlib import crc32
 
 from bagassets.base.cache import Cache, Changes
@@ -24,6 +24,7 @@ from bagassets.engine.freshness.artifacts import (
     note_of,
 )
 
+Checked = Literal["all", "sample", "changed"]
 _KIND, _FOLDERS = "recordings", "folders"
 
 
@@ -90,21 +91,19 @@ class PlanCache:
     Args:
         state: the state folder.
         artifacts: folder of the artifacts in the store.
-        thorough: check all artifacts in any case.
-        sampled: without this there is no random sample, as somebody has just checked one.
+        checked: `all` artifacts in any case; of many a random `sample`; or the `changed` folders alone, as somebody has just
+            checked one.
     """
 
     def __init__(
         self,
         state: str | os.PathLike[str],
         artifacts: str | os.PathLike[str],
-        *,
-        thorough: bool = True,
-        sampled: bool = True,
+        checked: Checked = "all",
     ) -> None:
         self._cache = Cache(state)
         self._artifacts = os.fspath(artifacts)
-        self._thorough, self._sampled = thorough, sampled
+        self._checked = checked
         self._folders: dict[str, Signature] = {}
         self._folders_before: dict[str, Signature] = {}
         self._suspects = ALL_GROUPS
@@ -126,10 +125,10 @@ class PlanCache:
             self._folders_before = json.loads(self._cache.all(_FOLDERS).get("", b"{}"))
         except PlanNeeded:
             return {}
-        if not self._thorough:
+        if self._checked != "all":
             total = sum(len(one.made) for one in found.values()) // SIZE
             before, total = self._folders_before, total + others
-            self._suspects = groups_to_check(before, self._folders, total, sampled=self._sampled)
+            self._suspects = groups_to_check(before, self._folders, total, sampled=self._checked == "sample")
         return found
 
     def holds(self, made: bytes) -> bool:
