@@ -429,6 +429,19 @@ class TestPlanCache:
         shutil.rmtree(store / "c2" / ("c2" * 32))
         assert not holds("sample"), "or it went"
 
+    @pytest.mark.parametrize(("checked", "is_seen"), [("all", True), ("sample", True), ("changed", False)])
+    def test_a_sample_of_many_artifacts_is_checked_where_nobody_has_just_done_so(
+        self, tmp_path, store, monkeypatch, checked, is_seen
+    ):
+        monkeypatch.setattr("bagassets.engine.freshness.artifacts.MOST_CHECKED", 1)
+        monkeypatch.setattr("random.random", lambda: 0.0)
+        cache = PlanCache(tmp_path / "state", store)
+        cache.load()
+        self.save(cache, PLAN)
+        (store / "ab" / ("ab" * 32) / "files" / "new").write_text("")
+        cache = PlanCache(tmp_path / "state", store, checked)
+        assert cache.holds(cache.load()[PLAN.key].made) != is_seen
+
     def test_a_kept_plan_is_the_plan(self):
         whole = replace(
             PLAN, recorded={"bag": "b" * 64}, findings=(("warn", "check", "problem"),), damage="half"
