@@ -158,6 +158,10 @@ class BagPlan:
         assets = (state.data_version for name, state in self.assets.items() if name != "bag")
         return tuple(digest for digest in (*assets, *self.channels) if digest is not None)
 
+    def version(self, asset: str) -> str | None:
+        """Return the data version that Dagster recorded last of an asset; None if there is none."""
+        return self.recorded.get(asset)
+
     def to_run(self, *, retry_failed: bool = False, select: Collection[str] | None = None) -> tuple[str, ...]:
         """Return the assets that a run should materialize, in order; none if everything is up to date.
 
@@ -263,6 +267,12 @@ class KeptPlan(BagPlan):
         """Compare as the plans that they are."""
         plan = BagPlan.from_row(self.key, self.row)
         return plan == (BagPlan.from_row(other.key, other.row) if isinstance(other, KeptPlan) else other)
+
+    def version(self, asset: str) -> str | None:
+        """See `BagPlan`; a dataset asks for two of a dozen, of each recording, so only these are decoded."""
+        mark = f'"{asset}":"'.encode()  # nowhere else in a row, as quotes within texts are escaped
+        at = self.row.find(mark) + len(mark)
+        return self.row[at : self.row.index(b'"', at)].decode() if at >= len(mark) else None
 
     @property
     def findings(self) -> tuple[tuple[str, str, str], ...] | None:

@@ -459,6 +459,8 @@ class TestPlanCache:
                     "optional", "rig", "touched", "outdated", "findings", "damage", "recorded")  # fmt: skip
             assert [getattr(kept, name) for name in told] == [getattr(plan, name) for name in told]
             assert list(kept.names) == list(plan.names)
+            for asset in ("bag", "inventory", "frames"):
+                assert kept.version(asset) == plan.version(asset) == plan.recorded.get(asset)
             assert kept.to_run(retry_failed=True) == plan.to_run(retry_failed=True) == ()
 
     def test_nothing_is_loaded_where_there_is_no_file(self, tmp_path, store):
