@@ -12,8 +12,9 @@ from dataclasses import dataclass, field, replace
 from bagassets.assets.inventory import INVENTORY
 from bagassets.base.alike import names_text
 from bagassets.base.errors import StoreError
+from bagassets.base.fingerprints import PlanNeeded
 from bagassets.base.garbage import uncollected
-from bagassets.engine.freshness.artifacts import SIZE
+from bagassets.engine.freshness.artifacts import SIZE, note_of
 from bagassets.engine.freshness.plan_cache import (
     CachedPlan,
     Checked,
@@ -172,8 +173,8 @@ class Planner:
     checked: Checked = "all"
 
     def __post_init__(self) -> None:
-        artifacts = self.assets.store.root / "artifacts"
-        self._cache = PlanCache(self.assets.recipe.state, artifacts, self.checked)
+        self._artifacts = f"{self.assets.store.root}/artifacts"
+        self._cache = PlanCache(self.assets.recipe.state, self._artifacts, self.checked)
         asked = self.discovery.recordings.keys() - self.kept.keys() if self.kept else None
         made = sum(len(bag.made) for bag in self.kept.values() if isinstance(bag, KeptPlan))
         self._before = self._cache.load(asked, made // SIZE)
@@ -197,10 +198,7 @@ class Planner:
         recordings = self.discovery.recordings
         bags = {**self.kept, **self._unchanged()}
         unchanged = frozenset(bags)
-        noted: dict[str, CachedPlan] = {}
-        anew = self._recorded_anew(key for key in recordings if key not in unchanged)
-        bags |= anew
-        bags |= self._noted(anew, noted)
+        bags |= self._recorded_anew(key for key in recordings if key not in unchanged)
         changed = [key for key in recordings if key not in bags]
         recorded: dict[str, Mapping[str, Recorded]] = {}
         examined = 0
@@ -210,13 +208,14 @@ class Planner:
                 of_key = records.get(key, {})
                 graph = recorded_graph(self.assets, recordings[key], of_key)
                 bag = plan_recording(graph)
-                bags[key] = _once_more(bag) if key in self._unsettled else bag
-            bags |= self._noted({key: bags[key] for key in some}, noted)
+                bags[key] = self._as_kept(_once_more(bag) if key in self._unsettled else bag)
             recorded |= {key: of for key, of in records.items() if not bags[key].settled}
             examined += len(some)
             if on_planned is not None and len(changed) > AT_A_TIME:
                 on_planned(examined, len(changed))
-        self._cache.save(noted, self._before.keys() - unchanged - noted.keys())
+        new = {key: bag for key, bag in bags.items() if key not in unchanged and isinstance(bag, KeptPlan)}
+        noted = {key: CachedPlan(self._fingerprints[key], bag.made, bag.row) for key, bag in new.items()}
+        self._cache.save(noted, self._before.keys() - unchanged - new.keys())
         ordered = {key: bags[key] for key in recordings}
         found = self.discovery
         ties = Ties(found.near, found.former_keys)
@@ -225,18 +224,14 @@ class Planner:
         seen_from = found, self.registered, self.storage_ids, self.project
         return Plan(ordered, dict(found.excluded), removed, ties, asked, recorded, *seen_from)
 
-    def _noted(
-        self, bags: Mapping[str, BagPlan], noted: dict[str, CachedPlan]
-    ) -> Iterator[tuple[str, BagPlan]]:
-        """Note plans of recordings with nothing to do for the next one, and yield them as they are kept: a tenth as large."""
-        for key, bag in bags.items():
-            if not bag.settled or key not in self._fingerprints:
-                continue
-            found = self._looked_into(bag) if bag.findings is None else bag
-            made = self._cache.note(found.artifacts)
-            if made is not None:
-                noted[key] = CachedPlan(self._fingerprints[key], made, found.as_row())
-            yield key, found if made is None else KeptPlan(key, noted[key].row, made)
+    def _as_kept(self, bag: BagPlan) -> BagPlan:
+        """Return the plan of a recording with nothing to do as the next one finds it, a tenth as large; others as they are."""
+        if not bag.settled or bag.key not in self._fingerprints:
+            return bag
+        bag = self._looked_into(bag)
+        with suppress(PlanNeeded):  # it will be planned again
+            return KeptPlan(bag.key, bag.as_row(), note_of(self._artifacts, bag.artifacts))
+        return bag
 
     def _looked_into(self, bag: BagPlan) -> BagPlan:
         """Return the plan of a recording with nothing to do, with what is kept with it."""
@@ -309,7 +304,7 @@ class Planner:
 
         Everything else rests on their content, and so has not changed.
         """
-        found = {}
+        found: dict[str, BagPlan] = {}
         alike = []
         for key in keys:
             if key in self._last:
@@ -319,12 +314,12 @@ class Planner:
         for some in _batches(alike):
             for key, records in self.fetch({"bag": self.storage_ids["bag"]}, some).items():
                 entry = self._before[key]
-                last = BagPlan.from_row(key, entry.row)
+                last = KeptPlan(key, entry.row, entry.made)
                 digest, _, state = _bag_state(
                     self.discovery.recordings[key], records.get("bag"), self.assets.index
                 )
                 is_same = state.state == "fresh" and digest == last.assets["bag"].data_version
-                if is_same and self._cache.holds(entry.made):
+                if is_same and self._cache.holds(last.made):
                     found[key] = last
         return found
 

@@ -21,7 +21,6 @@ from bagassets.engine.freshness.artifacts import (
     are_unchanged,
     folders_of,
     groups_to_check,
-    note_of,
 )
 
 Checked = Literal["all", "sample", "changed"]
@@ -96,10 +95,7 @@ class PlanCache:
     """
 
     def __init__(
-        self,
-        state: str | os.PathLike[str],
-        artifacts: str | os.PathLike[str],
-        checked: Checked = "all",
+        self, state: str | os.PathLike[str], artifacts: str | os.PathLike[str], checked: Checked = "all"
     ) -> None:
         self._cache = Cache(state)
         self._artifacts = os.fspath(artifacts)
@@ -134,12 +130,6 @@ class PlanCache:
     def holds(self, made: bytes) -> bool:
         """Return whether artifacts are as they were noted (`CachedPlan.made`), as far as they are checked."""
         return are_unchanged(self._artifacts, made, self._suspects)
-
-    def note(self, artifacts: Iterable[str]) -> bytes | None:
-        """Return what is to be noted of the artifacts of a plan (`CachedPlan.made`), given their digests; None if one is missing."""
-        with suppress(PlanNeeded):
-            return note_of(self._artifacts, artifacts)
-        return None
 
     def save(self, plans: Mapping[str, CachedPlan], gone: Iterable[str]) -> None:
         """Store plans and drop others; if that fails, the next plan examines these recordings.

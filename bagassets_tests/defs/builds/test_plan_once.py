@@ -1,11 +1,13 @@
 """How often a build decides about a recording: once, and again what its runs have changed."""
 
+import gc
 from collections import Counter
 
 import dagster as dg
 import pytest
 from click.testing import CliRunner
 
+from bagassets.base.garbage import uncollected
 from bagassets.cli.main import root
 from bagassets.defs.builds import loop, pending_work
 from bagassets.defs.records import instance_plan
@@ -14,7 +16,7 @@ from bagassets.defs.records.workspace import Workspace
 from bagassets.defs.runs.execution import create_run, execute_run
 from bagassets.engine import planner
 from bagassets.engine.build_report import remark_lines
-from bagassets.engine.plan import KeptPlan
+from bagassets.engine.plan import BagPlan, KeptPlan
 from bagassets.store.store import Store
 from bagassets_tests.in_process import QUICK, build, make_project
 from bagassets_tests.small_drive import write_drive
@@ -98,6 +100,19 @@ def test_many_recordings_are_planned_some_at_a_time_and_the_build_says_how_many_
     build(recipe, monkeypatch, on_event=events.append)
     messages = [event.message for event in events if event.kind == "planning"]
     assert messages == ["Planned 2 of 3 recordings", "Planned 3 of 3 recordings"]
+
+
+def test_of_what_is_planned_nothing_is_held_but_what_is_kept(tmp_path, monkeypatch):
+    recipe = make_project(tmp_path, [KEY, "b.mcap"])
+    assert build(recipe, monkeypatch)[0].succeeded
+    monkeypatch.setattr(instance_plan, "workspace_fingerprint", lambda _: "other code")
+    gc.collect()
+    former = [one for one in gc.get_objects() if type(one) is BagPlan]  # such as those that were decoded last
+    with pending_work.open_project(recipe) as workspace, uncollected():  # as while thousands are planned
+        plan = instance_plan.plan_instance(workspace)
+        held = [one for one in gc.get_objects() if type(one) is BagPlan]
+    assert [type(bag) for bag in plan.bags.values()] == [KeptPlan, KeptPlan]
+    assert len(held) == len(former)
 
 
 def test_a_build_and_its_run_look_for_recordings_once_each(tmp_path, monkeypatch):
