@@ -197,12 +197,10 @@ class BagPlan:
 
     def as_row(self) -> bytes:
         """Return a settled plan without its key as lines of JSON: what is asked of 100,000 at a time, and the rest."""
-        states = {
-            name: state._replace(data_version=_AS_RECORDED)
-            if (version := state.data_version) is not None and version == self.recorded.get(name)
-            else state
-            for name, state in self.assets.items()
-        }
+        states = dict(self.assets)
+        for name, state in self.assets.items():
+            if state.data_version == self.recorded.get(name, ""):
+                states[name] = state._replace(data_version=_AS_RECORDED)
         rest = [states, self.format, sorted(self.optional), self.rig]  # alike for most recordings
         lines = [self.skipped, [*self.assets], self.recorded, self.damage, self.findings, self.channels, rest]
         return b"\n".join(json.dumps(one, separators=(",", ":")).encode() for one in lines)
@@ -213,10 +211,10 @@ class BagPlan:
         *lines, rest = row.split(b"\n")
         _, _, recorded, damage, found, channels = map(json.loads, lines)
         states, file_format, optional, rig = _value(rest)
-        assets = {
-            name: state._replace(data_version=recorded[name]) if state.data_version == _AS_RECORDED else state
-            for name, state in ((name, AssetState(*state)) for name, state in states.items())
-        }
+        assets = {name: AssetState(*state) for name, state in states.items()}
+        for name, state in assets.items():
+            if state.data_version == _AS_RECORDED:
+                assets[name] = state._replace(data_version=recorded[name])
         findings = None if found is None else tuple(map(tuple, found))
         facts = file_format, recorded, tuple(channels), frozenset(optional), rig
         return BagPlan(key, assets, *facts, findings=findings, damage=damage)

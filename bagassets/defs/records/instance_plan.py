@@ -53,17 +53,15 @@ def planner_of(
         )
 
 
-def plan_instance(
-    workspace: Workspace, found: Discovery | None = None, worked_on: Collection[str] = ()
-) -> Plan:
+def plan_instance(workspace: Workspace, found: Discovery | None = None, made: Collection[str] = ()) -> Plan:
     """Plan everything, in a run that a build or the sensor has launched: of artifacts these have checked a sample.
 
     Args:
         workspace: recipe, store, records and recordings.
-        found: recordings that were found when the run began; default: they are looked for.
-        worked_on: those that it has made.
+        found: recordings on disk when the run began; default: as they are.
+        made: those that it has made since.
     """
-    discovery = None if found is None else _looked_at_again(found, worked_on)
+    discovery = None if found is None else _looked_at_again(found, made)
     return planner_of(workspace, discovery=discovery, checked="changed").plan()
 
 
