@@ -225,7 +225,7 @@ class Planner:
         return Plan(ordered, dict(found.excluded), removed, ties, asked, recorded, *seen_from)
 
     def _as_kept(self, bag: BagPlan) -> BagPlan:
-        """Return the plan of a recording with nothing to do as the next one finds it, a tenth as large; others as they are."""
+        """Return the plan of a recording with nothing to do as the next one finds it, which is smaller; others as they are."""
         if not bag.settled or bag.key not in self._fingerprints:
             return bag
         bag = self._looked_into(bag)
