@@ -29,7 +29,8 @@ from bagassets.defs.records.events import Records, all_assets, event_database
 from bagassets.defs.records.instance_plan import plan_instance, workspace_fingerprint
 from bagassets.defs.records.partitions import add_partitions
 from bagassets.defs.records.workspace import Workspace
-from bagassets.engine.freshness.plan_cache import PlanCache, recording_fingerprint
+from bagassets.engine.freshness.artifacts import note_of
+from bagassets.engine.freshness.plan_cache import CachedPlan, PlanCache, recording_fingerprint
 from bagassets.engine.freshness.published import Publication
 from bagassets.engine.plan import AssetState, BagPlan
 from bagassets.engine.planner import plan_recording, recorded_graph
@@ -152,7 +153,8 @@ def prepare(recipe_file: Path, number: int) -> None:
             plan = BagPlan(key, states, "ros1", recorded, channels)
             records = {asset: ids[asset][key] for asset in assets}
             mark = recording_fingerprint(project, recording.relative, recording.files, (), records)
-            remembered[key] = (mark, plan.as_row(), plan.artifacts)
+            made = note_of(f"{recipe.store_path}/artifacts", plan.artifacts)
+            remembered[key] = CachedPlan(mark, made, plan.as_row())
         PlanCache(recipe.state, recipe.store_path / "artifacts").save(remembered, [])
         datasets(instance, workspace)
 

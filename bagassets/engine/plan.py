@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from bagassets.store.store import Store
 
 State = Literal["fresh", "record-only", "stale", "unknown", "blocked", "failed", "missing", "skipped"]
-_SKIPPED = "skipped:"
+_SKIPPED, _AS_RECORDED = "skipped:", "="
 
 
 @dataclass(frozen=True)
@@ -158,6 +158,10 @@ class BagPlan:
         assets = (state.data_version for name, state in self.assets.items() if name != "bag")
         return tuple(digest for digest in (*assets, *self.channels) if digest is not None)
 
+    def version(self, asset: str) -> str | None:
+        """Return the data version that Dagster recorded last of an asset; None if there is none."""
+        return self.recorded.get(asset)
+
     def to_run(self, *, retry_failed: bool = False, select: Collection[str] | None = None) -> tuple[str, ...]:
         """Return the assets that a run should materialize, in order; none if everything is up to date.
 
@@ -193,16 +197,24 @@ class BagPlan:
 
     def as_row(self) -> bytes:
         """Return a settled plan without its key as lines of JSON: what is asked of 100,000 at a time, and the rest."""
-        rest = [self.assets, self.format, self.channels, sorted(self.optional), self.rig]
-        lines = [self.skipped, [*self.assets], self.recorded, self.damage, self.findings, rest]
+        states = dict(self.assets)
+        for name, state in self.assets.items():
+            if state.data_version == self.recorded.get(name, ""):
+                states[name] = state._replace(data_version=_AS_RECORDED)
+        rest = [states, self.format, sorted(self.optional), self.rig]  # alike for most recordings
+        lines = [self.skipped, [*self.assets], self.recorded, self.damage, self.findings, self.channels, rest]
         return b"\n".join(json.dumps(one, separators=(",", ":")).encode() for one in lines)
 
     @classmethod
     def from_row(cls, key: str, row: bytes) -> "BagPlan":
         """Inverse of `as_row`."""
-        _, _, recorded, damage, found, rest = map(json.loads, row.split(b"\n"))
-        states, file_format, channels, optional, rig = rest
+        *lines, rest = row.split(b"\n")
+        _, _, recorded, damage, found, channels = map(json.loads, lines)
+        states, file_format, optional, rig = _value(rest)
         assets = {name: AssetState(*state) for name, state in states.items()}
+        for name, state in assets.items():
+            if state.data_version == _AS_RECORDED:
+                assets[name] = state._replace(data_version=recorded[name])
         findings = None if found is None else tuple(map(tuple, found))
         facts = file_format, recorded, tuple(channels), frozenset(optional), rig
         return BagPlan(key, assets, *facts, findings=findings, damage=damage)
@@ -253,6 +265,12 @@ class KeptPlan(BagPlan):
         """Compare as the plans that they are."""
         plan = BagPlan.from_row(self.key, self.row)
         return plan == (BagPlan.from_row(other.key, other.row) if isinstance(other, KeptPlan) else other)
+
+    def version(self, asset: str) -> str | None:
+        """See `BagPlan`; a dataset asks for two of a dozen, of each recording, so only these are decoded."""
+        mark = f'"{asset}":"'.encode()  # nowhere else in a row, as quotes within texts are escaped
+        at = self.row.find(mark) + len(mark)
+        return self.row[at : self.row.index(b'"', at)].decode() if at >= len(mark) else None
 
     @property
     def findings(self) -> tuple[tuple[str, str, str], ...] | None:

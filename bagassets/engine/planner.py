@@ -12,9 +12,16 @@ from dataclasses import dataclass, field, replace
 from bagassets.assets.inventory import INVENTORY
 from bagassets.base.alike import names_text
 from bagassets.base.errors import StoreError
+from bagassets.base.fingerprints import PlanNeeded
 from bagassets.base.garbage import uncollected
-from bagassets.engine.freshness.artifacts import SIZE
-from bagassets.engine.freshness.plan_cache import PlanCache, RecordingFingerprint, recording_fingerprint
+from bagassets.engine.freshness.artifacts import SIZE, note_of
+from bagassets.engine.freshness.plan_cache import (
+    CachedPlan,
+    Checked,
+    PlanCache,
+    RecordingFingerprint,
+    recording_fingerprint,
+)
 from bagassets.engine.graph import Graph
 from bagassets.engine.inputs import files_beside
 from bagassets.engine.plan import AssetState, BagPlan, KeptPlan, Plan, Recorded, version_as_input
@@ -152,7 +159,7 @@ class Planner:
         fetch: takes some of `storage_ids` and partition keys; returns partition key -> asset -> what Dagster recorded last.
         kept: states of recordings that are not planned again if their artifacts are unchanged.
         check: returns what quick checks find in a recording with nothing to do (`BagPlan.findings`); kept with its plan.
-        thorough: look at all artifacts, however many there are; see `PlanCache`.
+        checked: how many artifacts are; see `PlanCache`.
     """
 
     assets: RecordingAssets
@@ -163,15 +170,15 @@ class Planner:
     fetch: Fetch
     kept: Mapping[str, BagPlan] = field(default_factory=dict)
     check: Callable[[BagPlan], tuple[tuple[str, str, str], ...] | None] = lambda _: None
-    thorough: bool = True
+    checked: Checked = "all"
 
     def __post_init__(self) -> None:
-        artifacts = self.assets.store.root / "artifacts"
-        self._cache = PlanCache(self.assets.recipe.state, artifacts, thorough=self.thorough)
-        made = {key: bag.made for key, bag in self.kept.items() if isinstance(bag, KeptPlan)}
-        asked = self.discovery.recordings.keys() - made.keys() if self.kept else None
-        self._before = self._cache.load(asked, sum(map(len, made.values())) // SIZE)
-        self.kept = {key: bag for key, bag in self.kept.items() if self._still_holds(key, bag)}
+        self._artifacts = f"{self.assets.store.root}/artifacts"
+        self._cache = PlanCache(self.assets.recipe.state, self._artifacts, self.checked)
+        asked = self.discovery.recordings.keys() - self.kept.keys() if self.kept else None
+        made = sum(len(bag.made) for bag in self.kept.values() if isinstance(bag, KeptPlan))
+        self._before = self._cache.load(asked, made // SIZE)
+        self.kept = {key: bag for key, bag in self.kept.items() if self._still_holds(bag)}
         self._unsettled = Unsettled(self.assets.recipe.state).noted()
         self._fingerprints = {} if self.project is None else self._current_fingerprints(self.project)
         # Of the recordings whose last plan may hold: that plan, and the fingerprint as it is now.
@@ -201,18 +208,14 @@ class Planner:
                 of_key = records.get(key, {})
                 graph = recorded_graph(self.assets, recordings[key], of_key)
                 bag = plan_recording(graph)
-                bags[key] = _once_more(bag) if key in self._unsettled else bag
+                bags[key] = self._as_kept(_once_more(bag) if key in self._unsettled else bag)
             recorded |= {key: of for key, of in records.items() if not bags[key].settled}
             examined += len(some)
             if on_planned is not None and len(changed) > AT_A_TIME:
                 on_planned(examined, len(changed))
-        settled = {key: bags[key] for key in self._fingerprints.keys() - unchanged if bags[key].settled}
-        bags |= {key: self._looked_into(bag) for key, bag in settled.items() if bag.findings is None}
-        settled = {key: bags[key] for key in settled}
-        self._cache.save(
-            {key: (self._fingerprints[key], bag.as_row(), bag.artifacts) for key, bag in settled.items()},
-            self._before.keys() - unchanged - settled.keys(),
-        )
+        new = {key: bag for key, bag in bags.items() if key not in unchanged and isinstance(bag, KeptPlan)}
+        noted = {key: CachedPlan(self._fingerprints[key], bag.made, bag.row) for key, bag in new.items()}
+        self._cache.save(noted, self._before.keys() - unchanged - new.keys())
         ordered = {key: bags[key] for key in recordings}
         found = self.discovery
         ties = Ties(found.near, found.former_keys)
@@ -220,6 +223,15 @@ class Planner:
         asked = {**found.asked, **ties.disputed(self.assets.recipe.splits)}
         seen_from = found, self.registered, self.storage_ids, self.project
         return Plan(ordered, dict(found.excluded), removed, ties, asked, recorded, *seen_from)
+
+    def _as_kept(self, bag: BagPlan) -> BagPlan:
+        """Return the plan of a recording with nothing to do as the next one finds it, which is smaller; others as they are."""
+        if not bag.settled or bag.key not in self._fingerprints:
+            return bag
+        bag = self._looked_into(bag)
+        with suppress(PlanNeeded):  # it will be planned again
+            return KeptPlan(bag.key, bag.as_row(), note_of(self._artifacts, bag.artifacts))
+        return bag
 
     def _looked_into(self, bag: BagPlan) -> BagPlan:
         """Return the plan of a recording with nothing to do, with what is kept with it."""
@@ -275,16 +287,15 @@ class Planner:
             if entry.fingerprint != now:
                 continue
             bag = KeptPlan(key, entry.row, entry.made)
-            if self._still_holds(key, bag):
+            if self._still_holds(bag):
                 found[key] = bag
         return found
 
-    def _still_holds(self, key: str, bag: BagPlan) -> bool:
+    def _still_holds(self, bag: BagPlan) -> bool:
         """Return whether a plan's artifacts are unchanged, as far as they are checked; where there is something to do, nobody looks."""
-        if not isinstance(bag, KeptPlan) and key not in self._before:
+        if not isinstance(bag, KeptPlan):
             return not bag.settled
-        made = bag.made if isinstance(bag, KeptPlan) else self._before[key].made
-        if not (holds := self._cache.holds(made)):
+        if not (holds := self._cache.holds(bag.made)):
             _remove_incomplete(self.assets.store, bag)
         return holds
 
@@ -293,7 +304,7 @@ class Planner:
 
         Everything else rests on their content, and so has not changed.
         """
-        found = {}
+        found: dict[str, BagPlan] = {}
         alike = []
         for key in keys:
             if key in self._last:
@@ -303,12 +314,12 @@ class Planner:
         for some in _batches(alike):
             for key, records in self.fetch({"bag": self.storage_ids["bag"]}, some).items():
                 entry = self._before[key]
-                last = BagPlan.from_row(key, entry.row)
+                last = KeptPlan(key, entry.row, entry.made)
                 digest, _, state = _bag_state(
                     self.discovery.recordings[key], records.get("bag"), self.assets.index
                 )
                 is_same = state.state == "fresh" and digest == last.assets["bag"].data_version
-                if is_same and self._cache.holds(entry.made):
+                if is_same and self._cache.holds(last.made):
                     found[key] = last
         return found
 

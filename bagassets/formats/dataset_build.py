@@ -290,15 +290,15 @@ def select_inputs(plan: Plan) -> DatasetInputs:
         if bag.skipped is not None:
             skipped[key] = bag.skipped
             continue
-        names, recorded = bag.names, bag.recorded
+        names, content = bag.names, bag.version("bag")
         for kind in kinds:
             if kind.part not in names:
                 continue
             reason = None if bag.settled else _failure(bag, kind.part)
             if reason is not None:
                 failed[kind.name][key] = _without_root(reason, plan.discovery.recordings.get(key))
-            elif key in plan.live and kind.part in recorded and "bag" in recorded:
-                parts[kind.name].append(Part(key, recorded["bag"], recorded[kind.part]))
+            elif key in plan.live and content is not None and (part := bag.version(kind.part)) is not None:
+                parts[kind.name].append(Part(key, content, part))
     return DatasetInputs({name: tuple(each) for name, each in parts.items()}, skipped, failed, plan.ties)
 
 

@@ -16,7 +16,12 @@ from bagassets.base.fingerprints import PlanNeeded, project_fingerprint, recipe_
 from bagassets.engine.freshness import decide
 from bagassets.engine.freshness.artifacts import note_of
 from bagassets.engine.freshness.decide import BuildLog, state_folder
-from bagassets.engine.freshness.plan_cache import PlanCache, RecordingFingerprint, recording_fingerprint
+from bagassets.engine.freshness.plan_cache import (
+    CachedPlan,
+    PlanCache,
+    RecordingFingerprint,
+    recording_fingerprint,
+)
 from bagassets.engine.plan import AssetState, BagPlan, KeptPlan
 from bagassets.engine.run_action import run_action
 from bagassets.store.action import Action
@@ -352,10 +357,12 @@ class TestPlanCache:
             folder = tmp_path / "artifacts" / digest[:2] / digest
             (folder / "files").mkdir(parents=True)
             (folder / "manifest.json").write_text("{}")
-        return tmp_path / "artifacts"
+        self.root = tmp_path / "artifacts"
+        return self.root
 
     def save(self, cache, *plans, gone=()):
-        cache.save({plan.key: (FINGERPRINT, plan.as_row(), plan.artifacts) for plan in plans}, gone)
+        made = {plan.key: note_of(str(self.root), plan.artifacts) for plan in plans}
+        cache.save({one.key: CachedPlan(FINGERPRINT, made[one.key], one.as_row()) for one in plans}, gone)
 
     def test_what_was_saved_is_loaded(self, tmp_path, store):
         other = replace(PLAN, key="ünder/b.bag", format="mcap")
@@ -381,39 +388,61 @@ class TestPlanCache:
         path.parents[1].joinpath("manifest.json").unlink()
         assert not cache.holds(entry.made)
 
-    def test_what_rests_on_a_missing_artifact_is_dropped(self, tmp_path, store):
+    def test_what_is_stored_or_dropped_leaves_the_others_of_its_group_alone(self, tmp_path, store):
         cache = PlanCache(tmp_path / "state", store)
-        self.save(cache, PLAN)
-        self.save(cache, replace(PLAN, channels=("0" * 64,)))
-        assert cache.load() == {}
+        keys = [f"{number}.bag" for number in range(600)]  # two in each group, or more
+        self.save(cache, *(replace(PLAN, key=key) for key in keys))
+        cache = PlanCache(tmp_path / "state", store)  # knows nothing of them
+        self.save(cache, replace(PLAN, key="7.bag", rig="another"), gone=["8.bag", "never there.bag"])
+        found = cache.load()
+        assert found.keys() == {*keys} - {"8.bag"}
+        plans = {key: BagPlan.from_row(key, entry.row) for key, entry in found.items()}
+        assert plans.pop("7.bag") == replace(PLAN, key="7.bag", rig="another")
+        assert plans == {key: replace(PLAN, key=key) for key in plans}
+        assert cache.load(["7.bag", "8.bag"]) == {"7.bag": found["7.bag"]}
 
     def test_of_many_artifacts_it_looks_where_the_store_changed(self, tmp_path, store, monkeypatch):
         monkeypatch.setattr("bagassets.engine.freshness.artifacts.MOST_CHECKED", 0)
         cache = PlanCache(tmp_path / "state", store)
         cache.load()
-        cache.save({PLAN.key: (FINGERPRINT, PLAN.as_row(), PLAN.artifacts)}, [])
+        self.save(cache, PLAN)
 
-        def holds(*, thorough):
-            cache = PlanCache(tmp_path / "state", store, thorough=thorough)
+        def holds(checked):
+            cache = PlanCache(tmp_path / "state", store, checked)
             return cache.holds(cache.load()[PLAN.key].made)
 
-        assert holds(thorough=False)
+        assert holds("sample")
         (store / "c1" / ("c2" * 32)).mkdir()  # another one in the folder of one of them
-        assert holds(thorough=False)
+        assert holds("sample")
         file = store / "ab" / ("ab" * 32) / "files" / "new"
         file.write_text("")
-        assert holds(thorough=False), "within an artifact nobody looks, where there are so many"
-        assert not holds(thorough=True)
+        assert holds("sample"), "within an artifact nobody looks, where there are so many"
+        assert not holds("all")
         monkeypatch.setattr("bagassets.engine.freshness.artifacts.MOST_CHECKED", 10**6)
-        assert not holds(thorough=False), "but where there are few"
+        assert not holds("sample"), "but where there are few"
         monkeypatch.setattr("bagassets.engine.freshness.artifacts.MOST_CHECKED", 0)
         (store / "ab" / ("c2" * 32)).mkdir()
-        assert not holds(thorough=False), "and where others came beside it"
+        assert not holds("sample"), "and where others came beside it"
         shutil.rmtree(store / "c2" / ("c2" * 32))
-        assert not holds(thorough=False), "or it went"
+        assert not holds("sample"), "or it went"
+
+    @pytest.mark.parametrize(("checked", "is_seen"), [("all", True), ("sample", True), ("changed", False)])
+    def test_a_sample_of_many_artifacts_is_checked_where_nobody_has_just_done_so(
+        self, tmp_path, store, monkeypatch, checked, is_seen
+    ):
+        monkeypatch.setattr("bagassets.engine.freshness.artifacts.MOST_CHECKED", 1)
+        monkeypatch.setattr("random.random", lambda: 0.0)
+        cache = PlanCache(tmp_path / "state", store)
+        cache.load()
+        self.save(cache, PLAN)
+        (store / "ab" / ("ab" * 32) / "files" / "new").write_text("")
+        cache = PlanCache(tmp_path / "state", store, checked)
+        assert cache.holds(cache.load()[PLAN.key].made) != is_seen
 
     def test_a_kept_plan_is_the_plan(self):
-        whole = replace(PLAN, findings=(("warn", "check", "problem"),), damage="half of it")
+        whole = replace(
+            PLAN, recorded={"bag": "b" * 64}, findings=(("warn", "check", "problem"),), damage="half"
+        )
         for plan in (PLAN, whole):
             kept = KeptPlan(
                 plan.key,
@@ -427,6 +456,8 @@ class TestPlanCache:
                     "optional", "rig", "touched", "outdated", "findings", "damage", "recorded")  # fmt: skip
             assert [getattr(kept, name) for name in told] == [getattr(plan, name) for name in told]
             assert list(kept.names) == list(plan.names)
+            for asset in ("bag", "inventory", "frames"):
+                assert kept.version(asset) == plan.version(asset) == plan.recorded.get(asset)
             assert kept.to_run(retry_failed=True) == plan.to_run(retry_failed=True) == ()
 
     def test_nothing_is_loaded_where_there_is_no_file(self, tmp_path, store):

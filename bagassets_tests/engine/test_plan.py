@@ -225,7 +225,7 @@ def test_a_damaged_memory_costs_time_only(built, monkeypatch, damage):
     path = load_recipe(built).state / NAME
     if damage is None:
         with sqlite3.connect(path) as connection:
-            connection.execute("UPDATE entries SET content = '[1]' WHERE kind = 'recording'")
+            connection.execute("UPDATE entries SET content = '[1]' WHERE kind = 'recordings'")
         connection.close()
     else:
         path.write_bytes(damage)

@@ -1,7 +1,7 @@
 """The evidence that the rules of checks get."""
 
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from typing import TypeVar, cast
 
 import numpy as np
@@ -40,7 +40,7 @@ class Evidence(Contents):
         self.rig = rig
         self.store = store
         self._current = cache(current)
-        self._stamps_ns = cache(self._read_stamps_ns)
+        self._stamps_ns = cache(partial(_read_stamps_ns, store))  # no cycle with it, in which it would stay
         self._read: dict[Callable[[Evidence], object], object] = {}
 
     def artifact(self, asset: str) -> Artifact:
@@ -87,7 +87,8 @@ class Evidence(Contents):
         entries = self.channels(FRAMES.name) | self.channels(SWEEPS.name)
         return self._stamps_ns(entries[channel]["artifact"])
 
-    def _read_stamps_ns(self, digest: str) -> Stamps:
-        index = self.store.artifact(digest).read_table("index.parquet", ["stamp_ns"])
-        stamps_ns: Stamps = numbers(index.column("stamp_ns")).astype(np.int64)
-        return stamps_ns
+
+def _read_stamps_ns(store: Store, digest: str) -> Stamps:
+    index = store.artifact(digest).read_table("index.parquet", ["stamp_ns"])
+    stamps_ns: Stamps = numbers(index.column("stamp_ns")).astype(np.int64)
+    return stamps_ns

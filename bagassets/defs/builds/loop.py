@@ -82,7 +82,7 @@ class BuildLoop:
         discovery = self.workspace.discover()
         asked = what_is_asked(self.workspace, discovery, self.options, self._own)
         with span("read records"):
-            planner = planner_of(self.workspace, discovery=discovery, thorough=False)
+            planner = planner_of(self.workspace, discovery=discovery, checked="sample")
         if records_touched and asked.assets != ():
             found = planner.touched()
             chosen = {discovery.recordings[key]: found[key] for key in found if key in asked.chosen}

@@ -10,7 +10,7 @@ from bagassets.defs.records.instance_plan import workspace_fingerprint
 from bagassets.defs.records.workspace import Workspace
 from bagassets.engine.build_report import Remark, remark_lines
 from bagassets.engine.freshness import decide
-from bagassets.engine.freshness.artifacts import folders_of, note_of
+from bagassets.engine.freshness.artifacts import folders_of
 from bagassets.engine.inputs import files_beside, named_files
 from bagassets.engine.plan import KeptPlan, Plan
 from bagassets.formats.dataset_build import dataset_code_versions, dataset_folders
@@ -95,15 +95,9 @@ class Snapshot:
         """
         bags = plan.bags.values()
         is_waiting = any(FOR_NOW in reason for reason in plan.excluded.values())
-        made: Iterable[bytes] | None = None
-        if self._marks is not None and not is_waiting and all(bag.settled for bag in bags):
-            # What was noted with plans that were kept is older, so whatever has changed since differs from it.
-            with suppress(PlanNeeded):
-                root = self._places["artifacts"]
-                made = [
-                    one.made if isinstance(one, KeptPlan) else note_of(root, one.artifacts) for one in bags
-                ]
-        if self._marks is None or made is None:
+        # What was noted with the plans is older, so whatever has changed since differs from it.
+        made = [bag.made for bag in bags if isinstance(bag, KeptPlan)]
+        if self._marks is None or is_waiting or len(made) < len(bags):
             decide.forget_note(self._recipe.state)
             return
         skipped = sum(bag.skipped is not None for bag in bags)

@@ -90,7 +90,7 @@ class Scan:
         state = self._without_gone(live, there, now_s)
         if state is None:
             return []
-        plan = planner_of(self._workspace, live, discovery, thorough=False).plan()
+        plan = planner_of(self._workspace, live, discovery, checked="sample").plan()
         inputs = select_inputs(plan)
         self._unsettled.forget_settled(plan)
         known = {key for key, bag in plan.bags.items() if bag.assets["bag"].state == "fresh"}

@@ -9,7 +9,7 @@ import logging
 import os
 import signal
 import traceback
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 
@@ -42,6 +42,7 @@ from bagassets.forkserver.client import Client, ServerRefusedError
 from bagassets.forkserver.worker import note
 from bagassets.formats.checking import KeptVerdicts
 from bagassets.formats.dataset_build import dataset_code_versions, select_inputs
+from bagassets.recordings.discover import Discovery
 from bagassets.store.lease import HOLDERS, in_use
 
 _MOST_NAMED = 3
@@ -104,15 +105,15 @@ def make_batch(
         RunEndedError: the run was given up meanwhile.
     """
     recordings = {key: assets for key, assets in batch.items() if key != DATASET}
-    ended = Ended()
+    found, ended = workspace.discover(), Ended()
     with suppress(ServerRefusedError):  # the recipe changed, say, so that it takes no more jobs
         for client in Client.all_of(workspace.recipe.state) if side_by_side and len(recordings) > 1 else ():
             if client.process.pid == os.getppid():
                 _make_parts(client, step, workspace, lock, recordings, ended)
     left = {key: assets for key, assets in recordings.items() if key not in ended}
-    ended |= _make_each(step, workspace, lock, left)
+    ended |= _make_each(step, workspace, lock, left, found)
     if DATASET in batch:
-        _make_datasets(step, workspace, batch[DATASET], ended)
+        _make_datasets(step, workspace, batch, found, ended)
     if range_policy():  # Dagster's command says of all later steps that they are skipped
         for key, failed in ended.items():
             what = key or names_text(batch[DATASET])
@@ -122,7 +123,7 @@ def make_batch(
 
 
 def _make_each(
-    step: RunStep, workspace: Workspace, lock: RecordingLock, batch: Batch
+    step: RunStep, workspace: Workspace, lock: RecordingLock, batch: Batch, discovery: Discovery
 ) -> Iterator[tuple[str, str | None]]:
     """Make recordings one after the other, and yield how each ends (see `Ended`); one that fails does not stop the others.
 
@@ -131,11 +132,12 @@ def _make_each(
         workspace: recipe and store.
         lock: keeps runs of a recording apart.
         batch: partition key -> assets.
+        discovery: the recordings on disk.
 
     Raises:
         RunEndedError: the run was given up meanwhile.
     """
-    found = workspace.discover().recordings if batch else {}
+    found = discovery.recordings
     with ExitStack() as stack:
         with suppress(StoreError):  # each recording reports it
             stack.enter_context(in_use(workspace.store.root))  # one lease for all of them
@@ -207,7 +209,8 @@ def make_part(args: JsonObject) -> None:
         HOLDERS.name, HOLDERS.has_ended = run_id, partial(run_has_ended, instance)
         workspace = Workspace(recipe_file=args["recipe"], key_prefix=args["prefix"]).on(instance)
         step = RunStep(instance, run_id, *of_step)
-        for key, problem in _make_each(step, workspace, RecordingLock(folder=args["locks"]), args["batch"]):
+        lock, found = RecordingLock(folder=args["locks"]), workspace.discover()
+        for key, problem in _make_each(step, workspace, lock, args["batch"], found):
             note({key: problem})
 
 
@@ -242,10 +245,13 @@ def noted(recorder: Recorder, ended: Ended) -> Iterator[None]:
     note_ended(step, key, ended[key], has_made=recorder.has_made)
 
 
-def _make_datasets(step: RunStep, workspace: Workspace, wanted: Collection[str], ended: Ended) -> None:
-    """Make those datasets of `wanted`, of all that is recorded, unless they are current; note in `ended` how that ends."""
-    problems = list[str]()
-    plan = plan_instance(workspace)
+def _make_datasets(step: RunStep, workspace: Workspace, batch: Batch, found: Discovery, ended: Ended) -> None:
+    """Make the datasets of a batch, of all that is recorded, unless they are current; note in `ended` how that ends.
+
+    What has come, changed or gone since recordings were `found` is left to whoever looks next.
+    """
+    problems, wanted = list[str](), batch[DATASET]
+    plan = plan_instance(workspace, found, batch.keys())
     inputs = select_inputs(plan)
     record_inputs(workspace, inputs)
     if dataset_is_current(workspace, inputs):

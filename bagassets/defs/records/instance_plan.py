@@ -9,6 +9,7 @@ from bagassets.base.fingerprints import PlanNeeded, loaded_code_fingerprint, pro
 from bagassets.base.garbage import uncollected
 from bagassets.defs.records.latest_ids import latest_ids
 from bagassets.defs.records.workspace import Workspace
+from bagassets.engine.freshness.plan_cache import Checked
 from bagassets.engine.inputs import named_files
 from bagassets.engine.plan import BagPlan, Plan
 from bagassets.engine.planner import Planner
@@ -22,8 +23,7 @@ def planner_of(
     discovery: Discovery | None = None,
     ids: Mapping[str, Mapping[str, int]] | None = None,
     kept: Mapping[str, BagPlan] = MappingProxyType({}),
-    *,
-    thorough: bool = True,
+    checked: Checked = "all",
 ) -> Planner:
     """Return what plans everything, from what Dagster's records and the folders are now.
 
@@ -33,7 +33,7 @@ def planner_of(
         discovery: recordings to take as being on disk; default: those that are.
         ids: see `Plan.storage_ids`; default: as they are.
         kept: see `Planner`.
-        thorough: see `Planner`.
+        checked: see `PlanCache`.
 
     Raises:
         BagAssetsError: the recipe or the bag root is not usable.
@@ -49,13 +49,20 @@ def planner_of(
             records.fetch,
             kept,
             partial(quick_findings, workspace.assets, found),
-            thorough=thorough,
+            checked,
         )
 
 
-def plan_instance(workspace: Workspace) -> Plan:
-    """Plan everything, as a build does."""
-    return planner_of(workspace, thorough=False).plan()
+def plan_instance(workspace: Workspace, found: Discovery | None = None, made: Collection[str] = ()) -> Plan:
+    """Plan everything, in a run that a build or the sensor has launched: of artifacts these have checked a sample.
+
+    Args:
+        workspace: recipe, store, records and recordings.
+        found: recordings on disk when the run began; default: as they are.
+        made: those that it has made since.
+    """
+    discovery = None if found is None else _looked_at_again(found, made)
+    return planner_of(workspace, discovery=discovery, checked="changed").plan()
 
 
 def replan_instance(
@@ -82,16 +89,21 @@ def replan_instance(
         if now != (last := before.storage_ids[asset]):
             changed.update(key for key, _ in now.items() ^ last.items())
     kept = {key: bag for key, bag in before.bags.items() if key not in changed}
-    there = dict(before.discovery.recordings)
-    for key in changed & there.keys():
-        there[key] = replace(there[key], seen=())  # what runs store with files changes these
-        if not all(path.exists() for path in there[key].files):
-            del there[key]
-    discovery = replace(before.discovery, recordings=there)
-    planner = planner_of(workspace, live, discovery, ids, kept, thorough=False)
+    discovery = _looked_at_again(before.discovery, changed)
+    planner = planner_of(workspace, live, discovery, ids, kept, "changed")
     plan = planner.plan(on_planned)
     same = {key: records for key, records in before.recorded.items() if key in planner.kept}
     return replace(plan, recorded={**same, **plan.recorded})
+
+
+def _looked_at_again(found: Discovery, keys: Collection[str]) -> Discovery:
+    """Return recordings without some that are gone by now, and without signatures of files that runs have stored digests with."""
+    there = dict(found.recordings)
+    for key in frozenset(keys) & there.keys():
+        there[key] = replace(there[key], seen=())
+        if not all(path.exists() for path in there[key].files):
+            del there[key]
+    return replace(found, recordings=there)
 
 
 def workspace_fingerprint(workspace: Workspace) -> str | None:

@@ -1,13 +1,17 @@
 """The last plan of each recording, so that the next one examines only those that changed.
 
 Only recordings with nothing to do are kept. A cached plan holds while the fingerprint of the recording and its artifacts
-stay the same; otherwise the planner decides.
+stay the same; otherwise the planner decides. Plans are kept in 256 groups, by their keys: an entry for each recording would
+take longer to find and check than to read.
 """
 
 import json
 import os
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from typing import NamedTuple
+from collections import defaultdict
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from typing import Literal, NamedTuple
+from zlib import crc32
 
 from bagassets.base.cache import Cache, Changes
 from bagassets.base.fingerprints import PlanNeeded, Signature, digest_lines, signature
@@ -17,10 +21,10 @@ from bagassets.engine.freshness.artifacts import (
     are_unchanged,
     folders_of,
     groups_to_check,
-    note_of,
 )
 
-_KIND, _FOLDERS = "recording", "folders"
+Checked = Literal["all", "sample", "changed"]
+_KIND, _FOLDERS = "recordings", "folders"
 
 
 class RecordingFingerprint(NamedTuple):
@@ -86,15 +90,16 @@ class PlanCache:
     Args:
         state: the state folder.
         artifacts: folder of the artifacts in the store.
-        thorough: check all artifacts in any case.
+        checked: `all` artifacts in any case; of many a random `sample`; or the `changed` folders alone, as somebody has just
+            checked one.
     """
 
     def __init__(
-        self, state: str | os.PathLike[str], artifacts: str | os.PathLike[str], *, thorough: bool = True
+        self, state: str | os.PathLike[str], artifacts: str | os.PathLike[str], checked: Checked = "all"
     ) -> None:
         self._cache = Cache(state)
         self._artifacts = os.fspath(artifacts)
-        self._thorough = thorough
+        self._checked = checked
         self._folders: dict[str, Signature] = {}
         self._folders_before: dict[str, Signature] = {}
         self._suspects = ALL_GROUPS
@@ -108,56 +113,63 @@ class PlanCache:
         """
         # First: what comes or goes from now on then shows next time.
         self._folders = folders_of(self._artifacts)
+        asked = None if keys is None else frozenset(keys)
         try:
-            found = {key: _read(content) for key, content in self._cache.all(_KIND, keys).items()}
+            groups = self._cache.all(_KIND, None if asked is None else {*map(_group_of, asked)})
+            plans = (plan for content in groups.values() for plan in _read(content))
+            found = {key: plan for key, plan in plans if asked is None or key in asked}
             self._folders_before = json.loads(self._cache.all(_FOLDERS).get("", b"{}"))
         except PlanNeeded:
             return {}
-        if not self._thorough:
+        if self._checked != "all":
             total = sum(len(one.made) for one in found.values()) // SIZE
-            before, sampled = self._folders_before, keys is None
-            self._suspects = groups_to_check(before, self._folders, total + others, sampled=sampled)
+            before, total = self._folders_before, total + others
+            self._suspects = groups_to_check(before, self._folders, total, sampled=self._checked == "sample")
         return found
 
     def holds(self, made: bytes) -> bool:
         """Return whether artifacts are as they were noted (`CachedPlan.made`), as far as they are checked."""
         return are_unchanged(self._artifacts, made, self._suspects)
 
-    def save(
-        self,
-        plans: Mapping[str, tuple[RecordingFingerprint, bytes, Iterable[str]]],
-        gone: Iterable[str],
-    ) -> None:
+    def save(self, plans: Mapping[str, CachedPlan], gone: Iterable[str]) -> None:
         """Store plans and drop others; if that fails, the next plan examines these recordings.
 
+        Of plans that another process stores in the same group meanwhile, some may be lost.
+
         Args:
-            plans: partition key -> fingerprint of the recording, its plan, encoded, and the digests of the artifacts that the
-                plan rests on.
+            plans: partition key -> plan.
             gone: partition keys to drop; all others in the cache hold.
         """
-        changes = Changes()
-        for key in gone:
-            changes.drop(_KIND, key)
-        for key, (fingerprint, row, artifacts) in plans.items():
-            try:
-                made = note_of(self._artifacts, artifacts)
-            except PlanNeeded:
-                changes.drop(_KIND, key)
-            else:
-                changes.put(_KIND, key, _written(CachedPlan(fingerprint, made, row)))
+        changes, before = Changes(), dict[str, bytes]()
+        groups = defaultdict[str, dict[str, CachedPlan | None]](dict)
+        for key, plan in {**dict.fromkeys(gone), **plans}.items():
+            groups[_group_of(key)][key] = plan
+        with suppress(PlanNeeded):  # there are none, then
+            before = self._cache.all(_KIND, groups)
+        for group, new in groups.items():
+            now = {**dict(_read(before.get(group, b""))), **new}
+            changes.put(_KIND, group, _written({key: plan for key, plan in now.items() if plan is not None}))
         if self._folders != self._folders_before:
             changes.put(_FOLDERS, "", json.dumps(self._folders).encode())
         self._cache.write(changes)
 
 
-def _written(plan: CachedPlan) -> bytes:
-    files, bag, rest = plan.fingerprint
-    head = f"{files} {'' if bag is None else bag} {rest} {len(plan.made)}\n".encode()
-    return b"".join((head, plan.made, plan.row))
+def _group_of(key: str) -> str:
+    return f"{crc32(key.encode()) % 256:02x}"
 
 
-def _read(content: bytes) -> CachedPlan:
-    head, _, body = content.partition(b"\n")
-    files, bag, rest, size = head.decode().split(" ")
-    fingerprint = RecordingFingerprint(files, int(bag) if bag else None, rest)
-    return CachedPlan(fingerprint, body[: int(size)], body[int(size) :])
+def _written(plans: Mapping[str, CachedPlan]) -> bytes:
+    """Return a group: a line that says what there is, then what is noted of artifacts, and rows, by turns."""
+    heads = [[key, *one.fingerprint, len(one.made), len(one.row)] for key, one in plans.items()]
+    bodies = (part for one in plans.values() for part in (one.made, one.row))
+    return b"".join((json.dumps(heads).encode(), b"\n", *bodies))
+
+
+def _read(content: bytes) -> Iterator[tuple[str, CachedPlan]]:
+    """Inverse of `_written`."""
+    line, _, body = content.partition(b"\n")
+    at = 0
+    for key, files, bag, rest, made, row in json.loads(line or b"[]"):
+        begin = at + made
+        fingerprint = RecordingFingerprint(files, bag, rest)
+        yield key, CachedPlan(fingerprint, body[at:begin], body[begin : (at := begin + row)])

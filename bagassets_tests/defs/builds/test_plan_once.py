@@ -1,18 +1,22 @@
 """How often a build decides about a recording: once, and again what its runs have changed."""
 
+import gc
 from collections import Counter
 
 import dagster as dg
 import pytest
 from click.testing import CliRunner
 
+from bagassets.base.garbage import uncollected
 from bagassets.cli.main import root
 from bagassets.defs.builds import loop, pending_work
 from bagassets.defs.records import instance_plan
 from bagassets.defs.records.events import Records
+from bagassets.defs.records.workspace import Workspace
 from bagassets.defs.runs.execution import create_run, execute_run
 from bagassets.engine import planner
 from bagassets.engine.build_report import remark_lines
+from bagassets.engine.plan import BagPlan, KeptPlan
 from bagassets.store.store import Store
 from bagassets_tests.in_process import QUICK, build, make_project
 from bagassets_tests.small_drive import write_drive
@@ -82,6 +86,10 @@ def test_many_recordings_are_planned_some_at_a_time_and_the_build_says_how_many_
             monkeypatch.setattr(instance_plan, "workspace_fingerprint", lambda _, it=fingerprint: it)
             now = instance_plan.planner_of(workspace).plan(lambda done, total: told.append((done, total)))
             assert now == whole
+            kept = [isinstance(bag, KeptPlan) for bag in now.bags.values()]
+            assert kept == [fingerprint is not None] * 3, (
+                "a plan is not held longer than in the form that is kept"
+            )
             assert now.recorded == {}, "nobody asks for the records of what is settled"
     assert fetched == [[KEY, "b.mcap"], ["c.bag"]] * 2
     assert told == [(2, 3), (3, 3)] * 2
@@ -92,6 +100,30 @@ def test_many_recordings_are_planned_some_at_a_time_and_the_build_says_how_many_
     build(recipe, monkeypatch, on_event=events.append)
     messages = [event.message for event in events if event.kind == "planning"]
     assert messages == ["Planned 2 of 3 recordings", "Planned 3 of 3 recordings"]
+
+
+def test_of_what_is_planned_nothing_is_held_but_what_is_kept(tmp_path, monkeypatch):
+    recipe = make_project(tmp_path, [KEY, "b.mcap"])
+    assert build(recipe, monkeypatch)[0].succeeded
+    monkeypatch.setattr(instance_plan, "workspace_fingerprint", lambda _: "other code")
+    gc.collect()
+    former = [one for one in gc.get_objects() if type(one) is BagPlan]  # such as those that were decoded last
+    with pending_work.open_project(recipe) as workspace, uncollected():  # as while thousands are planned
+        plan = instance_plan.plan_instance(workspace)
+        held = [one for one in gc.get_objects() if type(one) is BagPlan]
+    assert [type(bag) for bag in plan.bags.values()] == [KeptPlan, KeptPlan]
+    assert len(held) == len(former)
+
+
+def test_a_build_and_its_run_look_for_recordings_once_each(tmp_path, monkeypatch):
+    recipe = make_project(tmp_path, [KEY, "b.mcap"])
+    build(recipe, monkeypatch)
+    _rewrite(tmp_path / "bags" / KEY, 1.5)
+    looked, discover = [], Workspace.discover
+    monkeypatch.setattr(Workspace, "discover", lambda self: looked.append(1) or discover(self))
+    report, runs = build(recipe, monkeypatch)
+    assert (report.succeeded, report.dataset, len(runs)) == (True, "updated", 2)
+    assert len(looked) == 2
 
 
 def test_all_datasets_of_a_run_are_made_from_one_plan(tmp_path, monkeypatch):
