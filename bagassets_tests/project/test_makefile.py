@@ -36,8 +36,8 @@ def program(checkout, name, text):
     path.chmod(0o755)
 
 
-def make(checkout, *arguments):
-    environment = {"PATH": str(checkout / "bin")}
+def make(checkout, *arguments, **variables):
+    environment = {"PATH": str(checkout / "bin"), **variables}
     return subprocess.run(
         [shutil.which("make"), *arguments],
         cwd=checkout,
@@ -107,6 +107,13 @@ def test_where_none_serves_that_is_said_and_nothing_is_made(checkout, there, arg
         )
         assert "Error 1" in end
     assert not list(checkout.glob(".*venv"))
+
+
+def test_python_keeps_what_it_compiles(checkout):
+    """Each worker of each run would compile all tests anew."""
+    program(checkout, "python3", '#!/bin/sh\necho "${PYTHONDONTWRITEBYTECODE-kept}" > "seen by $2"\n')
+    make(checkout, ".venv/.made", PYTHONDONTWRITEBYTECODE="1")
+    assert (checkout / "seen by venv").read_text() == "kept\n"
 
 
 def test_ci_fails_where_postgresql_cannot_be_installed(tmp_path):
