@@ -18,7 +18,7 @@ VENV := .venv
 DEVKIT := .devkit-venv
 LEROBOT := .lerobot-venv
 BIN := $(VENV)/bin
-# Compiling 400 files of tests takes each worker of each run as long as a hundred tests.
+# Each worker of each run would compile all tests anew.
 unexport PYTHONDONTWRITEBYTECODE
 export BAGASSETS_DEVKIT_PYTHON := $(CURDIR)/$(DEVKIT)/bin/python
 export BAGASSETS_LEROBOT_PYTHON ?= $(CURDIR)/$(LEROBOT)/bin/python
