@@ -18,8 +18,6 @@ VENV := .venv
 DEVKIT := .devkit-venv
 LEROBOT := .lerobot-venv
 BIN := $(VENV)/bin
-# Each worker of each run would compile all tests anew.
-unexport PYTHONDONTWRITEBYTECODE
 export BAGASSETS_DEVKIT_PYTHON := $(CURDIR)/$(DEVKIT)/bin/python
 export BAGASSETS_LEROBOT_PYTHON ?= $(CURDIR)/$(LEROBOT)/bin/python
 

@@ -84,7 +84,8 @@ def test_a_recording_becomes_a_dataset_of_its_own(tmp_path, temporary, drive, ca
 
     # The recipe of one recording does for another of the same robot, whatever its name.
     other = write_drive(tmp_path / "bags" / "ros2", "ros2", 2.0)
-    assert convert(other, tmp_path / "again", "--recipe", out / "recipe.yaml") == 0
+    with building_here():
+        assert convert(other, tmp_path / "again", "--recipe", out / "recipe.yaml") == 0
     text = (tmp_path / "again" / "recipe.yaml").read_text()
     assert text.startswith(f"# Copied by `bagassets convert` from {out / 'recipe.yaml'};")
     assert text.endswith((out / "recipe.yaml").read_text())

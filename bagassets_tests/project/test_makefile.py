@@ -36,8 +36,8 @@ def program(checkout, name, text):
     path.chmod(0o755)
 
 
-def make(checkout, *arguments, **variables):
-    environment = {"PATH": str(checkout / "bin"), **variables}
+def make(checkout, *arguments):
+    environment = {"PATH": str(checkout / "bin")}
     return subprocess.run(
         [shutil.which("make"), *arguments],
         cwd=checkout,
@@ -109,13 +109,6 @@ def test_where_none_serves_that_is_said_and_nothing_is_made(checkout, there, arg
     assert not list(checkout.glob(".*venv"))
 
 
-def test_python_keeps_what_it_compiles(checkout):
-    """Each worker of each run would compile all tests anew."""
-    program(checkout, "python3", '#!/bin/sh\necho "${PYTHONDONTWRITEBYTECODE-kept}" > "seen by $2"\n')
-    make(checkout, ".venv/.made", PYTHONDONTWRITEBYTECODE="1")
-    assert (checkout / "seen by venv").read_text() == "kept\n"
-
-
 def test_ci_fails_where_postgresql_cannot_be_installed(tmp_path):
     """It would have to skip tests."""
     (tmp_path / ".ci").mkdir()
@@ -146,6 +139,20 @@ def test_a_skipped_test_fails_where_none_may_be_skipped(tmp_path, options, statu
     assert done.returncode == status, done.stdout
     assert "no time" in done.stdout
     assert "\nmake test PYTEST_ARGS=--no-skips\n" in CI.read_text()
+
+
+def test_tests_are_compiled_once_and_what_they_import_as_somebody_wishes(tmp_path):
+    shutil.copy(Path(__file__).parents[1] / "conftest.py", tmp_path)
+    (tmp_path / "test_it.py").write_text(
+        "import sys\n\ndef test_a(monkeypatch, tmp_path):\n    (tmp_path / 'own.py').touch()\n"
+        "    monkeypatch.syspath_prepend(tmp_path)\n    import own\n    assert not (tmp_path / '__pycache__').exists()\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(tmp_path)],
+        cwd=tmp_path, env=os.environ | {"PYTHONDONTWRITEBYTECODE": "1"}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout
+    assert [path for path in tmp_path.glob("__pycache__/test_it.*.pyc") if "pytest" in path.name]
 
 
 def test_an_environment_that_somebody_else_made_is_kept(checkout):
