@@ -6,8 +6,9 @@ libraries and programs do. So few variables are kept, and a test that depends on
 
 import os
 import re
+import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from fnmatch import fnmatchcase
 from itertools import product
 from pathlib import Path
@@ -36,6 +37,16 @@ def pytest_configure() -> None:
     os.environ.update(SET)
     time.tzset()
     os.umask(0o022)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Keep the bytecode of tests even where none is to be written: each worker of each run would compile them anew."""
+    before, sys.dont_write_bytecode = sys.dont_write_bytecode, False
+    try:
+        return (yield)
+    finally:
+        sys.dont_write_bytecode = before
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

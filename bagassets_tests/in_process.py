@@ -1,20 +1,29 @@
 """Projects that are built in this process: with a run launcher that executes runs at once."""
 
+import io
+import json
+import signal
+import subprocess
 import sys
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from dataclasses import asdict
 from importlib import import_module
 from pathlib import Path
 
 import dagster as dg
+import pytest
 from dagster._core.definitions.reconstruct import ReconstructableJob
 from dagster._core.launcher import RunLauncher
 
+from bagassets.__main__ import main
+from bagassets.cli import early, remote
 from bagassets.defs.builds import pending_work, project_build
 from bagassets.defs.records.batches import batch_of
 from bagassets.defs.runs import run_pool
 from bagassets.defs.runs.execution import create_job_run, create_run, execute_run
 from bagassets.defs.runs.launching import Launching
 from bagassets.engine.batches import DATASET
-from bagassets.engine.build_report import BuildOptions
+from bagassets.engine.build_report import BuildOptions, Event
 from bagassets.propose.project import write_project
 from bagassets_tests.small_drive import RECIPE, write_drive
 
@@ -55,8 +64,8 @@ def make_project(folder, drives=("a.bag",), *, text=QUICK, duration_s=1.0):
     return folder / "recipe.yaml"
 
 
-def build(recipe_file, monkeypatch, *, on_event=lambda _event: None, **options):
-    """Build; return the report and what there were runs for: (partition key, assets), in any number of runs."""
+def execute_here(recipe_file, monkeypatch):
+    """Have builds execute their runs in this process; return what there are runs for, as `build` does."""
     runs = []
 
     def created(instance, assets, *, partition_key, **options):
@@ -79,8 +88,55 @@ def build(recipe_file, monkeypatch, *, on_event=lambda _event: None, **options):
     monkeypatch.setattr(dg.DagsterInstance, "run_launcher", property(launcher))
     monkeypatch.setenv("BAGASSETS_RECIPE", str(recipe_file))
     load_definitions(recipe_file)
+    return runs
+
+
+def build(recipe_file, monkeypatch, *, on_event=lambda _event: None, **options):
+    """Build; return the report and what there were runs for: (partition key, assets), in any number of runs."""
+    runs = execute_here(recipe_file, monkeypatch)
     report = project_build.build_project(recipe_file, BuildOptions(**options), on_event)
     return report, runs
+
+
+@contextmanager
+def building_here():
+    """Have commands build in this process, and on no fork server.
+
+    A server is seconds of imports for each new project; tests of servers, processes and signals start real ones.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+
+        def built_here(recipe, options, on_event, most, _handed_over=None):
+            def note(content):
+                on_event(Event(**content["build"]))
+
+            if recipe.is_file():
+                execute_here(recipe, patch)
+            patch.setattr(project_build, "note", note)
+            args = {"recipe": str(recipe), "options": asdict(options), "most": most}
+            # As it comes from a worker.
+            return json.loads(json.dumps(project_build.build_project_in_worker(args)))
+
+        patch.setattr(remote, "report_of_build", built_here)
+        patch.setattr(early, "hand_over", lambda *_: None)
+        before = signal.getsignal(signal.SIGTERM)
+        try:
+            yield
+        finally:
+            signal.signal(signal.SIGTERM, before)
+
+
+def run_command(*arguments):
+    """Run `bagassets` as its process would, but `building_here`; return what `subprocess.run` does."""
+    argv = ["bagassets", *map(str, arguments)]
+    out, err = io.StringIO(), io.StringIO()
+    with building_here(), pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
+        patch.setattr(sys, "argv", argv)
+        try:
+            status = main()
+        except SystemExit as end:  # of a command
+            status = end.code
+    return subprocess.CompletedProcess(argv, status, out.getvalue(), err.getvalue())
 
 
 def keys_of(run):

@@ -1,23 +1,18 @@
 """What a build tells besides its table: findings of checks, copies, recordings that are all gone."""
 
 import json
-import os
 import shutil
-import subprocess
-import sys
 
 import pytest
 
+from bagassets_tests.in_process import run_command
 from bagassets_tests.small_drive import RECIPE, write_drive
 
 pytestmark = [pytest.mark.xdist_group("build_remarks"), pytest.mark.once]
 
 
 def run(folder, *args):
-    return subprocess.run(
-        [sys.executable, "-m", "bagassets", "build", "--recipe", str(folder / "recipe.yaml"), *args],
-        capture_output=True, text=True, timeout=240, check=False, env={**os.environ, "COLUMNS": "200"},
-    )  # fmt: skip
+    return run_command("build", "--recipe", folder / "recipe.yaml", *args)
 
 
 @pytest.fixture(scope="module")

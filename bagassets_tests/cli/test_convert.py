@@ -14,6 +14,7 @@ import pytest
 from bagassets.cli.main import main
 from bagassets.recipe import load_recipe
 from bagassets.recordings.digest_record import read_attribute
+from bagassets_tests.in_process import building_here
 from bagassets_tests.series import write_parts
 from bagassets_tests.services import eventually
 from bagassets_tests.small_drive import write_drive
@@ -30,6 +31,13 @@ def temporary(tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", None)
     yield folder
     assert list(folder.iterdir()) == []
+
+
+@pytest.fixture
+def here():
+    """No fork server, which other tests of this file start and find gone."""
+    with building_here():
+        yield
 
 
 @pytest.fixture
@@ -76,13 +84,14 @@ def test_a_recording_becomes_a_dataset_of_its_own(tmp_path, temporary, drive, ca
 
     # The recipe of one recording does for another of the same robot, whatever its name.
     other = write_drive(tmp_path / "bags" / "ros2", "ros2", 2.0)
-    assert convert(other, tmp_path / "again", "--recipe", out / "recipe.yaml") == 0
+    with building_here():
+        assert convert(other, tmp_path / "again", "--recipe", out / "recipe.yaml") == 0
     text = (tmp_path / "again" / "recipe.yaml").read_text()
     assert text.startswith(f"# Copied by `bagassets convert` from {out / 'recipe.yaml'};")
     assert text.endswith((out / "recipe.yaml").read_text())
 
 
-def test_another_format(tmp_path, temporary, capsys):
+def test_another_format(tmp_path, temporary, here, capsys):
     drive = write_drive(tmp_path / "long.bag", "ros1", 4.0)
     assert convert(drive, tmp_path / "out", "--format", "vision") == 0
     assert "1 sequence, " in capsys.readouterr().out
@@ -91,7 +100,7 @@ def test_another_format(tmp_path, temporary, capsys):
     assert "\nvision: {}\n" in (tmp_path / "out" / "recipe.yaml").read_text()
 
 
-def test_an_empty_dataset_is_none(tmp_path, temporary, drive, capsys):
+def test_an_empty_dataset_is_none(tmp_path, temporary, here, drive, capsys):
     assert convert(drive, tmp_path / "out", "--format", "vision") == 1  # 19 images make no sequence of 25
     assert "drive.bag: its dataset would be empty" in capsys.readouterr().err
     assert names(tmp_path) == ["bags", "out.recipe.yaml", "tmp"]
@@ -102,7 +111,7 @@ def test_an_unknown_format_is_named(tmp_path, drive, capsys):
     assert "there is no format kitty; the formats are nuscenes, vision" in capsys.readouterr().err
 
 
-def test_open_questions_are_listed_and_written_beside(tmp_path, temporary, capsys, monkeypatch):
+def test_open_questions_are_listed_and_written_beside(tmp_path, temporary, here, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     bag = write_drive(tmp_path / "still.bag", "ros1", 2.0, keep=lambda topic, _: topic != "/odom")
     assert convert("still.bag", "out") == 2
@@ -155,7 +164,7 @@ def test_a_recording_without_sensors_asks_nothing(tmp_path, capsys):
     assert names(tmp_path) == ["poses.bag"]
 
 
-def test_what_gives_no_scene_gives_no_dataset(tmp_path, temporary, drive, capsys):
+def test_what_gives_no_scene_gives_no_dataset(tmp_path, temporary, here, drive, capsys):
     recipe = tmp_path / "long.yaml"
     recipe.write_text(
         "name: long\nbags: {root: nowhere}\nscenes: {min_length_s: 100, length_s: 100}\nrigs:\n  - name: car\n"

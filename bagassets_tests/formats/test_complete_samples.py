@@ -1,14 +1,11 @@
 """By the command: every sample has every channel, and what that costs is said at the end of the build."""
 
 import json
-import os
-import subprocess
-import sys
 from collections import Counter
 
 import pytest
 
-from bagassets_tests.in_process import QUICK
+from bagassets_tests.in_process import QUICK, run_command
 from bagassets_tests.small_drive import START_NS, write_drive
 
 pytestmark = [pytest.mark.xdist_group("complete_samples"), pytest.mark.once]
@@ -18,10 +15,7 @@ STALE = 3
 
 
 def run(folder, command, *args):
-    return subprocess.run(
-        [sys.executable, "-m", "bagassets", command, "--recipe", str(folder / "recipe.yaml"), *args],
-        capture_output=True, text=True, timeout=240, check=False, env={**os.environ, "COLUMNS": "200"},
-    )  # fmt: skip
+    return run_command(command, "--recipe", folder / "recipe.yaml", *args)
 
 
 def camera_stops(topic, stamp_ns):

@@ -1,9 +1,6 @@
 """By the command: small sets leave no split empty, and a recording that a new one moves is named, before and after."""
 
 import json
-import os
-import subprocess
-import sys
 from collections import Counter
 from pathlib import Path
 
@@ -14,7 +11,7 @@ from bagassets.formats.dataset_build import DatasetInputs, deal_contents
 from bagassets.formats.format import Part
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model_splits import Splits
-from bagassets_tests.in_process import QUICK, build, make_project
+from bagassets_tests.in_process import QUICK, build, make_project, run_command
 from bagassets_tests.small_drive import write_drive
 
 pytestmark = [pytest.mark.xdist_group("split_build"), pytest.mark.once]
@@ -31,10 +28,7 @@ def arriving():
 
 
 def run(folder, *args):
-    return subprocess.run(
-        [sys.executable, "-m", "bagassets", "build", "--recipe", str(folder / "recipe.yaml"), *args],
-        capture_output=True, text=True, timeout=240, check=False, env={**os.environ, "COLUMNS": "200"},
-    )  # fmt: skip
+    return run_command("build", "--recipe", folder / "recipe.yaml", *args)
 
 
 def splits_of(folder):

@@ -141,6 +141,20 @@ def test_a_skipped_test_fails_where_none_may_be_skipped(tmp_path, options, statu
     assert "\nmake test PYTEST_ARGS=--no-skips\n" in CI.read_text()
 
 
+def test_tests_are_compiled_once_and_what_they_import_as_somebody_wishes(tmp_path):
+    shutil.copy(Path(__file__).parents[1] / "conftest.py", tmp_path)
+    (tmp_path / "test_it.py").write_text(
+        "import sys\n\ndef test_a(monkeypatch, tmp_path):\n    (tmp_path / 'own.py').touch()\n"
+        "    monkeypatch.syspath_prepend(tmp_path)\n    import own\n    assert not (tmp_path / '__pycache__').exists()\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(tmp_path)],
+        cwd=tmp_path, env=os.environ | {"PYTHONDONTWRITEBYTECODE": "1"}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout
+    assert [path for path in tmp_path.glob("__pycache__/test_it.*.pyc") if "pytest" in path.name]
+
+
 def test_an_environment_that_somebody_else_made_is_kept(checkout):
     program(checkout, "python3", PYTHON.format(real=sys.executable, version=(3, 12, 1)))
     mine = checkout / ".venv" / "mine"

@@ -2,6 +2,7 @@
 
 import ast
 import re
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -22,12 +23,15 @@ def texts_of(module):
             yield node.value
 
 
-TEXTS = "\n\n".join(text for module in (ROOT / "bagassets").rglob("*.py") for text in texts_of(module))
+@cache
+def texts():
+    """All texts of the code; seconds of parsing, which only those who run these tests spend."""
+    return "\n\n".join(text for module in (ROOT / "bagassets").rglob("*.py") for text in texts_of(module))
 
 
 def missing(message):
     """Return the words between `…` that are nowhere in the code; a message may be put together from several texts."""
-    return [words for words in map(str.strip, message.split("…")) if len(words) > 2 and words not in TEXTS]
+    return [words for words in map(str.strip, message.split("…")) if len(words) > 2 and words not in texts()]
 
 
 def test_there_are_ten_at_least():

@@ -1,28 +1,22 @@
 """By the command: a drive recorded as ROS 1, ROS 2 and MCAP gives the same tables and files but for its name."""
 
 import json
-import os
-import subprocess
-import sys
 
 import pytest
 
 from bagassets.formats.nuscenes.schema import RECORDING_TABLES
 from bagassets.sample.drive import Target, write_recordings
 from bagassets.sample.recipe import sample_recipe
-from bagassets_tests.in_process import QUICK
+from bagassets_tests.in_process import QUICK, run_command
 from bagassets_tests.small_drive import write_drive
 
-pytestmark = [pytest.mark.xdist_group("formats_equal"), pytest.mark.once]
+pytestmark = pytest.mark.once
 
 NAMES = {"ros1": "drive.bag", "ros2": "drive", "mcap": "drive.mcap"}
 
 
 def build(folder):
-    done = subprocess.run(
-        [sys.executable, "-m", "bagassets", "build", "--recipe", str(folder / "recipe.yaml"), "--json"],
-        capture_output=True, text=True, timeout=400, check=False, env=dict(os.environ),
-    )  # fmt: skip
+    done = run_command("build", "--recipe", folder / "recipe.yaml", "--json")
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 

@@ -1,14 +1,11 @@
 """By the command: what a channel lost is named with the way out, at the end of the build and whenever one asks."""
 
 import json
-import os
-import subprocess
-import sys
 
 import pytest
 from rosbags.rosbag2 import Writer
 
-from bagassets_tests.in_process import QUICK
+from bagassets_tests.in_process import QUICK, run_command
 from bagassets_tests.small_drive import LATENCY_NS, STORE2, messages
 
 pytestmark = [pytest.mark.xdist_group("losses_named"), pytest.mark.once]
@@ -17,10 +14,7 @@ FOUND = 3
 
 
 def run(folder, command, *args):
-    return subprocess.run(
-        [sys.executable, "-m", "bagassets", command, "--recipe", str(folder / "recipe.yaml"), *args],
-        capture_output=True, text=True, timeout=240, check=False, env={**os.environ, "COLUMNS": "200"},
-    )  # fmt: skip
+    return run_command(command, "--recipe", folder / "recipe.yaml", *args)
 
 
 @pytest.fixture(scope="module")

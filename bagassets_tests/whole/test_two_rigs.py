@@ -1,14 +1,12 @@
 """By the command: recordings of two rigs with other sensors, frames and rates make one dataset that the devkit loads."""
 
 import json
-import os
-import subprocess
-import sys
 
 import pytest
 from devkit import run_devkit
 
 from bagassets.sample.drive import Target, write_recordings
+from bagassets_tests.in_process import run_command
 from bagassets_tests.small_drive import write_drive
 
 pytestmark = [pytest.mark.devkit, pytest.mark.xdist_group("two_rigs"), pytest.mark.once]
@@ -45,10 +43,7 @@ CHANNELS = {
 
 
 def run(folder, command, *args):
-    done = subprocess.run(
-        [sys.executable, "-m", "bagassets", command, "--recipe", str(folder / "recipe.yaml"), *args],
-        capture_output=True, text=True, timeout=400, check=False, env=dict(os.environ),
-    )  # fmt: skip
+    done = run_command(command, "--recipe", folder / "recipe.yaml", *args)
     assert done.returncode == 0, done.stderr + done.stdout
     return done.stdout
 
