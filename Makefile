@@ -18,8 +18,6 @@ VENV := .venv
 DEVKIT := .devkit-venv
 LEROBOT := .lerobot-venv
 BIN := $(VENV)/bin
-# Whatever the environment says, as in many images of Docker: each of thousands of processes of tests would compile all again.
-unexport PYTHONDONTWRITEBYTECODE
 export BAGASSETS_DEVKIT_PYTHON := $(CURDIR)/$(DEVKIT)/bin/python
 export BAGASSETS_LEROBOT_PYTHON ?= $(CURDIR)/$(LEROBOT)/bin/python
 
