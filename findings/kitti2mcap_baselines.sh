@@ -4,8 +4,7 @@
 # Guess: at the same, as both have the calibration of the drive. Seen with kitti2mcap 0.1.1 and pykitti 0.3.1 on 2026-11-29, without a word: at the same for
 # camera 0; 19.6 pixels to the left for camera 1, 17.2 for camera 3, and 2.3 to the right for camera 2. P leads from the frame of camera 0, so its
 # fourth column is the way from there (0.54 m); but each camera has a frame of its own on /tf_static, at its own centre, so that the way counts twice.
-# K with that frame is right, and so is P with the frame of camera 0. Images are called `image_raw`, and are rectified: K is already that of P, and R, which
-# is set, would turn them once more.
+# K with that frame is right, and so is P with the frame of camera 0.
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT

@@ -5,8 +5,8 @@
 #   gtsam 4.3.0 (`writeG2o`), g2opy 2.3.0 (g2o's own `save`)   at a northing of 5,330,000 m and an easting of whole metres, both at the SAME place: each number
 #                                                              has six digits, whatever its size
 #   graphslam 0.0.17                                           where they were, to the last digit
-# The edge between them is right to 0.1 um, so the graph fits together again once it is optimized, unless its first pose is held where it is: then all of it
-# is off by 4.7 m. Covariances have six digits, too. With coordinates that begin at the first pose, a kilometre away steps are 1 cm.
+# Edges, being short, keep what counts, so the graph fits together again once it is optimized; but it hangs on its first pose, 4.7 m from where it was.
+# With coordinates that begin at the first pose, steps are 1 cm a kilometre away.
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
