@@ -5,8 +5,10 @@ import shutil
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
+from multiprocessing.connection import wait
 from pathlib import Path
+from threading import Thread
 from typing import Literal
 
 from bagassets.sample.drive import Target, write_arm_recordings, write_recordings
@@ -55,9 +57,21 @@ def write_drives(
     shutil.rmtree(unfinished, ignore_errors=True)
     unfinished.mkdir()
     # Spawned, because the caller may have threads.
-    with ProcessPoolExecutor(os.cpu_count(), get_context("spawn")) as pool:
+    with ProcessPoolExecutor(os.cpu_count(), get_context("spawn"), _end_with_parent) as pool:
         yield from pool.map(partial(_write, unfinished, folder, duration_s, robot), targets)
     unfinished.rmdir()
+
+
+def _end_with_parent() -> None:
+    """Have this process end when its parent does: children of one that is killed would wait for work for ever."""
+    parent = parent_process()
+    if parent is not None:
+        Thread(target=_end_after, args=(parent.sentinel,), daemon=True).start()
+
+
+def _end_after(sentinel: int) -> None:
+    wait([sentinel])
+    os._exit(1)
 
 
 def _write(unfinished: Path, folder: Path, duration_s: float, robot: Robot, target: Target) -> str:

@@ -1,6 +1,10 @@
 """Sample drives as recordings: the same from the same seed, in every format and compression."""
 
 import hashlib
+import os
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +20,7 @@ from bagassets.sample.arm_oddities import ARM_ODDITIES
 from bagassets.sample.drive import PROFILES, Target, drive_start_ns, write_recordings
 from bagassets.sample.oddities import ODDITIES
 from bagassets.sample.recorder import COMPRESSIONS, RecordingFormat
+from bagassets_tests.services import eventually
 
 SHORT_S = 0.25
 
@@ -201,3 +206,27 @@ def test_an_unknown_oddity_is_answered_with_those_that_are(tmp_path):
     assert result.exit_code == 2
     assert "no oddity of the car is named purple; known: " in result.output
     assert not (tmp_path / "d.bag").exists()
+
+
+def test_a_killed_demo_leaves_no_process_behind(tmp_path):
+    code = "import sys; from pathlib import Path; from bagassets.sample.demo import *\n"
+    code += "if __name__ == '__main__': list(write_drives(Path(sys.argv[1]), missing_drives(Path()), 60.0))\n"
+    (tmp_path / "demo.py").write_text(code)
+    command = [sys.executable, tmp_path / "demo.py", tmp_path / "bags"]
+    process = subprocess.Popen(command, start_new_session=True)
+    eventually(lambda: any((tmp_path / ".writing").glob("*")), "a recording is being written")
+    process.kill()
+    process.wait()
+
+    def is_gone():
+        try:
+            os.killpg(process.pid, 0)
+        except ProcessLookupError:
+            return True
+        return False
+
+    try:
+        eventually(is_gone, "its workers have ended", 20)
+    finally:
+        if not is_gone():
+            os.killpg(process.pid, signal.SIGKILL)
