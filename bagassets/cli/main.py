@@ -9,6 +9,7 @@ import os
 import sys
 from collections.abc import Sequence
 from errno import EACCES, EDQUOT, EEXIST, EISDIR, ENAMETOOLONG, ENOENT, ENOSPC, ENOTDIR, EPERM, EROFS
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -142,9 +143,19 @@ def text_of_refusal(err: OSError) -> str | None:
     """Return a sentence about an error that a path given by the user, or the disk, can cause; None if it is a defect."""
     if err.errno in FAILING:  # reads of an open file do not name it
         return f"{err.filename or 'a file'} cannot be read or written ({err.strerror}); check the disks of project, store and recordings."
+    if err.filename is None and err.errno == ENOENT and _folder_is_gone():
+        return "the current folder is gone; change to one that is there, and try again."
     if err.errno not in _REFUSALS or err.filename is None:
         return None
     return f"{err.filename}: {err.strerror}; name another path, or fix this one and try again."
+
+
+def _folder_is_gone() -> bool:
+    try:
+        Path.cwd()
+    except FileNotFoundError:
+        return True
+    return False
 
 
 def _crashed(err: Exception, arguments: list[str]) -> int:

@@ -73,6 +73,15 @@ def test_a_place_that_cannot_be_is_reported_and_is_no_defect(tmp_path, capsys, p
     assert "fix this one" in output
 
 
+@pytest.mark.parametrize("arguments", [["status"], ["build"], ["demo"]])
+def test_a_current_folder_that_is_gone_is_no_defect(tmp_path, capsys, monkeypatch, arguments):
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    assert main(arguments) == ExitStatus.FAILED
+    assert "error: the current folder is gone; change to one that is there" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("error", "said"),
     [
