@@ -6,7 +6,8 @@ What would pick another algorithm by the processor is switched off: x264 has `cp
 
 import io
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -79,6 +80,8 @@ def encode(images: Iterable[NDArray[np.uint8]], fps: int, settings: Encoding, ex
                 context = stream.codec_context
                 context.colorspace = context.color_primaries = context.color_trc = _BT601
                 context.color_range = _LIMITED
+                with _scheduling_kept():
+                    context.open()
             if image is not last:  # a repeated one is converted once
                 frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format="bgr24")
                 converted = convert.reformat(
@@ -94,6 +97,23 @@ def encode(images: Iterable[NDArray[np.uint8]], fps: int, settings: Encoding, ex
             container.mux(stream.encode(converted))
         container.mux(stream.encode())
     return file.getvalue()
+
+
+@contextmanager
+def _scheduling_kept() -> Iterator[None]:
+    """Have all threads scheduled as this one was: for root, SVT-AV1 makes its own and its caller real-time ones.
+
+    Whatever they start would be, too, and nothing else would run on a machine whose processors they keep busy.
+    """
+    if not hasattr(os, "sched_setscheduler"):  # not Linux
+        yield
+        return
+    policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
+    yield
+    for thread in (int(task.name) for task in Path("/proc/self/task").iterdir()):
+        with suppress(ProcessLookupError):
+            if os.sched_getscheduler(thread) == os.SCHED_FIFO:
+                os.sched_setscheduler(thread, policy, parameters)
 
 
 def join(parts: Sequence[tuple[Path, int]], fps: int, out: Path) -> None:

@@ -6,6 +6,7 @@ import sys
 from fractions import Fraction
 from importlib.metadata import version
 from itertools import pairwise
+from pathlib import Path
 
 import av
 import numpy as np
@@ -127,6 +128,23 @@ class TestEncoding:
         one, other = painted(1), painted(2)
         (tmp_path / "x.mp4").write_bytes(video.encode([one, one, other, other, other], 30, H264))
         assert [number_in(image) for _, image in decoded(tmp_path / "x.mp4")] == [1, 1, 2, 2, 2]
+
+    @BOTH
+    def test_no_thread_becomes_a_real_time_one(self, settings):
+        """As SVT-AV1 would have it for root; with this process, all that it starts later would be."""
+
+        def policies():
+            return {os.sched_getscheduler(int(task.name)) for task in Path("/proc/self/task").iterdir()}
+
+        def images():
+            for image in scene(3):
+                yield image
+                meanwhile.append(policies())
+
+        meanwhile = []
+        video.encode(images(), 30, settings)
+        assert meanwhile == 3 * [{os.SCHED_OTHER}]
+        assert policies() == {os.SCHED_OTHER}
 
 
 class TestSameBytes:
