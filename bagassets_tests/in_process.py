@@ -9,6 +9,7 @@ from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import asdict
 from importlib import import_module
 from pathlib import Path
+from threading import RLock
 
 import dagster as dg
 import pytest
@@ -32,9 +33,12 @@ class InProcessLauncher(Launching, RunLauncher):
     """Executes runs when they are launched."""
 
     names_workers = True  # stands in for ours
+    # Dagster configures logging for each run, which waits for ever for another thread's run that logs.
+    _one_at_a_time = RLock()
 
     def launch_run(self, context):
-        execute_run(self._instance, context.dagster_run.run_id)
+        with self._one_at_a_time:
+            execute_run(self._instance, context.dagster_run.run_id)
 
     def terminate(self, run_id):
         return True
