@@ -621,7 +621,9 @@ def test_words_for_errors_that_are_ours_already():
     )
     assert full.transient  # not recorded, but tried again
     broken = explained_error(OSError(errno.EIO, "Input/output error"), Path("a.bag"), "frames CAM_FRONT")
-    assert str(broken).startswith("frames CAM_FRONT of a.bag cannot be made (Input/output error); free disk")
+    assert str(broken).startswith(
+        "frames CAM_FRONT of a.bag cannot be made (Input/output error); check the disk or file server, and try again."
+    )
     assert broken.transient
     for short in (MemoryError(), pa.lib.ArrowMemoryError("malloc of size 1 failed"), no_memory_in_opencv()):
         reported = explained_error(short, Path("a.bag"), "frames CAM_FRONT")
