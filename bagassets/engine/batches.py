@@ -12,10 +12,8 @@ DATASET = ""
 
 SMALL_BYTES = 256 * 2**20
 _LARGEST_BATCH_BYTES = 2**30
-_IN_QUEUE_BYTES = (
-    64 * 2**20,
-    256 * 2**20,
-)  # likewise, where runs wait in a queue: there may be many processors
+# Both where runs wait in a queue: there may be many processors.
+_IN_QUEUE_BYTES = 64 * 2**20, 256 * 2**20
 WORTH_STEPS_BYTES = 4 * 2**30
 """Up to here a recording does without a step for each asset, where the choice is free.
 
