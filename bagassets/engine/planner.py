@@ -7,7 +7,7 @@ thousands of them can be planned.
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 from bagassets.assets.inventory import INVENTORY
 from bagassets.base.alike import names_text
@@ -158,7 +158,8 @@ class Planner:
         storage_ids: asset -> partition key -> id of Dagster's latest record.
         fetch: takes some of `storage_ids` and partition keys; returns partition key -> asset -> what Dagster recorded last.
         kept: states of recordings that are not planned again if their artifacts are unchanged.
-        check: returns what quick checks find in a recording with nothing to do (`BagPlan.findings`); kept with its plan.
+        check: returns what quick checks find in a recording with nothing to do (`BagPlan.findings`), to be kept with its plan;
+            None if one could not read what it checks.
         checked: how many artifacts are; see `PlanCache`.
     """
 
@@ -168,9 +169,9 @@ class Planner:
     project: str | None
     storage_ids: Mapping[str, Mapping[str, int]]
     fetch: Fetch
-    kept: Mapping[str, BagPlan] = field(default_factory=dict)
-    check: Callable[[BagPlan], tuple[tuple[str, str, str], ...] | None] = lambda _: None
-    checked: Checked = "all"
+    kept: Mapping[str, BagPlan]
+    check: Callable[[BagPlan], tuple[tuple[str, str, str], ...] | None]
+    checked: Checked
 
     def __post_init__(self) -> None:
         self._artifacts = f"{self.assets.store.root}/artifacts"
@@ -228,16 +229,12 @@ class Planner:
         """Return the plan of a recording with nothing to do as the next one finds it, which is smaller; others as they are."""
         if not bag.settled or bag.key not in self._fingerprints:
             return bag
-        bag = self._looked_into(bag)
-        with suppress(PlanNeeded):  # it will be planned again
-            return KeptPlan(bag.key, bag.as_row(), note_of(self._artifacts, bag.artifacts))
-        return bag
-
-    def _looked_into(self, bag: BagPlan) -> BagPlan:
-        """Return the plan of a recording with nothing to do, with what is kept with it."""
-        bag = replace(bag, findings=self.check(bag))
-        with suppress(StoreError):  # whoever needs it reports that
-            return replace(bag, damage=damage_of(bag, self.assets.store))
+        with suppress(
+            PlanNeeded, StoreError
+        ):  # it will be planned again; whoever needs what cannot be read reports that
+            looked_into = replace(bag, findings=self.check(bag), damage=damage_of(bag, self.assets.store))
+            if looked_into.findings is not None:
+                return KeptPlan(bag.key, looked_into.as_row(), note_of(self._artifacts, bag.artifacts))
         return bag
 
     def touched(self) -> dict[str, Recorded]:

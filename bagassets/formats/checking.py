@@ -109,13 +109,15 @@ def check_bag(
             if asset.name in bag.recorded and not is_old:
                 try:
                     finding = check.rule(evidence)
-                except (StoreError, PluginError) as err:
+                except StoreError as err:
                     finding = Unchecked([str(err)])
+                except PluginError as err:  # as long as its code is the same, so is this
+                    finding = Finding([str(err)])
             yield Verdict(bag.key, asset.name, check.name, severity, finding)
 
 
 class Unchecked(Finding):
-    """What is said of a check that could not run: an artifact was not to be read, or a rule of a package failed."""
+    """What is said of a check that could not run, as an artifact could not be read."""
 
 
 class KeptVerdicts:
@@ -149,7 +151,7 @@ class KeptVerdicts:
         Nothing is kept if a check could not run: next time, the disk or file server may answer.
         """
         verdicts = list(verdicts)
-        if any(isinstance(one.finding, Unchecked) for one in verdicts):
+        if not _could_run(verdicts):
             return
         rows = [[one.asset, one.check, one.severity, one.finding and vars(one.finding)] for one in verdicts]
         with suppress(PlanNeeded):  # one is gone
@@ -189,16 +191,25 @@ def remarks_on_record(
     """Yield the findings of quick checks on recordings built earlier, such as losses and dropped keyframes."""
     for bag in bags:
         found = bag.findings
-        for one in quick_findings(assets, discovery, bag) if found is None else found:
+        for one in _problems(check_bag(assets, discovery, bag, quick=True)) if found is None else found:
             yield Remark(bag.key, *one)
 
 
-def quick_findings(
+def findings_to_keep(
     assets: RecordingAssets, discovery: Discovery, bag: BagPlan
-) -> tuple[tuple[str, str, str], ...]:
-    """Return what quick checks find in a recording; see `BagPlan.findings`."""
+) -> tuple[tuple[str, str, str], ...] | None:
+    """Return what quick checks find in a recording (`BagPlan.findings`); None if one could not run."""
+    verdicts = [*check_bag(assets, discovery, bag, quick=True)]
+    return _problems(verdicts) if _could_run(verdicts) else None
+
+
+def _could_run(verdicts: Iterable[Verdict]) -> bool:
+    return not any(isinstance(one.finding, Unchecked) for one in verdicts)
+
+
+def _problems(verdicts: Iterable[Verdict]) -> tuple[tuple[str, str, str], ...]:
     found = []
-    for verdict in check_bag(assets, discovery, bag, quick=True):
+    for verdict in verdicts:
         if verdict.finding is not None and not verdict.finding.passed:
             first, *more = verdict.finding.sentences
             problem = first + (f" (and {len(more)} more)" if more else "")

@@ -13,7 +13,7 @@ from bagassets.engine.freshness.plan_cache import Checked
 from bagassets.engine.inputs import named_files
 from bagassets.engine.plan import BagPlan, Plan
 from bagassets.engine.planner import Planner
-from bagassets.formats.checking import quick_findings
+from bagassets.formats.checking import findings_to_keep
 from bagassets.recordings.discover import Discovery
 
 
@@ -48,21 +48,23 @@ def planner_of(
             latest_ids(workspace) if ids is None else ids,
             records.fetch,
             kept,
-            partial(quick_findings, workspace.assets, found),
+            partial(findings_to_keep, workspace.assets, found),
             checked,
         )
 
 
 def plan_instance(workspace: Workspace, found: Discovery | None = None, made: Collection[str] = ()) -> Plan:
-    """Plan everything, in a run that a build or the sensor has launched: of artifacts these have checked a sample.
+    """Plan everything.
 
     Args:
         workspace: recipe, store, records and recordings.
-        found: recordings on disk when the run began; default: as they are.
-        made: those that it has made since.
+        found: recordings on disk when a run began that a build or the sensor has launched, which have checked a sample of the
+            artifacts; default: recordings as they are, and a sample is checked.
+        made: those that the run has made since.
     """
-    discovery = None if found is None else _looked_at_again(found, made)
-    return planner_of(workspace, discovery=discovery, checked="changed").plan()
+    if found is None:
+        return planner_of(workspace, checked="sample").plan()
+    return planner_of(workspace, discovery=_looked_at_again(found, made), checked="changed").plan()
 
 
 def replan_instance(

@@ -9,6 +9,7 @@ from dagster._core.event_api import PartitionKeyFilter
 from dagster._core.loader import LoadingContextForTest
 from dagster._core.storage.partition_status_cache import get_and_update_asset_status_cache_value
 
+from bagassets.assets.quality.evidence import Evidence
 from bagassets.base.errors import DatasetError, StoreError
 from bagassets.defs.builds import made_ahead, pending_work
 from bagassets.defs.builds import report as builds_report
@@ -235,22 +236,25 @@ def test_a_check_that_could_not_read_is_made_again(project, monkeypatch):
     store = Store(load_recipe(project).store_path)
     for cloud in store.root.glob("artifacts/*/*/files/*.bin"):
         cloud.with_name("stranger").touch()  # so that each recording is to be checked once more
-    with pending_work.open_project(project) as workspace:
-        planner_of(workspace).plan()
 
     def look():
+        """Return the problems that checks find, and those that the plan has from quick ones."""
         with pending_work.open_project(project) as workspace:
             plan = planner_of(workspace).plan()
             found = dict(checking.check_bags(workspace.assets, plan, plan.bags.values()))
-        return [one for verdicts in found.values() for one in verdicts if one.is_error]
+            quick = [*checking.remarks_on_record(workspace.assets, plan.discovery, plan.bags.values())]
+        return [one for verdicts in found.values() for one in verdicts if one.is_error], quick
 
     def refuse(*_):
         raise StoreError("the disk refuses")
 
     with monkeypatch.context() as refusing:
         refusing.setattr(Artifact, "read_table", refuse)
-        assert look()
-    assert look() == []
+        refusing.setattr(Evidence, "channels", refuse)  # planning could read the same file just before
+        problems, remarks = look()
+        assert problems
+        assert "the disk refuses" in str(remarks)
+    assert look() == ([], [])
 
 
 def material(instance, name):
