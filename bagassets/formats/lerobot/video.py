@@ -6,6 +6,7 @@ What would pick another algorithm by the processor is switched off: x264 has `cp
 
 import io
 import os
+import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -105,15 +106,17 @@ def _scheduling_kept() -> Iterator[None]:
 
     Whatever they start would be, too, and nothing else would run on a machine whose processors they keep busy.
     """
-    if not hasattr(os, "sched_setscheduler"):  # not Linux
+    if sys.platform != "linux":
         yield
         return
     policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
-    yield
-    for thread in (int(task.name) for task in Path("/proc/self/task").iterdir()):
-        with suppress(ProcessLookupError):
-            if os.sched_getscheduler(thread) == os.SCHED_FIFO:
-                os.sched_setscheduler(thread, policy, parameters)
+    try:
+        yield
+    finally:
+        for thread in (int(task.name) for task in Path("/proc/self/task").iterdir()):
+            with suppress(ProcessLookupError):
+                if os.sched_getscheduler(thread) == os.SCHED_FIFO:
+                    os.sched_setscheduler(thread, policy, parameters)
 
 
 def join(parts: Sequence[tuple[Path, int]], fps: int, out: Path) -> None:
