@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from bagassets.base.disk_errors import FAILING, FULL, READ_ONLY, disk_advice
+from bagassets.base.disk_errors import OF_DISKS, disk_advice
 from bagassets.base.errors import (
     BagAssetsError,
     MemoryShortageError,
@@ -15,7 +15,6 @@ from bagassets.base.errors import (
 )
 
 _OPENCV_NO_MEMORY = -4  # cv2.Error.StsNoMem, as `cv2.error.code`
-_OF_DISKS = {*FULL, *FAILING, READ_ONLY}
 _PACKAGE = Path(__file__).parents[1]
 
 
@@ -29,7 +28,7 @@ def disk_errors_explained(what: str) -> Iterator[None]:
     try:
         yield
     except OSError as err:
-        if err.errno not in _OF_DISKS:
+        if err.errno not in OF_DISKS:
             raise
         raise _disk_failure(err, what) from err
 
@@ -54,7 +53,7 @@ def explained_error(err: Exception, path: Path, what: str) -> BagAssetsError:
             f"{path}: {what} ran out of memory; nothing of it is on record. Build again with fewer recordings at a time "
             "(--jobs), or on a machine with more memory."
         )
-    if isinstance(err, OSError) and err.errno in _OF_DISKS:
+    if isinstance(err, OSError) and err.errno in OF_DISKS:
         return _disk_failure(err, f"{what} of {path}")
     place = "a library"
     for frame in traceback.extract_tb(err.__traceback__):

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import click
 
 from bagassets import __version__
-from bagassets.base.disk_errors import FAILING
+from bagassets.base.disk_errors import disk_fails
 from bagassets.base.errors import BagAssetsError, kind_and_text
 from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.terminal import echo, status_of_unwritten
@@ -141,7 +141,7 @@ def main(args: Sequence[str] | None = None, *, handed_over: "HandedOver | None" 
 
 def text_of_refusal(err: OSError) -> str | None:
     """Return a sentence about an error that a path given by the user, or the disk, can cause; None if it is a defect."""
-    if err.errno in FAILING:  # reads of an open file do not name it
+    if disk_fails(err):  # reads of an open file do not name it
         return f"{err.filename or 'a file'} cannot be read or written ({err.strerror}); check the disks of project, store and recordings."
     if err.filename is None and err.errno == ENOENT and _folder_is_gone():
         return "the current folder is gone; change to one that is there, and try again."

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from bagassets.base.disk_errors import FAILING
+from bagassets.base.disk_errors import disk_fails
 from bagassets.base.errors import DiskError, RecordingError
 
 _ADVICE = {
@@ -97,7 +97,7 @@ def refuse_failing_disk(path: Path, err: BaseException) -> None:
     one: BaseException | None = err
     while one is not None:
         name = getattr(one, "sqlite_errorname", "")
-        if (isinstance(one, OSError) and one.errno in FAILING) or name in _READS_FAIL:
+        if disk_fails(one) or name in _READS_FAIL:
             why = one.strerror if isinstance(one, OSError) else one
             raise DiskError(
                 f"{path}: it cannot be read ({why}); check its disk or file server, and try again."

@@ -102,7 +102,7 @@ class Recording(ABC):
     def _guarded(self, topics: Collection[str]) -> Iterator[RawMessage]:
         # Only the reader runs in here: exceptions of the consumer do not enter a generator.
         try:
-            # What nearly all messages are is told without a call: there are thousands a second.
+            # Nearly all messages are as usual, which is seen without a call: there are thousands a second.
             usual = {topic: (self.topics[topic].msgtype, self.topics[topic].large_bytes) for topic in topics}
             for message in self._read(topics):
                 topic, msgtype, log_time_ns, data = message

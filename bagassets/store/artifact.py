@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bagassets.base import files
-from bagassets.base.disk_errors import FAILING, disk_advice
+from bagassets.base.disk_errors import disk_advice, disk_fails
 from bagassets.base.errors import StoreError
 from bagassets.base.json_types import Json, JsonObject
 from bagassets.store.canonical import canonical_json, digest_bytes
@@ -111,9 +111,7 @@ class Artifact:
     def _damaged(self, relative: str, err: Exception) -> StoreError:
         reason = str(err).splitlines()[0] if str(err) else type(err).__name__
         advice = disk_advice(err, "remove the artifact with `bagassets verify`, then build again")
-        state = (
-            "cannot be read" if isinstance(err, OSError) and err.errno in FAILING else "is gone or damaged"
-        )
+        state = "cannot be read" if disk_fails(err) else "is gone or damaged"
         return StoreError(f"{self.path(relative)}: this file of the store {state} ({reason}); {advice}.")
 
 
