@@ -101,6 +101,9 @@ def test_it_shows_the_project_and_leaves_nothing_behind(project):
         assert second.returncode == 1
         assert f"is running already at {url}" in second.stderr
 
+        # Tables are there before their run ends, and Ctrl-C would say that it waits for one.
+        active = "{ runsOrError(filter: {statuses: [QUEUED, STARTING, STARTED]}) { ... on Runs { results { id } } } }"
+        eventually(lambda: not ask(url, active)["runsOrError"]["results"], "the runs have ended")
         sessions = [process.pid, *child_sessions(process.pid)]
         process.send_signal(signal.SIGINT)
         assert process.wait(60) == 0
