@@ -31,9 +31,9 @@ def cast(things: Sequence[Thing], origins: Floats, directions: Floats, times_s: 
 
     Args:
         things: the boxes; the ground is the plane z = 0.
-        origins: (M, 3) in `odom`.
+        origins: (M, 3) in `odom`; (1, 3) if all have one origin.
         directions: (M, 3) unit vectors.
-        times_s: (M,) when each ray is cast.
+        times_s: (M,) when each ray is cast; (1,) with one origin.
     """
     down = -directions[:, 2]
     falls = down > 1e-6
@@ -47,7 +47,8 @@ def cast(things: Sequence[Thing], origins: Floats, directions: Floats, times_s: 
         chosen = _near(box, origins, ways, times_s, middle, spread_rad)
         if not len(chosen):
             continue
-        hit, axis = _slabs(box, origins[chosen], directions[chosen], times_s[chosen])
+        its = chosen if len(times_s) > 1 else slice(None)
+        hit, axis = _slabs(box, origins[its], directions[chosen], times_s[its])
         nearer = hit < distance[chosen]
         won = chosen[nearer]
         distance[won] = hit[nearer]

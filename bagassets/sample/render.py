@@ -16,6 +16,16 @@ from bagassets.sample.world import RADIUS_M, World
 SKY = np.array([205, 220, 235], np.float32)
 # Brightness of the faces of a box: front and back, sides, top.
 _FACE_LIGHT = np.array([0.72, 0.86, 1.0])
+# Dark and light grains of road, grass, walk and markings.
+_GROUND = np.array(
+    [
+        [[92, 94, 98], [98, 100, 104]],
+        [[88, 128, 74], [94, 140, 80]],
+        [[150, 148, 142], [156, 154, 148]],
+        [[235, 235, 235]] * 2,
+    ],
+    np.float32,
+)
 
 
 def rays_of(model: CameraModel) -> Floats:
@@ -75,26 +85,21 @@ class CameraView:
         odom_SE3_cam = self._world.ego.at(time_s) @ self._camera.ego_SE3_cam
         place = np.array(odom_SE3_cam.translation)
         directions: Floats = rotate(np.array(odom_SE3_cam.rotation), self._rays)
-        origins, times = np.broadcast_to(place, directions.shape), np.full(len(directions), time_s)
-        return cast(self._world.things, origins, directions, times), directions, place
+        return cast(self._world.things, place[None], directions, np.array([time_s])), directions, place
 
 
-def _ground_colour(spots: Floats) -> Floats:
+def _ground_colour(spots: Floats) -> NDArray[np.float32]:
     """Asphalt with lane markings along the circle, grass beyond."""
     x, y = spots[:, 0], spots[:, 1] - RADIUS_M
     lateral = RADIUS_M - np.sqrt(x * x + y * y)
     along = np.arctan2(x, -y) * RADIUS_M
-    grain = np.mod(np.floor(x * 4) + np.floor(y * 4), 2) * 6
-    road = np.stack([92 + grain, 94 + grain, 98 + grain], axis=1)
-    grass = np.stack([88 + grain, 128 + 2 * grain, 74 + grain], axis=1)
-    walk = np.stack([150 + grain, 148 + grain, 142 + grain], axis=1)
+    grain = np.mod(np.floor(x * 4) + np.floor(y * 4), 2).astype(np.intp)
+    surface = np.where((lateral > -6.2) & (lateral < 6.6), 0, 1)
+    surface[(np.abs(lateral - 8.4) < 1.6) | (np.abs(lateral + 7.6) < 1.3)] = 2
     dashes = (np.abs(lateral - 1.8) < 0.09) & (np.mod(along, 6.0) < 3.0)
-    edges = (np.abs(lateral - 5.5) < 0.08) | (np.abs(lateral + 3.3) < 0.08)
-    colours: Floats = np.where(((lateral > -6.2) & (lateral < 6.6))[:, None], road, grass)
-    colours = np.where(
-        (np.abs(lateral - 8.4) < 1.6)[:, None] | (np.abs(lateral + 7.6) < 1.3)[:, None], walk, colours
-    )
-    return np.where((dashes | edges)[:, None], 235.0, colours)
+    surface[dashes | (np.abs(lateral - 5.5) < 0.08) | (np.abs(lateral + 3.3) < 0.08)] = 3
+    colours: NDArray[np.float32] = _GROUND[surface, grain]
+    return colours
 
 
 def cast_from(
