@@ -2,8 +2,10 @@
 
 import json
 import os
+import shutil
 from collections import OrderedDict
 from concurrent.futures import ProcessPoolExecutor
+from functools import cache
 from multiprocessing import get_context
 from pathlib import Path
 from threading import Lock
@@ -110,10 +112,34 @@ class Disk:
             self.give(max(0, end + 200 - len(data)), end + 200)
 
 
-def project_of(folder, name, compression="none", more=""):
-    write_recordings([Target(folder / "recordings" / name, TARGETS[name], compression)], duration_s=2.0)
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory):
+    """A drive in all formats that have a compression, by compression: rendered once for each, as that is dear."""
+    folder = tmp_path_factory.mktemp("drives")
+    formats = {
+        "none": TARGETS,
+        "zstd": ["drive", "drive.mcap"],
+        "lz4": ["drive.bag", "drive.mcap"],
+        "bz2": ["drive.bag"],
+    }
+
+    @cache
+    def written(compression):
+        targets = [
+            Target(folder / compression / one, TARGETS[one], compression) for one in formats[compression]
+        ]
+        write_recordings(targets, duration_s=2.0)
+        return folder / compression
+
+    return written
+
+
+def project_of(drive, folder, name, compression="none"):
+    target, source = folder / "recordings" / name, drive(compression) / name
+    target.parent.mkdir()
+    (shutil.copytree if source.is_dir() else shutil.copyfile)(source, target)
     recipe = folder / "recipe.yaml"
-    recipe.write_text(sample_recipe() + "preview: {enabled: false}\n" + more)
+    recipe.write_text(sample_recipe() + "preview: {enabled: false}\n")
     return recipe, max(one_of(recipe).files, key=lambda file: file.stat().st_size)
 
 
@@ -134,8 +160,8 @@ def passed(recipe_file):
 
 @pytest.mark.parametrize("name", TARGETS)
 @pytest.mark.parametrize("digests", ["no", pytest.param("stored", marks=pytest.mark.long)])
-def test_a_cold_build_reads_a_recording_twice(tmp_path, monkeypatch, name, digests):
-    recipe, file = project_of(tmp_path, name)
+def test_a_cold_build_reads_a_recording_twice(drive, tmp_path, monkeypatch, name, digests):
+    recipe, file = project_of(drive, tmp_path, name)
     if digests == "stored":
         recording = one_of(recipe)
         if recording_digest(recording).kept != {path.name: "attribute" for path in recording.files}:
@@ -160,8 +186,8 @@ def test_a_cold_build_reads_a_recording_twice(tmp_path, monkeypatch, name, diges
         ("drive.mcap", "zstd"),
     ],
 )
-def test_hash_and_inventory_take_one_pass(tmp_path, monkeypatch, name, compression):
-    recipe, file = project_of(tmp_path, name, compression)
+def test_hash_and_inventory_take_one_pass(drive, tmp_path, monkeypatch, name, compression):
+    recipe, file = project_of(drive, tmp_path, name, compression)
     disk = Disk(monkeypatch, file)
     made, graph = passed(recipe)
     assert made.inventory is not None
@@ -171,8 +197,8 @@ def test_hash_and_inventory_take_one_pass(tmp_path, monkeypatch, name, compressi
     assert recording_digest(one_of(recipe), rehash=True).digest == made.digest.digest
 
 
-def test_a_bag_compressed_as_a_whole_is_hashed_while_it_is_unpacked(tmp_path, monkeypatch):
-    recipe, plain = project_of(tmp_path, "drive")
+def test_a_bag_compressed_as_a_whole_is_hashed_while_it_is_unpacked(drive, tmp_path, monkeypatch):
+    recipe, plain = project_of(drive, tmp_path, "drive")
     file = plain.with_name(f"{plain.name}.zstd")
     file.write_bytes(zstandard.compress(plain.read_bytes()))
     metadata = plain.with_name("metadata.yaml")
@@ -206,8 +232,8 @@ def test_a_bag_compressed_as_a_whole_is_hashed_while_it_is_unpacked(tmp_path, mo
 
 
 @pytest.mark.parametrize(("select", "most"), [(["inventory"], 1.05), ([], 2.05)])
-def test_made_ahead_it_takes_no_more_passes(tmp_path, monkeypatch, select, most):
-    recipe, file = project_of(tmp_path, "drive.mcap")
+def test_made_ahead_it_takes_no_more_passes(drive, tmp_path, monkeypatch, select, most):
+    recipe, file = project_of(drive, tmp_path, "drive.mcap")
     disk = Disk(monkeypatch, file)
     asked = {"recipe": str(recipe), "bags": [], "select": select}
     assert make_first({**asked, "state": str(load_recipe(recipe).state), "stamp": "0" * 64}) == 1
@@ -215,8 +241,10 @@ def test_made_ahead_it_takes_no_more_passes(tmp_path, monkeypatch, select, most)
 
 
 @pytest.mark.parametrize("ahead", [True, False])
-def test_a_damaged_recording_is_refused_while_it_is_hashed_and_then_salvaged(tmp_path, monkeypatch, ahead):
-    recipe, file = project_of(tmp_path, "drive.mcap", "zstd")
+def test_a_damaged_recording_is_refused_while_it_is_hashed_and_then_salvaged(
+    drive, tmp_path, monkeypatch, ahead
+):
+    recipe, file = project_of(drive, tmp_path, "drive.mcap", "zstd")
     recipe.write_text(recipe.read_text().replace("bags:\n", "bags:\n  recover: all\n"))
     content = bytearray(file.read_bytes())
     content[len(content) * 9 // 10] ^= 16
