@@ -28,6 +28,8 @@ from bagassets.store.store import Store
 from bagassets_tests.recording_build import RecordingBuild
 from bagassets_tests.small_drive import RECIPE, START_NS, write_drive
 
+pytestmark = pytest.mark.once
+
 ALL = {"inventory", "calibration", "ego_poses", "annotations", "frames", "sweeps", "nuscenes_tables"}
 BOXES = {"inventory", "calibration", "ego_poses", "annotations"}
 COUNT = FRAMES * len(SIZES)

@@ -21,6 +21,8 @@ from bagassets.recipe.model_annotations import AnnotationTopic
 from bagassets.store.store import Store
 from bagassets_tests.facts import MadeUpFacts, calibrated, use_of
 
+pytestmark = pytest.mark.once
+
 BOX = SE3((1.0, 0.0, 0.0, 0.0), (5.0, 1.0, 0.5))
 STAMPS = T0 + np.arange(0, 21, dtype=np.int64) * S // 10
 

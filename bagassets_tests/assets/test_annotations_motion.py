@@ -13,6 +13,8 @@ from bagassets.formats.nuscenes.settings import AttributesByMotion
 from bagassets.formats.nuscenes.tokens import attribute_token
 from bagassets.store.store import Store
 
+pytestmark = pytest.mark.once
+
 S = 1_000_000_000
 RULE = MotionRule(moving_mps=0.5, window_ns=S, parked_m=1.0, gap_ns=S)
 CAR, WALKER = "vehicle.car", "human.pedestrian.adult"

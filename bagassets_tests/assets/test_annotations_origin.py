@@ -28,6 +28,8 @@ from bagassets_tests.pose_data import (
 )
 from bagassets_tests.posed import Posed, at, truth
 
+pytestmark = pytest.mark.once
+
 DETECTIONS = "vision_msgs/msg/Detection3DArray"
 CAR = SE3.create(about_z(0.7), (12.0, 5.0, 0.8))
 MOUNT = SE3.create(about_z(1.1), (0.9, 0.0, 1.8))

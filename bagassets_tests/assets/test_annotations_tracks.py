@@ -9,6 +9,8 @@ from hypothesis import strategies as st
 
 from bagassets.assets.boxes.tracks import Track
 
+pytestmark = pytest.mark.once
+
 S = 1_000_000_000
 
 

@@ -12,6 +12,8 @@ from bagassets.assets.boxes.files.box_files import read_json_boxes, read_parquet
 from bagassets.assets.boxes.files.label import UnreadableLabelsError, as_text, box_label, compose, is_number
 from bagassets.geometry.se3 import SE3
 
+pytestmark = pytest.mark.once
+
 LEAST = {"stamp_ns": 5, "category": "car", "center": [1, 2.5, 3], "size": [2, 4, 1.5]}
 
 

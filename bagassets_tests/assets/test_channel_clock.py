@@ -9,6 +9,8 @@ from bagassets.store.store import Store
 from bagassets_tests.sample_drives import build_recordings
 from bagassets_tests.small_drive import LATENCY_NS, START_NS, STORE2, messages
 
+pytestmark = pytest.mark.once
+
 CLOUD = "sensor_msgs/msg/PointCloud2"
 REVOLUTION_NS = 100_000_000
 LIDAR_LATENCY_NS = 120_000_000

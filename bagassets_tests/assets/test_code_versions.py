@@ -7,6 +7,8 @@ from bagassets.assets import frames, inventory
 from bagassets.formats.catalogue import recording_assets
 from bagassets.recipe.model import Recipe
 
+pytestmark = pytest.mark.once
+
 ASSETS = (
     "inventory", "calibration", "ego_poses", "annotations", "frames", "sweeps", "nuscenes_tables", "vision_sequences",
     "preview",

@@ -75,6 +75,8 @@ from bagassets_tests.pose_data import (
 from bagassets_tests.sweep_data import cloud, raw
 from bagassets_tests.sweep_run import CLOUD, PERIOD_NS, START_NS, Run, lidar, request
 
+pytestmark = pytest.mark.once
+
 
 @pytest.fixture(scope="module")
 def store(tmp_path_factory):

@@ -24,6 +24,8 @@ from bagassets_tests.pose_data import NAVSAT, ODOMETRY, TFMESSAGE, S, about_z, f
 from bagassets_tests.posed import ORIGIN, Posed, at, truth
 from bagassets_tests.sample_drives import build_recordings
 
+pytestmark = pytest.mark.once
+
 TIMES = np.arange(0.0, 4.0, 0.02)
 ODOM = {"source": "odometry", "topic": "/odom"}
 GNSS = {"source": "navsat", "topic": "/fix"}

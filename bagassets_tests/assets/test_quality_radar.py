@@ -7,6 +7,8 @@ from bagassets.assets.quality.sweep_rules import radar_velocities
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
 
+pytestmark = pytest.mark.once
+
 START_NS, READINGS = 1_750_000_000_000_000_000, 30
 MOUNT_YAW = 0.8
 MOUNT = SE3((np.cos(MOUNT_YAW / 2), 0.0, 0.0, np.sin(MOUNT_YAW / 2)), (3.4, 0.7, 0.5))

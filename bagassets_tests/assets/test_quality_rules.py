@@ -34,6 +34,8 @@ from bagassets.recordings.inventory import Gap, HeaderOffset, Inventory, TopicRe
 from bagassets.recordings.model import Definition
 from bagassets.store.store import Store
 
+pytestmark = pytest.mark.once
+
 S = 1_000_000_000
 T0 = 1_700_000_000 * S
 FORWARD = [0.5, -0.5, 0.5, -0.5]

@@ -27,6 +27,8 @@ from bagassets.sample.world import RADIUS_M, Ego, Thing, World
 from bagassets.store.store import Store
 from bagassets_tests.checks import RECORDING_CHECKS
 
+pytestmark = pytest.mark.once
+
 PERIOD_NS, MS = 100_000_000, 1_000_000
 START_NS = 1_750_000_000_000_000_000
 CLOUDS = 42

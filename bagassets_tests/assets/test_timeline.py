@@ -16,6 +16,8 @@ from bagassets.assets.timeline.keyframes import (
 )
 from bagassets.formats.nuscenes.scene_plan import cut_scenes, stretches
 
+pytestmark = pytest.mark.once
+
 S = 1_000_000_000
 START = 1_700_000_000 * S
 

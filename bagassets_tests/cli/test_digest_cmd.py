@@ -11,6 +11,8 @@ from bagassets.cli.main import root
 from bagassets.recordings.digest_record import DigestIndex, read_attribute
 from bagassets_tests.recordings.test_digest import rewrite_in_place
 
+pytestmark = pytest.mark.once
+
 RECIPE = """
 name: test
 bags: {root: bags}

@@ -12,6 +12,8 @@ from bagassets.formats.nuscenes.tokens import attribute_token, category_token
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.recipe.model_datasets import NamedDataset
 
+pytestmark = pytest.mark.once
+
 S = 1_000_000_000
 NOON_NS = 1_718_971_200 * S  # 2024-06-21 12:00:00 UTC
 SCENE = {

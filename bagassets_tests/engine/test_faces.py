@@ -28,6 +28,8 @@ from bagassets.store.store import Store
 from bagassets_tests.in_process import make_project
 from bagassets_tests.recording_build import ASSETS
 
+pytestmark = pytest.mark.once
+
 SUMMARY = {"counts": {"doors": 3}, "kept": "well", "lost": {"ajar": 1}}
 
 DOORS = Asset(

@@ -11,6 +11,8 @@ from bagassets.defs.graph.sensor_scan import RULES as SENSOR
 from bagassets.engine.batches import DATASET, SMALL_BYTES, WORTH_STEPS_BYTES
 from bagassets.engine.next_steps import Rules, State, Work, next_steps
 
+pytestmark = pytest.mark.once
+
 BUILD = Rules(jobs=2)
 ALL = ("bag", "inventory", "frames")
 SETS = ("nuscenes_dataset", "trajectory_map")

@@ -13,6 +13,8 @@ from bagassets.engine.targets import (
     target_state,
 )
 
+pytestmark = pytest.mark.once
+
 INPUTS = (Read("inputs", "whole"),)
 DATASET = Target("dataset", INPUTS, "2", code_changed="its settings changed")
 STEP = Target("step", (Read("frames", "same"),), None, is_partitioned=True)

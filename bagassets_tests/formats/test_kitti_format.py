@@ -22,6 +22,8 @@ from bagassets_tests import in_process
 from bagassets_tests.plugin_install import Site, wheel_of
 from bagassets_tests.small_drive import OPTICAL_XYZW, SPEED_MPS
 
+pytestmark = pytest.mark.once
+
 EXAMPLE = Path(__file__).parents[2] / "examples" / "kitti_odometry"
 TEXT = in_process.QUICK.replace("topic: /cam/image_raw", "topic: /cam/image_raw, output: png") + (
     "formats:\n  kitti: {{output: dataset/kitti}}\n"

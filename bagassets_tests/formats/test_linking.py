@@ -20,6 +20,8 @@ from bagassets.formats.linking import Linker
 from bagassets.formats.nuscenes.format import NUSCENES
 from bagassets.formats.nuscenes.table_file import read_table, table_bytes
 
+pytestmark = pytest.mark.once
+
 
 @pytest.fixture
 def source(tmp_path):

@@ -9,6 +9,8 @@ from bagassets.formats.nuscenes.points import Hits, hits_of
 from bagassets.formats.nuscenes.visibility import CameraView, share_in_images, share_open, visibility_levels
 from bagassets.geometry.se3 import SE3
 
+pytestmark = pytest.mark.once
+
 K = np.array([[500.0, 0.0, 320.0], [0.0, 500.0, 240.0], [0.0, 0.0, 1.0]])
 # Camera axes: z is global x, x is global -y, y is global -z.
 LOOKING_ALONG_X = SE3.create((0.5, -0.5, 0.5, -0.5), (0.0, 0.0, 0.0))

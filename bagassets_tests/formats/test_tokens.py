@@ -24,6 +24,8 @@ from bagassets.formats.nuscenes.tokens import (
     visibility_token,
 )
 
+pytestmark = pytest.mark.once
+
 
 class TestTokens:
     def test_they_never_change(self):

@@ -10,6 +10,8 @@ from bagassets.sample.oddities import rectified
 from bagassets.sample.render import CameraView
 from bagassets_tests.odd_drive import OddDrive
 
+pytestmark = pytest.mark.once
+
 CHANNELS = ("CAM_FRONT", "CAM_FRONT_LEFT", "CAM_FRONT_RIGHT")
 
 

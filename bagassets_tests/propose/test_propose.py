@@ -17,6 +17,8 @@ from bagassets.recipe.yaml_text import read_yaml
 from bagassets.recordings.globs import matches
 from bagassets.recordings.topic import UNKNOWN
 
+pytestmark = pytest.mark.once
+
 IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 CLOUD, INFO, ODOMETRY = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/CameraInfo", "nav_msgs/msg/Odometry"
 

@@ -13,6 +13,8 @@ from bagassets_tests.calibration_texts import camchain, kalibr_camera, ros
 from bagassets_tests.propose.test_propose import IMAGE, car, info, text_of, topic
 from bagassets_tests.small_drive import write_drive
 
+pytestmark = pytest.mark.once
+
 FRONT, _, RIGHT = (camera.model for camera in cameras(640, 480))
 POSE = cameras(640, 480)[0].ego_SE3_cam
 INFO_TOPIC = "/cam_front/camera_info"

@@ -14,6 +14,8 @@ from bagassets_tests.plugin_install import Site
 from bagassets_tests.sweep_data import Messages as Stub
 from bagassets_tests.sweep_data import cloud, raw
 
+pytestmark = pytest.mark.once
+
 START_NS, MS = 1_750_000_000_000_000_000, 1_000_000
 CLOUD, SCAN = "sensor_msgs/msg/PointCloud2", "radar_msgs/msg/RadarScan"
 MOUNT_YAW = -1.2

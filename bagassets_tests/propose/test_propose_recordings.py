@@ -20,6 +20,8 @@ from bagassets.recordings.recording import Recording
 from bagassets_tests.ncom_data import ncom
 from bagassets_tests.sweep_data import vlp16_packets
 
+pytestmark = pytest.mark.once
+
 TEXT = "std_msgs/msg/String"
 SUFFIX = {"ros1": ".bag", "ros2": "", "mcap": ".mcap"}
 

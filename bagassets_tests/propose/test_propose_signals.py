@@ -13,6 +13,8 @@ from bagassets.sample.arm import ELEMENTS
 from bagassets.sample.drive import Target, write_arm_recordings, write_recordings
 from bagassets_tests.recorded_bags import NOON_NS, SECOND, Message, header, write_ros1
 
+pytestmark = pytest.mark.once
+
 JOINT = "sensor_msgs/msg/JointState"
 
 

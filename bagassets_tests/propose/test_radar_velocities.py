@@ -21,6 +21,8 @@ from bagassets.recipe.model import RadarChannel, Recipe
 from bagassets_tests.sweep_data import Header, cloud, header, raw
 from bagassets_tests.sweep_run import CLOUD, START_NS, Runner, inventory, request
 
+pytestmark = pytest.mark.once
+
 SPEED_MPS, YAW_RATE = 12.0, 0.3
 RADIUS_M = SPEED_MPS / YAW_RATE
 MOUNT_YAW, MOUNT_M = 0.8, (3.4, 0.7, 0.5)

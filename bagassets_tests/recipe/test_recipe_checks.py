@@ -8,6 +8,8 @@ import yaml
 from bagassets.base.errors import RecipeError
 from bagassets.recipe import parse_recipe
 
+pytestmark = pytest.mark.once
+
 CAMERA = {"modality": "camera", "topic": "/front"}
 LIDAR = {"modality": "lidar", "topic": "/points"}
 

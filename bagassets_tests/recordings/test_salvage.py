@@ -38,6 +38,8 @@ from bagassets_tests.recorded_bags import NOON_NS, text
 from bagassets_tests.reindexed_bag import CHUNK, records
 from bagassets_tests.tree_memory import run_measured
 
+pytestmark = pytest.mark.once
+
 TOTAL = truth("ros1").total()
 # Nothing in these tells that a byte of a message was changed, so such a message counts as read.
 UNCHECKED = {"ros1", "ros1 lz4", "ros1 series", "mcap unchunked", "mcap without indexes", "db3", "folder", "folder split",

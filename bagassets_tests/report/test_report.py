@@ -30,6 +30,8 @@ from bagassets.sample.recipe import sample_recipe
 from bagassets.store.store import Store
 from bagassets_tests.sample_drives import build_recordings
 
+pytestmark = pytest.mark.once
+
 SPLITS = Splits(pinned={"a": "train", "b": "val"})
 
 

@@ -34,6 +34,8 @@ from bagassets.sample.drive import Target, drive_start_ns, write_arm_recordings
 from bagassets.sample.recipe import arm_recipe
 from bagassets.store.store import Store
 
+pytestmark = pytest.mark.once
+
 NAMES = {"ros1": "arm.bag", "ros2": "arm", "mcap": "arm.mcap", "foxglove": "arm.mcap"}
 DURATION_S = 2.5
 

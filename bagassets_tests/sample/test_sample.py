@@ -22,6 +22,8 @@ from bagassets.sample.oddities import ODDITIES
 from bagassets.sample.recorder import COMPRESSIONS, RecordingFormat
 from bagassets_tests.services import eventually
 
+pytestmark = pytest.mark.once
+
 SHORT_S = 0.25
 
 

@@ -19,6 +19,8 @@ from bagassets_tests.small_drive import RECIPE, write_drive
 from bagassets_tests.tiny_mcap import write_tiny
 from bagassets_tests.whole.test_end_to_end import build_of, make_project
 
+pytestmark = pytest.mark.once
+
 POINT = "float64 x\nfloat64 y\nfloat64 z\n"
 # Name -> type, definition, what is said of it; nothing if it can be used all the same.
 DEFINITIONS = {

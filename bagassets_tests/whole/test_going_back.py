@@ -16,6 +16,8 @@ from bagassets.forkserver.client import Client
 from bagassets_tests.services import BIN, bare_environment, make_project
 from bagassets_tests.small_drive import write_drive
 
+pytestmark = pytest.mark.once
+
 ROOT = Path(__file__).parents[2]
 RELEASE = "0.1.0"
 

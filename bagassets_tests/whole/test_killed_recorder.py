@@ -21,6 +21,8 @@ from bagassets.store.canonical import digest_file
 from bagassets_tests.killed_recorder import leave_journal, leave_log, write_clean
 from bagassets_tests.whole.test_end_to_end import build_of, make_project
 
+pytestmark = pytest.mark.once
+
 LOGGED = 31
 
 

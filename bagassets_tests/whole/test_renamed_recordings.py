@@ -12,6 +12,8 @@ from bagassets_tests.small_drive import RECIPE
 from bagassets_tests.tiny_mcap import write_tiny
 from bagassets_tests.whole.test_end_to_end import build_of, make_project
 
+pytestmark = pytest.mark.once
+
 
 @pytest.fixture
 def project(tmp_path):

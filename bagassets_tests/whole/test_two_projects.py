@@ -30,6 +30,8 @@ from bagassets.store.store import Store
 from bagassets_tests.in_process import QUICK, load_definitions
 from bagassets_tests.small_drive import write_drive
 
+pytestmark = pytest.mark.once
+
 KEY = "a.bag"
 NORTH, SOUTH = Naming("drives", ("north",)), Naming("drives", ("south",))
 

@@ -15,6 +15,8 @@ from bagassets.defs.launchers.slurm.spool import JobSpec, Spool, SpooledRun
 from bagassets_tests.in_process import make_project
 from bagassets_tests.small_drive import write_drive
 
+pytestmark = pytest.mark.once
+
 BASE = JobOptions(partition="work", cpus=2, memory="4G", options=("--qos=low",))
 RULES = [
     {"above_gb": 1.0, "memory": "16G"},
