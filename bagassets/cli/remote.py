@@ -206,7 +206,7 @@ def _raised(error: dict[str, str]) -> BagAssetsError:
         return InterruptedBuildError("interrupted.")
     if kind == SelectionError.__name__:
         return SelectionError(*message.split("\n"))
-    if kind in errors.__all__:
-        known: type[BagAssetsError] = getattr(errors, kind)
+    known = getattr(errors, kind, None)
+    if isinstance(known, type) and issubclass(known, BagAssetsError):
         return known(*message.split("\n"))
     return BagAssetsError(f"the build failed in a worker ({kind}: {message}); please report this.")

@@ -17,6 +17,7 @@ import dagster as dg
 import pytest
 from dagster._core.storage.tags import GRPC_INFO_TAG
 
+from bagassets.base import errors
 from bagassets.base.errors import BagAssetsError
 from bagassets.cli import early
 from bagassets.cli.early import JOBS_PER_PROCESSOR
@@ -326,6 +327,21 @@ def test_a_lost_planner_or_server_is_no_riddle(end, told):
     with pytest.raises(BagAssetsError, match="was killed") as raised:
         build_on_server(client, Path("recipe.yaml"), BuildOptions(), lambda _: None, None)
     assert f"{told}, what is finished is kept, and the next build carries on." in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [one for one in vars(errors).values() if isinstance(one, type) and issubclass(one, BagAssetsError)],
+)
+def test_an_error_for_users_is_the_same_error_here(kind):
+    error = {
+        "type": kind.__name__,
+        "message": "/bags/a.bag: cannot be read; check the disk.\nIt is the disk's.",
+    }
+    server = Mock(**{"wait.return_value": {"event": "finished", "job": "it", "exit": 1, "error": error}})
+    with pytest.raises(kind) as raised:
+        build_on_server(server, Path("recipe.yaml"), BuildOptions(), lambda _: None, None, "it")
+    assert (type(raised.value), str(raised.value)) == (kind, error["message"])
 
 
 @pytest.mark.long

@@ -20,7 +20,7 @@ from bagassets.engine.freshness.plan_cache import PlanCache
 from bagassets.formats.catalogue import recording_assets
 from bagassets.recipe import load_recipe
 from bagassets.recordings import digest
-from bagassets.recordings.digest import DigestIndex
+from bagassets.recordings.digest_record import DigestIndex
 from bagassets.recordings.discover import discover
 from bagassets_tests.in_process import build, make_project, states, survey
 from bagassets_tests.small_drive import write_drive
