@@ -44,6 +44,10 @@ class RecipeError(BagAssetsError):
     """A recipe is missing, malformed, or asks for something impossible."""
 
 
+class SelectionError(BagAssetsError):
+    """A user named a recording or asset that does not exist."""
+
+
 class PluginError(BagAssetsError):
     """A plug-in clashes with another, cannot be loaded, or is not of the announced kind."""
 
