@@ -28,8 +28,8 @@ from bagassets.formats.dataset_integrity import find_damage, remove_damaged
 from bagassets.formats.format import Part
 from bagassets.formats.nuscenes.format import NUSCENES
 from bagassets.recipe import load_recipe
-from bagassets.recordings.digest import DigestIndex, recording_digest, recording_stat
-from bagassets.recordings.digest_record import ATTRIBUTE
+from bagassets.recordings.digest import recording_digest, recording_stat
+from bagassets.recordings.digest_record import ATTRIBUTE, DigestIndex
 from bagassets.recordings.discover import discover
 from bagassets.store.canonical import digest_file
 from bagassets.store.store import Store

@@ -33,7 +33,8 @@ from bagassets.engine.execute import execute
 from bagassets.engine.graph import Graph
 from bagassets.formats.catalogue import formats, recording_assets
 from bagassets.recipe import load_recipe
-from bagassets.recordings.digest import DigestIndex, recording_digest, recording_stat
+from bagassets.recordings.digest import recording_digest, recording_stat
+from bagassets.recordings.digest_record import DigestIndex
 from bagassets.recordings.discover import discover
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.canonical import digest_file

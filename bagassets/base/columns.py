@@ -12,8 +12,6 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-__all__ = ["column", "numbers", "table_of_rows"]
-
 # Types that numpy calls otherwise than Arrow.
 _NAMES = {"halffloat": "float16", "float": "float32", "double": "float64"}
 

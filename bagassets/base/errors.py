@@ -9,27 +9,6 @@ from typing import ClassVar
 
 from bagassets.base.escaping import visible
 
-__all__ = [
-    "BagAssetsError",
-    "CalibrationError",
-    "ChangedWhileReadError",
-    "DatasetError",
-    "DecodeError",
-    "LossLimitError",
-    "MemoryShortageError",
-    "PluginError",
-    "PoseError",
-    "RecipeError",
-    "RecordingError",
-    "RunEndedError",
-    "ScratchError",
-    "SizeLimitError",
-    "StoreError",
-    "UnexpectedError",
-    "UnsetError",
-    "kind_and_text",
-]
-
 
 def kind_and_text(err: BaseException) -> str:
     """Return the type of an error that was not raised for users, and the first line of its text, if there is any."""
@@ -63,6 +42,10 @@ class BagAssetsError(Exception):
 
 class RecipeError(BagAssetsError):
     """A recipe is missing, malformed, or asks for something impossible."""
+
+
+class SelectionError(BagAssetsError):
+    """A user named a recording or asset that does not exist."""
 
 
 class PluginError(BagAssetsError):

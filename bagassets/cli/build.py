@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from bagassets.base.errors import SelectionError
 from bagassets.base.json_types import JsonObject
 from bagassets.base.quantities import count_text
 from bagassets.cli.early import JOBS_PER_PROCESSOR, MOST_ROWS, HandedOver
@@ -79,7 +80,6 @@ def build(
     """
     from bagassets.cli.remote import InterruptedBuildError
     from bagassets.engine.build_report import BuildOptions
-    from bagassets.engine.choose import SelectionError
 
     recipe = recipe.absolute()
     options = BuildOptions(_limited(jobs), retry_failed, bags, select, allow_empty, ignore_disk_space)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from bagassets.base.alike import told_once
+from bagassets.base.errors import SelectionError
 from bagassets.base.escaping import visible
 from bagassets.base.quantities import count_text
 from bagassets.cli.exit_status import ExitStatus
@@ -45,7 +46,6 @@ def check(recipe: Path, bags: tuple[str, ...], as_json: bool) -> int:
     from bagassets.cli.progress import bar_shown, planning_shown
     from bagassets.defs.builds.pending_work import find_pending_work, open_project
     from bagassets.engine.build_report import BuildOptions
-    from bagassets.engine.choose import SelectionError
     from bagassets.formats.checking import check_bags, check_datasets
 
     try:

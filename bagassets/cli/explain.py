@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from bagassets.base.alike import names_text, recordings_text, told_once
-from bagassets.base.errors import RecipeError
+from bagassets.base.errors import RecipeError, SelectionError
 from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.base.quantities import count_text
 from bagassets.cli.options import recipe_option
@@ -49,7 +49,7 @@ def explain(bag: str | None, asset: str | None, recipe: Path, as_json: bool) -> 
     """
     from bagassets.defs.builds.own_states import load_own
     from bagassets.defs.builds.pending_work import find_pending_work, open_project
-    from bagassets.engine.choose import SelectionError, choose_assets, choose_recordings
+    from bagassets.engine.choose import choose_assets, choose_recordings
     from bagassets.engine.explain import explain_asset, explanation
     from bagassets.engine.planner import recorded_graph
     from bagassets.formats.dataset_build import dataset_code_versions, dataset_contents

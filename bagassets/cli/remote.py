@@ -10,6 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bagassets.base import errors
 from bagassets.base.errors import BagAssetsError
 from bagassets.base.fingerprints import PlanNeeded
 from bagassets.base.interrupts import deferred_interrupts
@@ -197,16 +198,11 @@ def _end_of(client: Client, job: str, on_event: Callable[[Event], None]) -> Json
     return event if event["event"] in {"finished", "killed"} else None
 
 
-def _raised(error: dict[str, str]) -> BagAssetsError:
-    from bagassets.base import errors
-    from bagassets.engine.choose import SelectionError
-
+def _raised(error: JsonObject) -> BagAssetsError:
     kind, message = error["type"], error["message"]
     if kind == "KeyboardInterrupt":
         return InterruptedBuildError("interrupted.")
-    if kind == SelectionError.__name__:
-        return SelectionError(*message.split("\n"))
-    if kind in errors.__all__:
-        known: type[BagAssetsError] = getattr(errors, kind)
+    if error["is_for_users"]:
+        known: type[BagAssetsError] = getattr(errors, kind, BagAssetsError)
         return known(*message.split("\n"))
     return BagAssetsError(f"the build failed in a worker ({kind}: {message}); please report this.")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from bagassets.base.alike import names_text, recordings_text, told_once
+from bagassets.base.errors import SelectionError
 from bagassets.base.escaping import visible
 from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.base.quantities import count_text
@@ -70,7 +71,6 @@ def status(recipe: Path, bags: tuple[str, ...], show_all: bool, as_json: bool) -
     from bagassets.defs.builds.own_states import load_own
     from bagassets.defs.builds.pending_work import find_pending_work, open_project
     from bagassets.engine.build_report import BuildOptions
-    from bagassets.engine.choose import SelectionError
     from bagassets.formats.catalogue import problems_of
     from bagassets.formats.emptiness import left_behind
 

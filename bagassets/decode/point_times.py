@@ -292,8 +292,7 @@ def _agreeing(values: Column, clock: PointClock) -> NDArray[np.bool_] | None:
         if wider[1] - number <= few:
             break
         longest_ns, (first, number) = wider_ns, wider
-    kept: NDArray[np.bool_] = (times >= first) & (times <= first + longest_ns / unit_ns)
-    return kept
+    return (times >= first) & (times <= first + longest_ns / unit_ns)
 
 
 def _densest(ordered: Floats, length: float) -> tuple[float, int]:

@@ -6,12 +6,8 @@ from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-from bagassets.base.errors import BagAssetsError
+from bagassets.base.errors import SelectionError
 from bagassets.recordings.model import RecordingFiles
-
-
-class SelectionError(BagAssetsError):
-    """A user named a recording or asset that does not exist."""
 
 
 def choose_recordings(recordings: Mapping[str, RecordingFiles], wanted: Sequence[str]) -> frozenset[str]:

@@ -28,7 +28,8 @@ from bagassets.engine.plan import AssetState, BagPlan, KeptPlan, Plan, Recorded,
 from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.engine.splits import Ties
 from bagassets.engine.unsettled import Unsettled
-from bagassets.recordings.digest import DigestIndex, RecordingStat, stat_files, stored_digest
+from bagassets.recordings.digest import RecordingStat, stat_files, stored_digest
+from bagassets.recordings.digest_record import DigestIndex
 from bagassets.recordings.discover import Discovery
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.store import Store

@@ -21,8 +21,6 @@ from bagassets.recordings.pack import PackedRecording
 from bagassets.recordings.recording import Recording
 from bagassets.store.artifact import Artifact
 
-__all__ = ["MessageSource", "Progress", "progress_told"]
-
 
 @dataclass(frozen=True)
 class MessageSource:

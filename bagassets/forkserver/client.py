@@ -243,7 +243,7 @@ class ServerStart:
         files.make()
         search = [*spec.paths, *filter(None, [os.environ.get("PYTHONPATH")])]
         environment = dict(os.environ) | _recipe_variable(spec) | {"PYTHONPATH": os.pathsep.join(search)}
-        spec_json = json.dumps(spec.as_json())
+        spec_json = json.dumps(spec._asdict(), default=os.fspath)
         # -P keeps the current folder off the search path, whatever it is.
         command = [sys.executable, "-P", "-m", "bagassets.forkserver", spec_json, files.stamp, str(timeout_s)]
         if first_job is not None:

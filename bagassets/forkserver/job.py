@@ -129,7 +129,7 @@ class Job:
         end = self.end
         if not end:
             message = f"The worker ended with exit code {code} and sent no result."
-            end = {"error": {"type": "ExitError", "message": message}}
+            end = {"error": {"type": "ExitError", "message": message, "is_for_users": False}}
             code = code or 1
         return {"event": "finished", "job": self.id, "exit": code, **end}
 

@@ -75,7 +75,7 @@ class ServerSpec(NamedTuple):
 
     @classmethod
     def from_json(cls, value: JsonObject) -> Self:
-        """Inverse of `as_json`."""
+        """Return the spec in the JSON that starts a server."""
         recipe = value["recipe"]
         typed = {
             "state_folder": Path(value["state_folder"]),
@@ -84,15 +84,6 @@ class ServerSpec(NamedTuple):
             **{name: tuple(value[name]) for name in ("modules", "paths", "sources")},
         }
         return cls(**value | typed)
-
-    def as_json(self) -> JsonObject:
-        """Return the spec as JSON."""
-        return self._asdict() | {
-            "state_folder": str(self.state_folder),
-            "recipe": self.recipe and str(self.recipe),
-            "environment": dict(self.environment),
-            "recipes": [str(path) for path in self.recipes],
-        }
 
     def stamp(self) -> str:
         """Return the digest of everything that determines what a worker of this server does."""

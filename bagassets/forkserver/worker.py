@@ -127,8 +127,10 @@ def _call(job: Message) -> int:
         _flush()  # whoever gets the result finds the whole log
         _CHANNEL.send({"result": json.loads(json.dumps(result))})
     except BaseException as err:  # whatever it was, the client gets the error
-        if not isinstance(err, BagAssetsError):
+        is_for_users = isinstance(err, BagAssetsError)
+        if not is_for_users:
             logging.getLogger(__name__).exception("%s failed", job["function"])
-        _CHANNEL.send({"error": {"type": type(err).__name__, "message": str(err)}})
+        error = {"type": type(err).__name__, "message": str(err), "is_for_users": is_for_users}
+        _CHANNEL.send({"error": error})
         return 1
     return 0

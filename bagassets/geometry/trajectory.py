@@ -155,5 +155,4 @@ def slerp(start: Floats, end: Floats, fraction: Floats) -> Floats:
 
 def _dot(a: Floats, b: Floats) -> Floats:
     """Dot product of (M, 4) rows, in a fixed order of additions."""
-    dot: Floats = a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1] + a[:, 2] * b[:, 2] + a[:, 3] * b[:, 3]
-    return dot
+    return a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1] + a[:, 2] * b[:, 2] + a[:, 3] * b[:, 3]

@@ -184,8 +184,7 @@ def utm_track(lat_deg: Floats, lon_deg: Floats) -> UtmTrack:
 
 def _normal_m(sin_lat: Floats) -> Floats:
     """Radius of curvature in the prime vertical, metres."""
-    radius_m: Floats = SEMI_MAJOR_M / np.sqrt(1 - ECCENTRICITY_2 * sin_lat * sin_lat)
-    return radius_m
+    return SEMI_MAJOR_M / np.sqrt(1 - ECCENTRICITY_2 * sin_lat * sin_lat)
 
 
 def _zone_number(lat_deg: float, lon_deg: float) -> int:

@@ -25,22 +25,6 @@ from bagassets.recordings.journals import journals_of
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.canonical import FileHasher, digest_file, digest_json
 
-__all__ = [
-    "DigestIndex",
-    "HashedAlong",
-    "RecordingDigest",
-    "RecordingStat",
-    "assert_unchanged",
-    "check_digests",
-    "combined_digest",
-    "hash_file",
-    "name_in",
-    "recording_digest",
-    "recording_stat",
-    "stat_files",
-    "stored_digest",
-]
-
 # The thread that hashes along catches up after so many bytes, and may fall behind by so many: they are still in the page cache.
 _FOLLOW_BYTES = 4 << 20
 _MOST_BEHIND_BYTES = 32 << 20

@@ -8,8 +8,6 @@ from bagassets.sample.messages import Messages
 from bagassets.sample.oddities import edited, with_fields
 from bagassets.sample.schedule import Event
 
-__all__ = ["ARM_ODDITIES", "CHANGE_AFTER_S", "LATE_S", "OTHER_TASK"]
-
 ArmOddity = Callable[[Iterator[Event], ArmTruth], Iterator[Event]]
 
 CHANGE_AFTER_S = 2.0

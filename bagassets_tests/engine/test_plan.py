@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bagassets.base.cache import NAME
-from bagassets.base.errors import RecordingError
+from bagassets.base.errors import RecordingError, SelectionError
 from bagassets.defs.builds.pending_work import open_project
 from bagassets.engine import planner
-from bagassets.engine.choose import SelectionError, choose_assets, choose_recordings
+from bagassets.engine.choose import choose_assets, choose_recordings
 from bagassets.engine.differences import compare_actions, describe_changes, flatten
 from bagassets.engine.freshness.plan_cache import PlanCache
 from bagassets.engine.plan import AssetState, BagPlan

@@ -605,7 +605,14 @@ def test_a_server_that_cannot_note_its_socket_says_so_and_the_next_one_starts(tm
     spec = spec_in(folder)
     files = ServerFiles(folder, spec.stamp())
     files.make()
-    command = [sys.executable, "-m", "bagassets.forkserver", json.dumps(spec.as_json()), spec.stamp(), "20"]
+    command = [
+        sys.executable,
+        "-m",
+        "bagassets.forkserver",
+        json.dumps(spec._asdict(), default=os.fspath),
+        spec.stamp(),
+        "20",
+    ]
     # A pipe takes more bytes, a file not one: as on a full disk.
     full = partial(resource.setrlimit, resource.RLIMIT_FSIZE, (0, 0))
     surroundings = os.environ | {"PYTHONPATH": str(TESTS)}

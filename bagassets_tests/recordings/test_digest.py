@@ -15,7 +15,6 @@ from bagassets.base.errors import ChangedWhileReadError, RecordingError, StoreEr
 from bagassets.recordings import digest as module
 from bagassets.recordings import digest_record
 from bagassets.recordings.digest import (
-    DigestIndex,
     RecordingStat,
     assert_unchanged,
     hash_file,
@@ -23,7 +22,7 @@ from bagassets.recordings.digest import (
     recording_stat,
     stored_digest,
 )
-from bagassets.recordings.digest_record import ATTRIBUTE
+from bagassets.recordings.digest_record import ATTRIBUTE, DigestIndex
 from bagassets.recordings.discover import find_one
 from bagassets.store import canonical
 from bagassets.store.canonical import digest_bytes, digest_json

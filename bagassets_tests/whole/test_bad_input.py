@@ -35,7 +35,8 @@ from bagassets.formats.format import Part
 from bagassets.formats.nuscenes.format import NUSCENES
 from bagassets.recipe import load_recipe
 from bagassets.recordings import digest
-from bagassets.recordings.digest import DigestIndex, recording_digest, stored_digest
+from bagassets.recordings.digest import recording_digest, stored_digest
+from bagassets.recordings.digest_record import DigestIndex
 from bagassets.recordings.discover import discover, find_one
 from bagassets.recordings.open import open_recording
 from bagassets.recordings.recording import Recording

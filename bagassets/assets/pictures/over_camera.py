@@ -72,8 +72,7 @@ def _share(depth_m: Floats) -> Floats:
     Nearly a logarithm, but made of operations that every processor rounds alike.
     """
     inverse = 1.0 / np.clip(depth_m, NEAR_M, FAR_M)
-    share: Floats = np.sqrt((inverse - 1.0 / FAR_M) / (1.0 / NEAR_M - 1.0 / FAR_M))
-    return share
+    return np.sqrt((inverse - 1.0 / FAR_M) / (1.0 / NEAR_M - 1.0 / FAR_M))
 
 
 def _colours(shares: Floats) -> NDArray[np.uint8]:

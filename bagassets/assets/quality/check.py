@@ -35,5 +35,4 @@ class RecordingCheck:
 
 def severity_of(checks: Checks, section: str) -> Severity:
     """Return the severity of a section's findings; `skip` if checks are disabled."""
-    severity: Severity = getattr(checks, section).severity if checks.enabled else "skip"
-    return severity
+    return getattr(checks, section).severity if checks.enabled else "skip"

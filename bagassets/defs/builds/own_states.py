@@ -7,7 +7,7 @@ from pathlib import Path
 
 import dagster as dg
 
-from bagassets.base.errors import RecipeError
+from bagassets.base.errors import RecipeError, SelectionError
 from bagassets.base.json_types import JsonObject
 from bagassets.defs.builds.pending_work import PendingWork
 from bagassets.defs.graph.own_assets import OwnAsset, Versions, find_own_assets, inputs_tag, told_inputs
@@ -18,7 +18,7 @@ from bagassets.defs.records.naming import DATASET_INPUTS
 from bagassets.defs.records.workspace import Workspace
 from bagassets.defs.runs.execution import CodeLocation, failure_of
 from bagassets.engine.build_report import BuildOptions
-from bagassets.engine.choose import SelectionError, split_names
+from bagassets.engine.choose import split_names
 from bagassets.engine.plan import AssetState, Recorded
 from bagassets.engine.targets import TO_MAKE, Evidence, Read, state_as_read, target_state
 from bagassets.formats.dataset_build import dataset_code_versions

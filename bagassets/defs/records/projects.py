@@ -115,8 +115,7 @@ def recipe_of_assets(instance: dg.DagsterInstance, run: dg.DagsterRun) -> Path |
 def _noted(instance: dg.DagsterInstance) -> dict[str, dict[str, str]]:
     """Return prefix -> recipe and instance."""
     text = instance.daemon_cursor_storage.get_cursor_values({_KEY}).get(_KEY)
-    noted: dict[str, dict[str, str]] = json.loads(text) if text else {}
-    return noted
+    return json.loads(text) if text else {}
 
 
 def note_instance(instance: dg.DagsterInstance, state: Path, prefix: tuple[str, ...]) -> None:

@@ -124,8 +124,7 @@ class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get
         """Return what `find` returned when it was first called in this run; a run keeps one such value."""
         if self._found_in_run is None or self._found_in_run[0] != run_id:
             self._found_in_run = run_id, find()
-        value: T = self._found_in_run[1]
-        return value
+        return self._found_in_run[1]
 
     def recording(self, key: str) -> RecordingFiles:
         """Return the recording of a partition.

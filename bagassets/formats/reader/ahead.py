@@ -23,8 +23,7 @@ class Ahead:
     def take(self, channel: str, method: Callable[[Any, str], object], read: Callable[[], T]) -> T:
         """Return what a thread has made of a channel, which is handed out once, or else what `read` makes now."""
         self.asked[channel] = method
-        found: T = self.begun.pop(channel).result() if channel in self.begun else read()
-        return found
+        return self.begun.pop(channel).result() if channel in self.begun else read()
 
 
 def in_order(numbers: range, make: Callable[[int, Ahead], S]) -> Iterator[S]:

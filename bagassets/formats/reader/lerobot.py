@@ -133,10 +133,9 @@ class LeRobotSource(ImagesOnly):
         if not tables:
             raise self.folder.missing(self.folder.path / "meta/episodes/chunk-000/file-000.parquet")
         names = [name for name in tables[0].column_names if not name.startswith("stats/")]
-        columns: dict[str, list[Any]] = {
+        return {
             name: [value for table in tables for value in table.column(name).to_pylist()] for name in names
         }
-        return columns
 
     @cached_property
     def _starts(self) -> Sequence[int]:

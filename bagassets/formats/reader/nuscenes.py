@@ -61,8 +61,7 @@ class NuScenesSource:
     @cached_property
     def splits(self) -> Mapping[str, Sequence[str]]:
         """Split -> names of its scenes; empty if the dataset does not say."""
-        splits: Mapping[str, Sequence[str]] = self.folder.read(SPLITS) if SPLITS in self.folder.names else {}
-        return splits
+        return self.folder.read(SPLITS) if SPLITS in self.folder.names else {}
 
     def readings(self, index: int) -> Mapping[str, Reading]:
         """Return channel -> keyframe of a sample."""

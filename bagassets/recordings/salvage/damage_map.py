@@ -58,8 +58,9 @@ class Damage:
         self.is_total_known = False
         self.find(f"{file}: {END_UNKNOWN}")
 
-    def hole(self, hole: Hole) -> None:
-        """Note a hole; one at the same place is replaced."""
+    def hole(self, hole: Hole, *, is_counted: bool = True) -> None:
+        """Note a hole; one at the same place is replaced. Unless `is_counted`, nothing tells how many messages it cost."""
+        self.is_total_known &= is_counted
         place = hole.file, hole.begin
         if place in self.holes or len(self.holes) < MOST_HOLES:
             self.holes[place] = hole

@@ -20,6 +20,7 @@ from bagassets.recordings.database_file import Database
 from bagassets.recordings.journals import journals_of, without_journals
 from bagassets.recordings.model import Definition, OnRead
 from bagassets.recordings.salvage.damage_map import CUT, Damage, Hole
+from bagassets.recordings.salvage.find_records import ZEROS
 from bagassets.recordings.topic import RefusedBytes, normalise_msgtype
 
 _MAGIC = b"SQLite format 3\0"
@@ -88,8 +89,7 @@ class SalvagedDatabase(Database):
             except Exception:  # noqa: BLE001  (whatever SQLite says of damaged bytes)
                 reason = "what lies beside it cannot be applied, so the last messages are missing"
                 size = self._path.stat().st_size
-                self._damage.is_total_known = False
-                self._damage.hole(Hole(self._path.name, size, size, reason))
+                self._damage.hole(Hole(self._path.name, size, size, reason), is_counted=False)
         return os.open(self._path, os.O_RDONLY)
 
     def _page_size(self) -> tuple[int, int]:
@@ -210,18 +210,13 @@ class SalvagedDatabase(Database):
         announced = int.from_bytes(head[28:32], "big") * self._page_bytes
         is_sure = head.startswith(_MAGIC) and 0 < announced < 2**48
         if is_sure and announced > end:
-            self._damage.is_total_known = False
-            self._damage.hole(
-                Hole(name, end, announced, f"{CUT}: of {announced} bytes there are {end}", _latest(rows))
-            )
+            reason = f"{CUT}: of {announced} bytes there are {end}"
+            self._damage.hole(Hole(name, end, announced, reason, _latest(rows)), is_counted=False)
         elif end % self._page_bytes:
-            self._damage.is_total_known = False
-            self._damage.hole(Hole(name, end, end, f"{CUT} within a page", _latest(rows)))
+            self._damage.hole(Hole(name, end, end, f"{CUT} within a page", _latest(rows)), is_counted=False)
         written = self._written * self._page_bytes
         if written < end - end % self._page_bytes:
-            self._damage.is_total_known = False
-            reason = "zeros, as if it had not been written to the end"
-            self._damage.hole(Hole(name, written, end, reason, _latest(rows)))
+            self._damage.hole(Hole(name, written, end, ZEROS, _latest(rows)), is_counted=False)
         numbers = np.concatenate([[0], rows[:, 1]])
         for at in np.flatnonzero(np.diff(numbers) > 1).tolist():
             missing = int(numbers[at + 1] - numbers[at] - 1)

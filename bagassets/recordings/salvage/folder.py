@@ -83,8 +83,7 @@ class SalvagedFolder(Rosbag2Recording):
     def _unpack(self, file: Path, plain: Path) -> None:
         if problem := unpack_file(file, plain, self._sizes, self._how.on_read):
             size = file.stat().st_size
-            self._noted.is_total_known = False
-            self._noted.hole(Hole(file.name, size, size, problem))
+            self._noted.hole(Hole(file.name, size, size, problem), is_counted=False)
 
     def _reader(self, file: Path) -> Database | McapFile:
         if file.suffix == ".mcap":
@@ -96,9 +95,8 @@ class SalvagedFolder(Rosbag2Recording):
         number = next((one.get("message_count") for one in listed if one.get("path") == file.name), None)
         lost = {"": number} if isinstance(number, int) else None
         reason = hole_reason(file, err) if file.exists() else "the file is missing"
-        self._noted.is_total_known = False
         size = file.stat().st_size if file.exists() else 0
-        self._noted.hole(Hole(file.name, 0, size, reason, lost=lost))
+        self._noted.hole(Hole(file.name, 0, size, reason, lost=lost), is_counted=False)
         return err
 
     def _name_topics(self, database: SalvagedDatabase, metadata: JsonMapping, *, is_alone: bool) -> None:

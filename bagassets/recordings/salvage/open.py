@@ -94,8 +94,8 @@ def _series(recording: RecordingFiles, how: How, damage: Damage) -> Recording:
             if err.transient:
                 raise
             damage.holes, damage.findings = before
-            damage.is_total_known = False
-            damage.hole(Hole(part.path.name, 0, part.size, hole_reason(part.path, err)))
+            reason = hole_reason(part.path, err)
+            damage.hole(Hole(part.path.name, 0, part.size, reason), is_counted=False)
         else:
             parts.append(part.path)
     if not parts:

@@ -17,7 +17,8 @@ import dagster as dg
 import pytest
 from dagster._core.storage.tags import GRPC_INFO_TAG
 
-from bagassets.base.errors import BagAssetsError
+from bagassets.base import errors
+from bagassets.base.errors import BagAssetsError, SelectionError
 from bagassets.cli import early
 from bagassets.cli.early import JOBS_PER_PROCESSOR
 from bagassets.cli.remote import build_on_server
@@ -25,7 +26,6 @@ from bagassets.defs.records.instances import open_instance
 from bagassets.defs.runs.exclusive import exclusive
 from bagassets.defs.runs.worker_tag import RunWorker
 from bagassets.engine.build_report import BagOutcome, BuildOptions, BuildReport, Event
-from bagassets.engine.choose import SelectionError
 from bagassets.engine.freshness.decide import plain_build
 from bagassets.forkserver.client import Client, ServerRefusedError
 from bagassets.forkserver.process import ProcessId
@@ -326,6 +326,24 @@ def test_a_lost_planner_or_server_is_no_riddle(end, told):
     with pytest.raises(BagAssetsError, match="was killed") as raised:
         build_on_server(client, Path("recipe.yaml"), BuildOptions(), lambda _: None, None)
     assert f"{told}, what is finished is kept, and the next build carries on." in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [one for one in vars(errors).values() if isinstance(one, type) and issubclass(one, BagAssetsError)]
+    + [ServerRefusedError],
+)
+def test_an_error_for_users_is_the_same_error_here(kind):
+    error = {
+        "type": kind.__name__,
+        "message": "/bags/a.bag: cannot be read; check the disk.\nIt is the disk's.",
+        "is_for_users": True,
+    }
+    server = Mock(**{"wait.return_value": {"event": "finished", "job": "it", "exit": 1, "error": error}})
+    with pytest.raises(BagAssetsError) as raised:
+        build_on_server(server, Path("recipe.yaml"), BuildOptions(), lambda _: None, None, "it")
+    expected = BagAssetsError if kind is ServerRefusedError else kind  # it is no error of a server here
+    assert (type(raised.value), str(raised.value)) == (expected, error["message"])
 
 
 @pytest.mark.long

@@ -26,7 +26,8 @@ from bagassets.formats.after_crash import noted_build
 from bagassets.formats.catalogue import recording_assets
 from bagassets.formats.trajectory_map import SHELL, map_shell_of
 from bagassets.recipe import load_recipe
-from bagassets.recordings.digest import DigestIndex, recording_digest, recording_stat
+from bagassets.recordings.digest import recording_digest, recording_stat
+from bagassets.recordings.digest_record import DigestIndex
 from bagassets.recordings.discover import discover
 from bagassets.report.map_shell import map_shell
 from bagassets.store import lease

@@ -24,7 +24,8 @@ from bagassets.engine import next_steps
 from bagassets.engine.batches import DATASET, batches, without_steps
 from bagassets.formats import checking
 from bagassets.recipe import load_recipe
-from bagassets.recordings.digest import DigestIndex, recording_digest
+from bagassets.recordings.digest import recording_digest
+from bagassets.recordings.digest_record import DigestIndex
 from bagassets.recordings.discover import discover
 from bagassets.store.artifact import Artifact
 from bagassets.store.store import Store

@@ -10,12 +10,11 @@ import dagster as dg
 import pytest
 import yaml
 
-from bagassets.base.errors import RecipeError
+from bagassets.base.errors import RecipeError, SelectionError
 from bagassets.cli.main import main
 from bagassets.defs.graph import own_location
 from bagassets.defs.records.instances import open_instance
 from bagassets.defs.runs.execution import create_run
-from bagassets.engine.choose import SelectionError
 from bagassets.engine.freshness.decide import nothing_to_do
 from bagassets_tests.in_process import build, make_project
 from bagassets_tests.small_drive import write_drive

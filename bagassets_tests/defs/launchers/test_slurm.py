@@ -344,7 +344,7 @@ def test_a_run_asks_for_what_its_tags_say(make_instance, slurm):
 def test_a_dead_job_fails_the_runs_that_it_had_begun_and_the_others_get_another(
     make_instance, slurm, steering
 ):
-    instance = make_instance(cpus=1)
+    instance = make_instance(cpus=1, gather_s=4.0)  # a busy machine takes its time between two launches
     (steering / "hold").touch()
     begun, waiting = launch(instance, "drive", "first"), launch(instance, "walk", "first")
     spans = wait(

@@ -2,6 +2,7 @@
 
 import threading
 import time
+from dataclasses import asdict
 
 import pytest
 
@@ -25,7 +26,7 @@ RULES = [
 
 
 def spec(**options):
-    return JobSpec("{}", JobOptions(**options).as_json(), "python", "/", ("m",), (), "/locks", {}, (), {})
+    return JobSpec("{}", JobOptions(**options).as_json(), "python", "/", ["m"], [], "/locks", {}, [], {})
 
 
 def run(name, seconds=1.0, since=0.0, recordings=1, **options):
@@ -74,7 +75,7 @@ def test_a_run_of_several_recordings_counts_as_so_many():
 
 
 def test_a_run_that_an_older_version_left_waiting_is_about_one_recording():
-    value = run("a").as_json()
+    value = asdict(run("a"))
     del value["recordings"]
     assert SpooledRun.from_json(value) == run("a")
 

@@ -8,19 +8,18 @@ import pytest
 from dagster._core.definitions.data_version import CachingStaleStatusResolver, StaleStatus
 from dagster._core.loader import LoadingContextForTest
 
-from bagassets.base.errors import ChangedWhileReadError
+from bagassets.base.errors import ChangedWhileReadError, SelectionError
 from bagassets.defs.builds import pending_work
 from bagassets.defs.graph.location import build_definitions
 from bagassets.defs.records import instance_plan, touched
 from bagassets.defs.records.events import DATA_VERSION, MADE_ALONG, STAT, Records
 from bagassets.engine import planner
-from bagassets.engine.choose import SelectionError
 from bagassets.engine.first_pass import first_pass
 from bagassets.engine.freshness.plan_cache import PlanCache
 from bagassets.formats.catalogue import recording_assets
 from bagassets.recipe import load_recipe
 from bagassets.recordings import digest
-from bagassets.recordings.digest import DigestIndex
+from bagassets.recordings.digest_record import DigestIndex
 from bagassets.recordings.discover import discover
 from bagassets_tests.in_process import build, make_project, states, survey
 from bagassets_tests.small_drive import write_drive

@@ -52,7 +52,7 @@ def main(arguments: list[str]) -> int:
     signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
     began = time.monotonic()
     gc.disable()  # imports leave nothing to collect
-    later = load_function(f"{_WORKER}:preload")(list(spec.modules)) or iter(())
+    later = load_function(f"{_WORKER}:preload")(spec.modules) or iter(())
     gc.freeze()
     gc.enable()
     _LOG.info("node %s: ready after %.1f s", node, time.monotonic() - began)

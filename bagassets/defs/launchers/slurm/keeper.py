@@ -11,7 +11,7 @@ import shlex
 import sys
 import time
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import dagster as dg
@@ -67,7 +67,7 @@ class Packing:
         """
         groups: dict[str, list[SpooledRun]] = {}
         for run in waiting:
-            groups.setdefault(json.dumps(run.spec.as_json(), sort_keys=True), []).append(run)
+            groups.setdefault(json.dumps(asdict(run.spec), sort_keys=True), []).append(run)
         return [job for group in groups.values() for job in self._packed(group, pace, now)]
 
     def _packed(self, group: list[SpooledRun], pace: float, now: float | None) -> list[list[SpooledRun]]:

@@ -46,26 +46,15 @@ class JobSpec:
     options: JsonMapping
     python: str
     cwd: str
-    modules: tuple[str, ...]
-    paths: tuple[str, ...]
+    modules: list[str]
+    paths: list[str]
     locks: str
     environment: JsonMapping
-    needs: tuple[str, ...]
+    needs: list[str]
     versions: JsonMapping
     idle_s: float = 0.0
     minutes: float = 0.0
     stores: JsonMapping = field(default_factory=dict)
-
-    @classmethod
-    def from_json(cls, value: JsonMapping) -> Self:
-        """Inverse of `as_json`."""
-        lists = {name: tuple(value[name]) for name in ("modules", "paths", "needs")}
-        return cls(**dict(value) | lists)
-
-    def as_json(self) -> JsonObject:
-        """Return the spec as JSON."""
-        value: JsonObject = json.loads(json.dumps(asdict(self)))
-        return value
 
 
 @dataclass(frozen=True)
@@ -90,12 +79,8 @@ class SpooledRun:
 
     @classmethod
     def from_json(cls, value: JsonMapping) -> Self:
-        """Inverse of `as_json`."""
-        return cls(**dict(value) | {"spec": JobSpec.from_json(value["spec"])})
-
-    def as_json(self) -> JsonObject:
-        """Return the run as JSON."""
-        return asdict(self) | {"spec": self.spec.as_json()}
+        """Inverse of `asdict`."""
+        return cls(**dict(value) | {"spec": JobSpec(**value["spec"])})
 
 
 @dataclass(frozen=True)
@@ -120,7 +105,7 @@ class JobFolder:
 
     def spec(self) -> JobSpec:
         """Return the spec of its runs."""
-        return JobSpec.from_json(_read(self.path / _JOB) or {})
+        return JobSpec(**_read(self.path / _JOB) or {})
 
     def age_s(self) -> float:
         """Return how long ago it was made."""
@@ -152,7 +137,7 @@ class JobFolder:
         """
         root = self.path.parent.parent
         for run in Spool(root).waiting():
-            if run.seconds <= seconds and run.spec.as_json() == _read(self.path / _JOB):
+            if run.seconds <= seconds and asdict(run.spec) == _read(self.path / _JOB):
                 name = f"{run.run_id}.json"
                 got = _moved(root / "waiting" / name, self.path / "begun" / name)
                 if got is not None:
@@ -239,7 +224,7 @@ class Spool:
 
     def put(self, run: SpooledRun) -> None:
         """Have a run wait for a job."""
-        _write(self.root / "waiting" / f"{run.run_id}.json", run.as_json())
+        _write(self.root / "waiting" / f"{run.run_id}.json", asdict(run))
 
     def waiting(self) -> list[SpooledRun]:
         """Return the runs that wait for a job, the oldest first."""
@@ -260,7 +245,7 @@ class Spool:
         folder = JobFolder(self.root / "jobs" / f"{stamp}-{uuid4().hex[:8]}")
         for name in ("runs", "begun", "cancel", "took"):
             make_folder(folder.path / name)
-        _write(folder.path / _JOB, runs[0].spec.as_json())
+        _write(folder.path / _JOB, asdict(runs[0].spec))
         got = []
         for run in runs:
             name = f"{run.run_id}.json"
