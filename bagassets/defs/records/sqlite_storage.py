@@ -17,12 +17,13 @@ import os
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from datetime import UTC, datetime
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, Self
 
 import dagster as dg
-from sqlalchemy import Connection, Engine, QueuePool, create_engine, event, update
+from sqlalchemy import Connection, Engine, QueuePool, bindparam, create_engine, event, update
 from sqlalchemy.exc import DisconnectionError
 
 from bagassets.defs.dagster_private import (
@@ -31,6 +32,7 @@ from bagassets.defs.dagster_private import (
     ConfigurableClassData,
     DagsterSqliteStorage,
     SqlEventLogStorage,
+    SqlEventLogStorageTable,
     SqliteEventLogStorage,
     SqliteRunStorage,
     SqliteScheduleStorage,
@@ -38,6 +40,9 @@ from bagassets.defs.dagster_private import (
 )
 from bagassets.defs.records.databases import EVENTS, RUNS, SCHEDULES, make_whole
 
+# Statements made once: SQLAlchemy takes longer to make one than SQLite to execute it.
+_INSERT_EVENT = SqlEventLogStorageTable.insert()
+_NOTE_LATEST = update(AssetKeyTable).where(AssetKeyTable.c.asset_key == bindparam("its_key"))
 _COMMON = "index"
 _BUSY_S = 30.0  # as Dagster has it for events
 
@@ -115,10 +120,10 @@ class _EventLogStorage(SqliteEventLogStorage):
             event.get_dagster_event().asset_key,
             self._get_asset_entry_values(event, event_id, True),
         )
-        if asset is not None and values:
-            ours = update(AssetKeyTable).where(AssetKeyTable.c.asset_key == asset.to_string())
-            if not conn.execute(ours.values(**values)).rowcount:
-                super()._store_asset_event(conn, event, event_id)
+        if asset is None or not values:
+            return
+        if not conn.execute(_NOTE_LATEST, {"its_key": asset.to_string(), **values}).rowcount:
+            super()._store_asset_event(conn, event, event_id)
 
     @cached_property
     def _there(self) -> set[str]:
@@ -162,16 +167,31 @@ class ProjectEventLogStorage(_EventLogStorage):
             SqlEventLogStorage.store_event(self, event)
         else:
             with self._connect(_COMMON) as connection:
-                stored = connection.execute(self.prepare_insert_event(event))
-                event_id = stored.inserted_primary_key[0]  # type: ignore[index]  # of an insert never None
+                row = self._event_to_row(event)
+                event_id = connection.execute(_INSERT_EVENT, row).inserted_primary_key[0]  # type: ignore[index]  # of an insert never None
                 if event.dagster_event.asset_key is not None:
-                    self._thread.connection = connection
+                    self._thread.connection, self._thread.text = connection, row["event"]
                     try:
                         self.store_asset_event(event, event_id)
                         self.store_asset_event_tags([event], [event_id])
                     finally:
-                        self._thread.connection = None
+                        self._thread.connection = self._thread.text = None
             self._thread.event_id = event_id
+
+    def _get_asset_entry_values(
+        self, event: dg.EventLogEntry, event_id: int, has_asset_key_index_cols: bool
+    ) -> dict[str, Any]:
+        """Return what is noted of the latest event of an asset; Dagster would spell out a materialization once more."""
+        text = getattr(self._thread, "text", None)
+        if text is None or not event.get_dagster_event().is_step_materialization:
+            return super()._get_asset_entry_values(event, event_id, has_asset_key_index_cols)
+        record = f'{{"__class__": "EventLogRecord", "event_log_entry": {text}, "storage_id": {event_id}}}'
+        at = datetime.fromtimestamp(event.timestamp, UTC)
+        return {
+            "last_materialization": record,
+            "last_run_id": event.run_id,
+            "last_materialization_timestamp": at,
+        }
 
     @property
     def last_asset_event_id(self) -> int | None:

@@ -15,6 +15,7 @@ import pytest
 from alembic.script import ScriptDirectory
 from sqlalchemy import create_engine
 
+from bagassets.defs.dagster_private import SqlEventLogStorage
 from bagassets.defs.records import sqlite_storage
 from bagassets.defs.records.events import event_database
 from bagassets.defs.records.instances import open_instance
@@ -180,6 +181,25 @@ def test_the_latest_event_of_an_asset_is_noted_as_dagster_does(project, monkeypa
         ours = noted(instance, "ours")
         monkeypatch.delattr(sqlite_storage._EventLogStorage, "_store_asset_event")
         assert noted(instance, "theirs") == ours == (True, True)
+
+
+def test_what_is_noted_of_an_event_is_what_dagster_notes(project, monkeypatch):
+    ours, both = ProjectEventLogStorage._get_asset_entry_values, []
+
+    def compared(storage, *arguments):
+        values = ours(storage, *arguments)
+        both.append((values, SqlEventLogStorage._get_asset_entry_values(storage, *arguments)))
+        return values
+
+    with open_instance(str(project.parent)) as instance:
+        run, key = instance.create_run_for_job(_job), dg.AssetKey("frames")
+        instance.report_runless_asset_event(dg.AssetMaterialization(key))  # makes its row
+        monkeypatch.setattr(ProjectEventLogStorage, "_get_asset_entry_values", compared)
+        made = dg.AssetMaterialization(key, 'of "é"', {"n": 1.5}, "a.bag", tags={"dagster/data_version": "1"})
+        instance.report_dagster_event(_materialization(run, made), run.run_id)
+        instance.report_runless_asset_event(dg.AssetObservation(key, partition="a.bag"))
+    assert [values == theirs for values, theirs in both] == [True, True]
+    assert "last_materialization" in both[0][0]
 
 
 def _fail(*_arguments):
