@@ -84,6 +84,3 @@ class PackedRecording(Recording):
             for row, topic in enumerate(batch.column("topic").to_pylist()):
                 if topic in topics:
                     yield RawMessage(topic, self.topics[topic].msgtype, times_ns[row], payloads[row].as_py())
-
-    def close(self) -> None:
-        """Do nothing: the file is open during reads only."""

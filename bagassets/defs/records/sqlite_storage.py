@@ -16,7 +16,7 @@ store, but the database is whole.
 import os
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from datetime import UTC, datetime
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -114,15 +114,23 @@ class _EventLogStorage(SqliteEventLogStorage):
                     self._there.add(table_name)
         return table_name in self._there
 
-    def _store_asset_event(self, conn: Connection, event: dg.EventLogEntry, event_id: int) -> None:
-        """Note the latest event of an asset; Dagster inserts, and updates once that has failed, as it nearly always does."""
-        asset, values = (
-            event.get_dagster_event().asset_key,
-            self._get_asset_entry_values(event, event_id, True),
-        )
-        if asset is None or not values:
+    def _store_asset_event(
+        self, conn: Connection, event: dg.EventLogEntry, event_id: int, text: str | None = None
+    ) -> None:
+        """Note the latest event of an asset; Dagster inserts, and updates once that has failed, as it nearly always does.
+
+        With `text`, the event as it was recorded, a materialization need not be spelled out once more.
+        """
+        happened = event.get_dagster_event()
+        if text is not None and happened.is_step_materialization:
+            record = f'{{"__class__": "EventLogRecord", "event_log_entry": {text}, "storage_id": {event_id}}}'
+            values: dict[str, Any] = {"last_materialization": record, "last_run_id": event.run_id}
+            values["last_materialization_timestamp"] = datetime.fromtimestamp(event.timestamp, UTC)
+        else:
+            values = self._get_asset_entry_values(event, event_id, True)
+        if happened.asset_key is None or not values:
             return
-        if not conn.execute(_NOTE_LATEST, {"its_key": asset.to_string(), **values}).rowcount:
+        if not conn.execute(_NOTE_LATEST, {"its_key": happened.asset_key.to_string(), **values}).rowcount:
             super()._store_asset_event(conn, event, event_id)
 
     @cached_property
@@ -153,11 +161,6 @@ class ProjectEventLogStorage(_EventLogStorage):
         """Return a connection to the events of a run."""
         return self._connect(run_id if run_id is not None and self._has_own(run_id) else _COMMON)
 
-    def index_connection(self) -> Any:
-        """Return a connection to the events of all runs; within `store_event`, the one it already holds."""
-        held = getattr(self._thread, "connection", None)
-        return super().index_connection() if held is None else nullcontext(held)
-
     def store_event(self, event: dg.EventLogEntry) -> None:
         """Record an event once; that of an asset in one transaction with what finds it."""
         self._thread.event_id = None
@@ -170,28 +173,9 @@ class ProjectEventLogStorage(_EventLogStorage):
                 row = self._event_to_row(event)
                 event_id = connection.execute(_INSERT_EVENT, row).inserted_primary_key[0]  # type: ignore[index]  # of an insert never None
                 if event.dagster_event.asset_key is not None:
-                    self._thread.connection, self._thread.text = connection, row["event"]
-                    try:
-                        self.store_asset_event(event, event_id)
-                        self.store_asset_event_tags([event], [event_id])
-                    finally:
-                        self._thread.connection = self._thread.text = None
+                    self._store_asset_event(connection, event, event_id, row["event"])
+                    self._store_asset_event_tags(connection, [event], [event_id])
             self._thread.event_id = event_id
-
-    def _get_asset_entry_values(
-        self, event: dg.EventLogEntry, event_id: int, has_asset_key_index_cols: bool
-    ) -> dict[str, Any]:
-        """Return what is noted of the latest event of an asset; Dagster would spell out a materialization once more."""
-        text = getattr(self._thread, "text", None)
-        if text is None or not event.get_dagster_event().is_step_materialization:
-            return super()._get_asset_entry_values(event, event_id, has_asset_key_index_cols)
-        record = f'{{"__class__": "EventLogRecord", "event_log_entry": {text}, "storage_id": {event_id}}}'
-        at = datetime.fromtimestamp(event.timestamp, UTC)
-        return {
-            "last_materialization": record,
-            "last_run_id": event.run_id,
-            "last_materialization_timestamp": at,
-        }
 
     @property
     def last_asset_event_id(self) -> int | None:
