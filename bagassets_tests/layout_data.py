@@ -11,7 +11,7 @@ from bagassets.assets.inventory import make_inventory
 from bagassets.recordings.inventory import Inventory
 from bagassets.recordings.layouts import choice_of
 from bagassets.recordings.open import open_recording
-from bagassets.recordings.pack import PackedRecording
+from bagassets.recordings.pack import PACK_FILE, Pack, PackedRecording
 from bagassets.store.artifact import Artifact, ArtifactWriter
 
 _NUMBERS = {"bool": np.bool_, "byte": np.uint8, "char": np.uint8, "octet": np.uint8}
@@ -83,4 +83,5 @@ def inventory_of(path, folder, message_definitions=(), limits=None):
         summary = make_inventory(recording, out, size=1)
     artifact = Artifact(out.finish(summary), folder)
     value = artifact.read_json("inventory.json")
-    return Inventory.from_json(value), PackedRecording(value, artifact.path("messages.parquet"))
+    inventory = Inventory.from_json(value)
+    return inventory, PackedRecording(inventory, Pack(artifact.path(PACK_FILE)))

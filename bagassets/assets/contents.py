@@ -9,6 +9,7 @@ from bagassets.assets.inventory import INVENTORY
 from bagassets.geometry.calibration import Calibration
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.recordings.inventory import Inventory
+from bagassets.recordings.pack import PACK_FILE, Pack
 from bagassets.store.artifact import Artifact
 
 
@@ -23,6 +24,11 @@ class Contents(ABC):
     def inventory(self) -> Inventory:
         """Its topics and time span."""
         return Inventory.from_json(self.artifact(INVENTORY.name).read_json("inventory.json"))
+
+    @cached_property
+    def pack(self) -> Pack:
+        """Its small messages."""
+        return Pack(self.artifact(INVENTORY.name).path(PACK_FILE))
 
     @cached_property
     def calibration(self) -> Calibration:

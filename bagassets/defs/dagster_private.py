@@ -70,7 +70,7 @@ if TYPE_CHECKING:
     # Partitions deleted many at a time: `partitions`.
     from dagster._core.storage.event_log.schema import DynamicPartitionsTable  # 1.7
 
-    # Which events of assets there are: `latest_ids`.
+    # Which events of assets there are: `latest_ids`, `sqlite_storage`.
     from dagster._core.storage.event_log.schema import SqlEventLogStorageTable  # 1.7
 
     # SQLite databases made whole or not at all, and kept open: `databases`, `sqlite_storage`.

@@ -23,6 +23,9 @@ processors, and little beside a larger recording.
 _AT_ALL_BYTES = 2**20  # a recording costs as much as these, whatever its size
 MOST_RECORDINGS = 50
 """Or about that, in one run: its log can still be read."""
+# Each run looks for all recordings: of 10,000, for as long as it takes to record a dozen of them. So thousands make longer
+# runs, not more.
+_MOST_RUNS, _MOST_OF_THOUSANDS = 40, 500
 # Where there are fewer, a run each, with steps, shows more. A run costs as much as recording two or three small recordings,
 # and its worker makes the maps of all lenses anew, which takes as long as a tenth of a recording of 240 MB.
 _FEWEST, _FEWEST_PER_JOB = 4, 2
@@ -44,10 +47,11 @@ def batches(todo: Batch, sizes: Mapping[str, int], jobs: int, most_per_run: int 
     Returns:
         The runs, the longest first: begun last, it would keep one worker busy after all others are done.
     """
-    most, small_bytes, batch_bytes = MOST_RECORDINGS, SMALL_BYTES, _LARGEST_BATCH_BYTES
+    small_bytes, batch_bytes = SMALL_BYTES, _LARGEST_BATCH_BYTES
     if most_per_run is not None:
-        most, (small_bytes, batch_bytes), jobs = most_per_run, _IN_QUEUE_BYTES, 1
+        (small_bytes, batch_bytes), jobs = _IN_QUEUE_BYTES, 1
     small = sorted((key for key in todo if sizes[key] <= small_bytes), key=lambda key: (-sizes[key], key))
+    most = most_per_run or max(MOST_RECORDINGS, min(len(small) // _MOST_RUNS, _MOST_OF_THOUSANDS))
     if most == 1 or not _are_many(small, jobs, most_per_run):
         small = []
     total = sum(sizes[key] for key in small)

@@ -8,6 +8,7 @@ others, and a recording that changes meanwhile fails them all.
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 
 from bagassets.assets.asset import AnyAsset, Inputs, Summary
@@ -109,9 +110,8 @@ def _batches(graph: Graph) -> Iterator[Sequence[AnyAsset]]:
     waiting = [asset for asset in graph.assets if graph.makes(asset.name)]
     while waiting:
         names = {asset.name for asset in waiting}
-        ready = [asset for asset in waiting if not names.intersection(graph.above(asset))]
-        single = next((asset for asset in ready if asset.extract is None), None)
-        batch = ready if single is None else [single]
+        alone = (one for one in waiting if one.extract is None and names.isdisjoint(graph.above(one)))
+        batch = [*islice(alone, 1)] or [one for one in waiting if names.isdisjoint(graph.above(one))]
         waiting = [asset for asset in waiting if asset not in batch]
         yield batch
 

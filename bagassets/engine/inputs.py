@@ -16,6 +16,7 @@ from bagassets.engine.source import MessageSource
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_annotations import AnnotationFiles
 from bagassets.recordings.model import Format, RecordingFiles
+from bagassets.recordings.pack import PackedRecording
 from bagassets.recordings.recording import Recording
 from bagassets.store.artifact import Artifact
 from bagassets.store.canonical import digest_file
@@ -111,9 +112,12 @@ class RecordingInputs(Contents):
 
     @contextmanager
     def messages(self, topics: tuple[str, ...]) -> Iterator[Recording]:
-        """Open `topics` of the recording, from wherever they are cheapest to read."""
-        with self._source.topics(topics, self.inventory, self.artifact(INVENTORY.name)) as recording:
-            yield recording
+        """Open `topics` of the recording, from the pack in its inventory if it has them all."""
+        if self.inventory.unpacked(topics):
+            with self._source.whole(self.inventory) as recording:
+                yield recording.restrict(topics)
+        else:
+            yield PackedRecording(self.inventory, self.pack, self._source.limits).restrict(topics)
 
 
 def not_materialized(key: str, asset: str, why: str | None = None) -> StoreError:

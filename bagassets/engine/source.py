@@ -1,7 +1,4 @@
-"""Where the messages of a step come from, the inventory's pack or the recording itself, and how far reading has come.
-
-Whoever waits learns of it now and then.
-"""
+"""Opening the recording that a step reads, unchanged; whoever waits learns now and then how far reading has come."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -17,14 +14,12 @@ from bagassets.recordings.digest import RecordingStat, assert_unchanged
 from bagassets.recordings.inventory import Inventory
 from bagassets.recordings.model import OnRead, RecordingFiles
 from bagassets.recordings.open import open_recording
-from bagassets.recordings.pack import PackedRecording
 from bagassets.recordings.recording import Recording
-from bagassets.store.artifact import Artifact
 
 
 @dataclass(frozen=True)
 class MessageSource:
-    """Opens just the topics that a step declared, from the cheapest place that has them.
+    """Opens a recording, and sees that it stays as it was when its digest was taken.
 
     Attributes:
         files: those of the recording.
@@ -74,18 +69,6 @@ class MessageSource:
             self.verify_unchanged()  # if it changed, that is the cause to report
             raise
         self.verify_unchanged()
-
-    @contextmanager
-    def topics(self, names: Sequence[str], inventory: Inventory, packed: Artifact) -> Iterator[Recording]:
-        """Open only `names`, from the pack in the inventory artifact if it has them all."""
-        if inventory.unpacked(names):
-            with self.whole(inventory) as recording:
-                yield recording.restrict(names)
-        else:
-            with PackedRecording(
-                packed.read_json("inventory.json"), packed.path("messages.parquet"), self.limits
-            ) as recording:
-                yield recording.restrict(names)
 
 
 # --- how far reading has come ------------------------------------------------------------

@@ -13,7 +13,7 @@ from bagassets.engine.plan import BagPlan
 from bagassets.engine.run_action import run_action
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_base import Clock
-from bagassets.recordings.pack import PACK_FILE, PackedRecording
+from bagassets.recordings.pack import PackedRecording
 from bagassets.recordings.recording import Recording
 from bagassets.store.artifact import Artifact
 from bagassets.store.store import Store
@@ -57,9 +57,7 @@ class _Stored(Contents):
 
     @contextmanager
     def messages(self, topics: tuple[str, ...]) -> Iterator[Recording]:
-        packed = self.artifact(INVENTORY.name)
-        with PackedRecording(packed.read_json("inventory.json"), packed.path(PACK_FILE)) as recording:
-            yield recording.restrict(topics)
+        yield PackedRecording(self.inventory, self.pack).restrict(topics)
 
 
 def track_of(store: Store, inventory: Artifact, ego_poses: Artifact, clock: Clock) -> Track:

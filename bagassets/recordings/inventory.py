@@ -13,7 +13,7 @@ from typing import Literal, Self
 from bagassets.base.errors import RecordingError
 from bagassets.base.json_types import JsonMapping
 from bagassets.base.quantities import count_text
-from bagassets.recordings.model import Definition, Format
+from bagassets.recordings.model import Definition, Format, Serialization
 from bagassets.recordings.salvage.damage_map import DamageMap
 
 Daylight = Literal["day", "night", "twilight"]
@@ -96,7 +96,7 @@ class TopicRecord:
     header_offset_s: HeaderOffset | None
     unordered_stamps: int
     frame_ids: tuple[str, ...]
-    serialization: str
+    serialization: Serialization
     packed: bool
     problem: str | None
     definition: Definition

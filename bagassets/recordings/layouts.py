@@ -8,7 +8,7 @@ first. Where several layouts are possible, `Choice` picks the one that fits the 
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property, lru_cache
+from functools import cache, cached_property, lru_cache, partial
 from pathlib import Path
 from threading import Lock
 from typing import Literal, cast
@@ -23,7 +23,7 @@ from rosbags.typesys.store import Typestore
 
 from bagassets.base.errors import BagAssetsError, DecodeError, RecordingError
 from bagassets.recipe.model import Limits
-from bagassets.recordings.elements import announced_elements, padded_end
+from bagassets.recordings.elements import announced_elements, fewest_bytes_of, padded_end
 from bagassets.recordings.known_types import FieldType, Types, known_versions
 from bagassets.recordings.model import Definition, Message, Serialization
 from bagassets.store.canonical import digest_json
@@ -89,6 +89,11 @@ class Layout:
             for name, (constants, fields) in self.types.items()
         }
         return digest_json({"type": self.msgtype, "serialization": self.serialization, "types": types})
+
+    @cached_property
+    def fewest_bytes(self) -> Callable[[int], int | None]:
+        """The smallest size at which a message can hold more than so many elements; see `fewest_bytes_of`."""
+        return cache(partial(fewest_bytes_of, self.types, self.msgtype, self.serialization))
 
     @property
     def text(self) -> str:

@@ -15,7 +15,7 @@ from rosbags.interfaces import Nodetype
 
 from bagassets.base.errors import DecodeError
 from bagassets.recipe.model import Limits
-from bagassets.recordings.elements import check_elements, fewest_bytes_of
+from bagassets.recordings.elements import check_elements
 from bagassets.recordings.heads import first_head_of
 from bagassets.recordings.known_types import FieldType
 from bagassets.recordings.layouts import TF_NAMES, Choice, Layout, choice_of
@@ -240,10 +240,7 @@ class Topic:
         most_bytes = self._limits.message_bytes
         if isinstance(self._layouts, str):
             return most_bytes
-        large = [
-            fewest_bytes_of(one.types, one.msgtype, one.serialization, self._limits.message_elements)
-            for one in self._layouts.layouts
-        ]
+        large = [one.fewest_bytes(self._limits.message_elements) for one in self._layouts.layouts]
         return min([most_bytes, *(size for size in large if size is not None)])
 
     def refusal(self, data: bytes | memoryview) -> str | None:

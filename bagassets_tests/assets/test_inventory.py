@@ -7,12 +7,14 @@ import pytest
 from blake3 import blake3
 
 from bagassets.assets.inventory import make_inventory
+from bagassets.base.errors import RecordingError
 from bagassets.geometry.sun import sun_elevation_deg
+from bagassets.recordings import pack as pack_module
 from bagassets.recordings.inventory import Inventory
 from bagassets.recordings.layouts import choice_of
 from bagassets.recordings.model import Definition, RawMessage
 from bagassets.recordings.open import open_recording
-from bagassets.recordings.pack import PACK_FILE, PACK_SCHEMA, PackedRecording, write_pack
+from bagassets.recordings.pack import PACK_FILE, PACK_SCHEMA, Pack, PackedRecording, write_pack
 from bagassets.store.artifact import Artifact, ArtifactWriter
 from bagassets_tests.recorded_bags import (
     NOON_NS,
@@ -139,6 +141,10 @@ def test_a_topic_digest_names_content(tmp_path, inventory_of, other):
     assert [t for t in two["topics"] if t["digest"] == topic_of(one, "/text")["digest"]] == []
 
 
+def packed_of(value, parquet):
+    return PackedRecording(Inventory.from_json(value), Pack(parquet))
+
+
 def test_packing(tmp_path, inventory_of):
     big = "x" * (64 * 1024 + 1)
     messages = [image(NOON_NS), text(NOON_NS, big, "/big"), text(NOON_NS, "small", "/late"),
@@ -146,7 +152,7 @@ def test_packing(tmp_path, inventory_of):
     value, parquet, _ = inventory_of(write_ros2(tmp_path / "bag", messages))
     packed = {topic["name"]: topic["packed"] for topic in value["topics"]}
     assert packed == {"/camera": False, "/big": False, "/late": True, "/small": True}
-    with PackedRecording(value, parquet) as recording:
+    with packed_of(value, parquet) as recording:
         assert set(recording.topics) == {"/late", "/small"}
         with pytest.raises(KeyError, match="/camera"):
             recording.messages(["/camera"])
@@ -157,7 +163,7 @@ def test_the_pack_reads_like_the_recording(tmp_path, inventory_of, write):
     path = write(tmp_path / ("a.mcap" if write is write_mcap else "a.bag"), mixed())
     value, parquet, _ = inventory_of(path)
     topics = ["/point", "/text"]
-    with open_recording(path) as bag, PackedRecording(value, parquet) as pack:
+    with open_recording(path) as bag, packed_of(value, parquet) as pack:
         assert pack.format == bag.format
         direct, packed = list(bag.messages(topics)), list(pack.messages(topics))
         assert [(m.topic, m.msgtype, m.log_time_ns, bytes(m.data)) for m in packed] == [
@@ -169,6 +175,21 @@ def test_the_pack_reads_like_the_recording(tmp_path, inventory_of, write):
                 pack.decode(b)
             )
             assert bag.topics[a.topic].header(a.data) == pack.topics[b.topic].header(b.data)
+
+
+@pytest.mark.parametrize("is_small", [True, False])
+def test_a_small_pack_is_read_once(tmp_path, inventory_of, monkeypatch, is_small):
+    value, parquet, _ = inventory_of(write_ros1(tmp_path / "a.bag", mixed()))
+    pack = Pack(parquet)
+    monkeypatch.setattr(pack_module, "_KEPT_BYTES", 1 << 20 if is_small else 0)
+    first, again = (PackedRecording(Inventory.from_json(value), pack) for _ in range(2))
+    messages = list(first.messages(["/text"]))
+    parquet.unlink()
+    if is_small:
+        assert list(again.messages(["/text"])) == messages != []
+    else:
+        with pytest.raises(RecordingError):
+            list(again.messages(["/text"]))
 
 
 def test_types_from_message_files_are_packed_with_their_definition(tmp_path, inventory_of):
@@ -193,7 +214,7 @@ def test_types_from_message_files_are_packed_with_their_definition(tmp_path, inv
     topic = topic_of(value, "/speed")
     assert topic["digest"] != topic_of(without, "/speed")["digest"]
     assert topic["first_stamp_ns"] == 7 * SECOND + 5
-    with PackedRecording(value, parquet) as pack:
+    with packed_of(value, parquet) as pack:
         (message,) = pack.messages(["/speed"])
         assert pack.decode(message).value == 1.5
 
@@ -342,7 +363,7 @@ def test_an_empty_recording(tmp_path, inventory_of):
     value, parquet, summary = inventory_of(write_mcap(tmp_path / "a.mcap", []))
     assert (value["start_ns"], value["end_ns"], value["duration_s"], value["topics"]) == (None, None, 0.0, [])
     assert summary["messages"] == 0
-    with PackedRecording(value, parquet) as pack:
+    with packed_of(value, parquet) as pack:
         assert list(pack.messages([])) == []
 
 

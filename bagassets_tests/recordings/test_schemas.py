@@ -11,8 +11,9 @@ from bagassets.assets.inventory import make_inventory
 from bagassets.base.errors import DecodeError
 from bagassets.decode.numeric_fields import numbers_at
 from bagassets.recipe.model import Limits
+from bagassets.recordings.inventory import Inventory
 from bagassets.recordings.open import open_recording
-from bagassets.recordings.pack import PackedRecording
+from bagassets.recordings.pack import PACK_FILE, Pack, PackedRecording
 from bagassets.store.artifact import Artifact, ArtifactWriter
 from bagassets_tests.foxglove_files import NS, M, T, pose, write_protobuf
 from bagassets_tests.recorded_bags import ROS2
@@ -144,7 +145,7 @@ def store_of(tmp_path):
         with open_recording(path) as recording:
             artifact = Artifact(out.finish(make_inventory(recording, out, size=1)), folder)
         value = artifact.read_json("inventory.json")
-        return value, PackedRecording(value, artifact.path("messages.parquet"))
+        return value, PackedRecording(Inventory.from_json(value), Pack(artifact.path(PACK_FILE)))
 
     return make
 

@@ -25,12 +25,13 @@ class Fence:
 
     Attributes:
         instance: has the run.
-        run_id: the run, which has not ended now.
+        run_id: the run.
+        known_open_s: when it was last known not to have ended, on the clock of `check`; default: now.
     """
 
     instance: dg.DagsterInstance
     run_id: str
-    _known_open_s: float = field(default_factory=lambda: time.clock_gettime(_CLOCK))
+    known_open_s: float = field(default_factory=lambda: time.clock_gettime(_CLOCK))
 
     def check(self) -> None:
         """Refuse to record something if the run was given up; the database is asked every few seconds at most.
@@ -39,9 +40,9 @@ class Fence:
             RunEndedError: it was.
         """
         now_s = time.clock_gettime(_CLOCK)
-        if now_s - self._known_open_s > _ALIVE_S:
+        if now_s - self.known_open_s > _ALIVE_S:
             refuse_if_ended(self.instance, self.run_id)
-            self._known_open_s = now_s
+            self.known_open_s = now_s
 
 
 def run_has_ended(instance: dg.DagsterInstance, run_id: str) -> bool:

@@ -16,13 +16,14 @@ store, but the database is whole.
 import os
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
+from datetime import UTC, datetime
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, Self
 
 import dagster as dg
-from sqlalchemy import Connection, Engine, QueuePool, create_engine, event, update
+from sqlalchemy import Connection, Engine, QueuePool, bindparam, create_engine, event, update
 from sqlalchemy.exc import DisconnectionError
 
 from bagassets.defs.dagster_private import (
@@ -31,6 +32,7 @@ from bagassets.defs.dagster_private import (
     ConfigurableClassData,
     DagsterSqliteStorage,
     SqlEventLogStorage,
+    SqlEventLogStorageTable,
     SqliteEventLogStorage,
     SqliteRunStorage,
     SqliteScheduleStorage,
@@ -38,6 +40,9 @@ from bagassets.defs.dagster_private import (
 )
 from bagassets.defs.records.databases import EVENTS, RUNS, SCHEDULES, make_whole
 
+# Statements made once: SQLAlchemy takes longer to make one than SQLite to execute it.
+_INSERT_EVENT = SqlEventLogStorageTable.insert()
+_NOTE_LATEST = update(AssetKeyTable).where(AssetKeyTable.c.asset_key == bindparam("its_key"))
 _COMMON = "index"
 _BUSY_S = 30.0  # as Dagster has it for events
 
@@ -109,16 +114,24 @@ class _EventLogStorage(SqliteEventLogStorage):
                     self._there.add(table_name)
         return table_name in self._there
 
-    def _store_asset_event(self, conn: Connection, event: dg.EventLogEntry, event_id: int) -> None:
-        """Note the latest event of an asset; Dagster inserts, and updates once that has failed, as it nearly always does."""
-        asset, values = (
-            event.get_dagster_event().asset_key,
-            self._get_asset_entry_values(event, event_id, True),
-        )
-        if asset is not None and values:
-            ours = update(AssetKeyTable).where(AssetKeyTable.c.asset_key == asset.to_string())
-            if not conn.execute(ours.values(**values)).rowcount:
-                super()._store_asset_event(conn, event, event_id)
+    def _store_asset_event(
+        self, conn: Connection, event: dg.EventLogEntry, event_id: int, text: str | None = None
+    ) -> None:
+        """Note the latest event of an asset; Dagster inserts, and updates once that has failed, as it nearly always does.
+
+        With `text`, the event as it was recorded, a materialization need not be spelled out once more.
+        """
+        happened = event.get_dagster_event()
+        if text is not None and happened.is_step_materialization:
+            record = f'{{"__class__": "EventLogRecord", "event_log_entry": {text}, "storage_id": {event_id}}}'
+            values: dict[str, Any] = {"last_materialization": record, "last_run_id": event.run_id}
+            values["last_materialization_timestamp"] = datetime.fromtimestamp(event.timestamp, UTC)
+        else:
+            values = self._get_asset_entry_values(event, event_id, True)
+        if happened.asset_key is None or not values:
+            return
+        if not conn.execute(_NOTE_LATEST, {"its_key": happened.asset_key.to_string(), **values}).rowcount:
+            super()._store_asset_event(conn, event, event_id)
 
     @cached_property
     def _there(self) -> set[str]:
@@ -148,11 +161,6 @@ class ProjectEventLogStorage(_EventLogStorage):
         """Return a connection to the events of a run."""
         return self._connect(run_id if run_id is not None and self._has_own(run_id) else _COMMON)
 
-    def index_connection(self) -> Any:
-        """Return a connection to the events of all runs; within `store_event`, the one it already holds."""
-        held = getattr(self._thread, "connection", None)
-        return super().index_connection() if held is None else nullcontext(held)
-
     def store_event(self, event: dg.EventLogEntry) -> None:
         """Record an event once; that of an asset in one transaction with what finds it."""
         self._thread.event_id = None
@@ -162,15 +170,11 @@ class ProjectEventLogStorage(_EventLogStorage):
             SqlEventLogStorage.store_event(self, event)
         else:
             with self._connect(_COMMON) as connection:
-                stored = connection.execute(self.prepare_insert_event(event))
-                event_id = stored.inserted_primary_key[0]  # type: ignore[index]  # of an insert never None
+                row = self._event_to_row(event)
+                event_id = connection.execute(_INSERT_EVENT, row).inserted_primary_key[0]  # type: ignore[index]  # of an insert never None
                 if event.dagster_event.asset_key is not None:
-                    self._thread.connection = connection
-                    try:
-                        self.store_asset_event(event, event_id)
-                        self.store_asset_event_tags([event], [event_id])
-                    finally:
-                        self._thread.connection = None
+                    self._store_asset_event(connection, event, event_id, row["event"])
+                    self._store_asset_event_tags(connection, [event], [event_id])
             self._thread.event_id = event_id
 
     @property

@@ -8,13 +8,14 @@ import hashlib
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from math import inf
 from pathlib import Path
 
 import dagster as dg
 from pydantic import PrivateAttr
 
 from bagassets.base.lock_files import LockFile
-from bagassets.defs.records.fence import refuse_if_ended, run_has_ended
+from bagassets.defs.records.fence import Fence, run_has_ended
 from bagassets.defs.records.run_step import RunStep
 
 _POLL_S = 0.2
@@ -90,6 +91,7 @@ class RecordingLock(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps
 
     folder: str
     _held: ExitStack = PrivateAttr(default_factory=ExitStack)
+    _fences: dict[str, Fence] = PrivateAttr(default_factory=dict)
 
     def take(self, context: dg.AssetExecutionContext) -> None:
         """Wait until no other run on this machine works on the recording, and hold it until this run ends.
@@ -118,8 +120,9 @@ class RecordingLock(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps
             # An interrupt raises.
             return bool(asked % ASKS_PER_LOOK) or not holder_has_ended(step.instance, folder, key)
 
+        fence = self._fences.setdefault(step.run_id, Fence(step.instance, step.run_id, -inf))
         with exclusive(folder, key, keep_waiting=keep_waiting, holder=step.run_id):
-            refuse_if_ended(step.instance, step.run_id)
+            fence.check()
             yield
 
     def teardown_after_execution(self, context: dg.InitResourceContext) -> None:  # noqa: ARG002  (Dagster's)

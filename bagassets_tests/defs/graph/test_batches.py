@@ -99,6 +99,10 @@ def test_large_recordings_have_a_run_each_and_small_ones_share():
     assert sum(len(batch) for batch in shared) == 1000
     empty = dict.fromkeys(many, 0)
     assert {len(batch) for batch in batches(dict.fromkeys(many, ("bag",)), empty, 2)} == {50}
+    # Of thousands there are forty runs, as each of them looks for all recordings, but none with more than 500.
+    for number, size in (2_000, 50), (10_000, 250), (100_000, 500):
+        keys = dict.fromkeys((f"s{one}" for one in range(number)), ("bag",))
+        assert {len(batch) for batch in batches(keys, dict.fromkeys(keys, 0), 2)} == {size}
     # 3.24 GB fill three runs: with four, each of two jobs has as many.
     medium = {f"m{number:02}": 162 * 10**6 for number in range(20)}
     dealt = batches(dict.fromkeys(medium, ("bag",)), medium, 2)

@@ -12,8 +12,9 @@ from bagassets.defs.records.events import Records
 from bagassets.defs.records.fence import Fence
 from bagassets.defs.records.instances import open_instance
 from bagassets.defs.records.naming import Naming
+from bagassets.defs.records.run_step import RunStep
 from bagassets.defs.runs import exclusive as exclusive_module
-from bagassets.defs.runs.exclusive import exclusive, holder_has_ended
+from bagassets.defs.runs.exclusive import RecordingLock, exclusive, holder_has_ended
 from bagassets_tests.in_process import build, keys_of, make_project, states, survey
 
 
@@ -78,6 +79,24 @@ def test_a_fence_closes_when_its_run_ends(run, monkeypatch):
         RunEndedError, match=f"run {made.run_id} ended as FAILURE while its worker was still at work"
     ):
         fence.check()
+
+
+def test_a_worker_asks_before_its_first_recording_and_then_every_few_seconds(run, tmp_path, monkeypatch):
+    instance, made = run
+    step, lock, other = (
+        RunStep(instance, made.run_id),
+        *(RecordingLock(folder=str(tmp_path)) for _ in range(2)),
+    )
+    with lock.hold(step, "a.bag"):
+        instance.report_run_failed(made, "Its node failed.")
+    with lock.hold(step, "b.bag"):  # a moment ago it was open
+        pass
+    with pytest.raises(RunEndedError), other.hold(step, "b.bag"):
+        pass
+    now_s = time.clock_gettime
+    monkeypatch.setattr(time, "clock_gettime", lambda clock: now_s(clock) + 3.0)
+    with pytest.raises(RunEndedError), lock.hold(step, "c.bag"):
+        pass
 
 
 def test_nobody_waits_for_a_run_that_has_ended(run, tmp_path):

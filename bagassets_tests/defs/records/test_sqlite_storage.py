@@ -8,13 +8,15 @@ import sys
 import threading
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import closing
+from datetime import UTC
 from multiprocessing import get_context
 
 import dagster as dg
 import pytest
 from alembic.script import ScriptDirectory
-from sqlalchemy import create_engine
+from sqlalchemy import create_engine, select
 
+from bagassets.defs.dagster_private import AssetKeyTable, SqlEventLogStorage
 from bagassets.defs.records import sqlite_storage
 from bagassets.defs.records.events import event_database
 from bagassets.defs.records.instances import open_instance
@@ -146,7 +148,7 @@ def test_an_asset_is_recorded_with_what_finds_it_or_not_at_all(project, monkeypa
         storage = instance.event_log_storage
         run = instance.create_run_for_job(_job)
         with monkeypatch.context() as patch:
-            patch.setattr(storage, "store_asset_event_tags", _fail)
+            patch.setattr(storage, "_store_asset_event_tags", _fail)
             with pytest.raises(OSError, match="full"):
                 instance.report_dagster_event(_materialization(run, tagged), run.run_id)
         assert storage.last_asset_event_id is None
@@ -178,8 +180,28 @@ def test_the_latest_event_of_an_asset_is_noted_as_dagster_does(project, monkeypa
 
     with open_instance(str(project.parent)) as instance:
         ours = noted(instance, "ours")
-        monkeypatch.delattr(sqlite_storage._EventLogStorage, "_store_asset_event")
+        dagsters = SqlEventLogStorage._store_asset_event
+        monkeypatch.setattr(
+            sqlite_storage._EventLogStorage, "_store_asset_event", lambda *args: dagsters(*args[:4])
+        )
         assert noted(instance, "theirs") == ours == (True, True)
+
+
+def test_the_latest_materialization_is_noted_as_dagster_spells_it_out(project):
+    with open_instance(str(project.parent)) as instance:
+        run, key = instance.create_run_for_job(_job), dg.AssetKey("frames")
+        made = dg.AssetMaterialization(key, 'of "é"', {"n": 1.5}, "a.bag", tags={"dagster/data_version": "1"})
+        for _ in range(2):  # of the first there is no row yet
+            instance.report_dagster_event(_materialization(run, made), run.run_id)
+        (record,) = instance.fetch_materializations(key, limit=1).records
+        with instance.event_log_storage.index_connection() as connection:
+            noted = connection.execute(
+                select(AssetKeyTable).where(AssetKeyTable.c.asset_key == key.to_string())
+            )
+            (row,) = noted.mappings()
+    assert row["last_materialization"] == dg.serialize_value(record)
+    assert row["last_run_id"] == run.run_id
+    assert row["last_materialization_timestamp"].replace(tzinfo=UTC).timestamp() == record.timestamp
 
 
 def _fail(*_arguments):
