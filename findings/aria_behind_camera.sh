@@ -3,7 +3,7 @@
 # are projected into them: `CameraCalibration.project`, which gives None for what is not visible. Where is what lies behind the camera, a metre back, 0.1 to the side?
 # Guess: None, as `project_no_checks` is there for whoever wants a number. Seen with projectaria-tools 2.3.0 on 2026-11-29, without a word:
 # - in the middle of the image, mirrored through its centre: only width and height are checked, and at z = 0. The camera that it makes has no limit of its angle
-# - a fisheye camera (FISHEYE624) that is made with pi as the greatest angle likewise, where the model ends at 90 degrees; with that of a lens, 1.4 rad, it is None
+# - a fisheye camera (FISHEYE624) that is made with pi as the greatest angle likewise; with one as of a lens, 1.4 rad, it is None
 # - its first pixel has its middle at (0, 0), as in OpenCV: 640 x 480 has its centre at (319.5, 239.5)
 set -euo pipefail
 folder=$(mktemp -d)

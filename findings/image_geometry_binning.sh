@@ -5,7 +5,7 @@
 # - 10 m (`getZ`): focal length and centre are divided by the binning, P[0, 3] (minus focal length times base) is not. A point at 5 m is projected into the right image
 #   20 pixels to the left of where the left one has it (`project3dToPixel`, `getDisparity`), as in the full images
 # - the field of view (`fovX`) is 104 degrees in place of 65: the full width by the binned focal length
-# ROS 2's has the same lines for it in its source.
+# ROS 2's has the same lines for K and P in its source.
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
