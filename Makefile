@@ -20,8 +20,6 @@ LEROBOT := .lerobot-venv
 BIN := $(VENV)/bin
 export BAGASSETS_DEVKIT_PYTHON := $(CURDIR)/$(DEVKIT)/bin/python
 export BAGASSETS_LEROBOT_PYTHON ?= $(CURDIR)/$(LEROBOT)/bin/python
-# One more worker of pytest than processors: tests wait for processes, polls and locks about a quarter of their time.
-export PYTEST_XDIST_AUTO_NUM_WORKERS ?= $(shell expr $$(nproc) + 1)
 
 .PHONY: demo test test-all test-lerobot lint docs clean bench bench-all bench-lerobot bench-incremental bench-peers bench-plan bench-check chaos crash soak mutants fuzz
 .DEFAULT_GOAL := demo

@@ -21,7 +21,7 @@ KEYS = ("drive.bag", "drive", "drive.mcap")
 CAMERAS = ("CAM_FRONT", "CAM_FRONT_LEFT", "CAM_FRONT_RIGHT")
 MS = 1_000_000
 
-pytestmark = pytest.mark.xdist_group("sample_truth")
+pytestmark = [pytest.mark.xdist_group("sample_truth"), pytest.mark.once]
 
 
 @pytest.fixture(scope="module")

@@ -30,6 +30,8 @@ from bagassets_tests.in_process import build
 from bagassets_tests.services import BIN, eventually, free_port, running
 from bagassets_tests.small_drive import write_drive
 
+pytestmark = pytest.mark.once
+
 
 def by_command(recipe_file, monkeypatch):
     build(recipe_file, monkeypatch, jobs=1)

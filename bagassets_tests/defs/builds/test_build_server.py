@@ -35,7 +35,7 @@ from bagassets_tests.in_process import make_project, survey
 from bagassets_tests.services import eventually
 from bagassets_tests.small_drive import write_drive
 
-pytestmark = pytest.mark.xdist_group("build_server")
+pytestmark = [pytest.mark.xdist_group("build_server"), pytest.mark.once]
 KEYS = ["a.bag", "b.mcap"]
 QUALITIES = count(20)
 

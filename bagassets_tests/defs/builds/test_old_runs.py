@@ -17,6 +17,8 @@ from bagassets.engine.batches import DATASET
 from bagassets_tests.in_process import build, keys_of, make_project, survey
 from bagassets_tests.small_drive import write_drive
 
+pytestmark = pytest.mark.once
+
 KEYS = ("a.bag", "b.mcap")
 
 

@@ -32,6 +32,8 @@ from bagassets.store.store import Store
 from bagassets_tests.in_process import build, make_project, states, survey
 from bagassets_tests.small_drive import RECIPE, write_drive
 
+pytestmark = pytest.mark.once
+
 KEYS = tuple(f"d{number}.bag" for number in range(4))
 ASSETS = ("bag", "inventory", "frames", "annotations", "nuscenes_tables")
 BROKEN = "d2.bag"

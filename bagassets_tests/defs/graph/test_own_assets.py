@@ -19,6 +19,8 @@ from bagassets.engine.freshness.decide import nothing_to_do
 from bagassets_tests.in_process import build, make_project
 from bagassets_tests.small_drive import write_drive
 
+pytestmark = pytest.mark.once
+
 MODULE = """
 from pathlib import Path
 import dagster as dg

@@ -31,6 +31,8 @@ from bagassets_tests.in_process import build, load_definitions, make_project, st
 from bagassets_tests.services import eventually
 from bagassets_tests.small_drive import write_drive
 
+pytestmark = pytest.mark.once
+
 NAMES = Naming("test")
 KEYS = ("d.bag", "a.bag", "c.bag", "b.bag")  # in the order in which they are registered
 POLICY = dg.BackfillPolicy.multi_run(MOST_RECORDINGS)

@@ -33,6 +33,8 @@ from bagassets.recordings.digest import RecordingStat
 from bagassets_tests.in_process import build, load_definitions, make_project
 from bagassets_tests.small_drive import RECIPE, write_drive
 
+pytestmark = pytest.mark.once
+
 T0_S = 1_800_000_000.0
 OLD_S = T0_S - 3600
 

@@ -23,6 +23,8 @@ from bagassets_tests.defs.graph.test_sensor import Project, stale
 from bagassets_tests.in_process import QUICK
 from bagassets_tests.small_drive import write_drive
 
+pytestmark = pytest.mark.once
+
 LONG, SHORT, BELOW = "a.bag", "short.bag", ("frames", "nuscenes_tables")
 
 

@@ -201,7 +201,8 @@ def test_the_latest_materialization_is_noted_as_dagster_spells_it_out(project):
             (row,) = noted.mappings()
     assert row["last_materialization"] == dg.serialize_value(record)
     assert row["last_run_id"] == run.run_id
-    assert row["last_materialization_timestamp"].replace(tzinfo=UTC).timestamp() == record.timestamp
+    noted_s = row["last_materialization_timestamp"].replace(tzinfo=UTC).timestamp()
+    assert noted_s == pytest.approx(record.timestamp, abs=1e-6)  # in whole microseconds
 
 
 def _fail(*_arguments):
