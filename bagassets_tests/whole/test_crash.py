@@ -79,14 +79,14 @@ def scenario(request, project):
 
 @pytest.mark.long
 def test_after_a_crash_the_next_build_gives_what_a_build_from_nothing_gives(project, scenario):
-    chosen = random.Random(SEED).sample(list(crashes(scenario, SEED)), 6)
+    chosen = random.Random(SEED).sample(list(crashes(scenario, SEED)), 3)
     found = {crash: replay(project, scenario, crash) for crash in chosen}
     assert {crash: problem for crash, problem in found.items() if problem} == {}
 
 
 @pytest.mark.long
 def test_a_change_that_fails_ends_in_a_sentence_and_the_next_build_is_right(project, scenario):
-    chosen = random.Random(SEED).sample(list(failures(scenario)), 3)
+    chosen = random.Random(SEED).sample(list(failures(scenario)), 2)
     found = {failure: fail(project, scenario, failure) for failure in chosen}
     assert {failure: problem for failure, problem in found.items() if problem} == {}
 
