@@ -101,7 +101,7 @@ class TestDeal:
         moved = {}
         order = random.Random(3).sample(KEYS, 1500)
         before = deal(order[:2], DEFAULT)
-        for number in range(3, len(order) + 1):
+        for number in (*range(3, 850), *range(850, len(order) + 1, 50)):
             after = deal(order[:number], DEFAULT)
             moved[number] = len(moves(before, after))
             before = after
