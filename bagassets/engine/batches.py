@@ -12,7 +12,7 @@ DATASET = ""
 
 SMALL_BYTES = 256 * 2**20
 _LARGEST_BATCH_BYTES = 2**30
-# Both where runs wait in a queue: there may be many processors.
+# The same two where runs wait in a queue: there may be many processors.
 _IN_QUEUE_BYTES = 64 * 2**20, 256 * 2**20
 WORTH_STEPS_BYTES = 4 * 2**30
 """Up to here a recording does without a step for each asset, where the choice is free.
@@ -25,7 +25,7 @@ MOST_RECORDINGS = 50
 """Or about that, in one run: its log can still be read."""
 # Each run looks for all recordings: of 10,000, for as long as it takes to record a dozen of them. So thousands make longer
 # runs, not more.
-_MOST_RUNS, _MOST_OF_THOUSANDS = 40, 500
+_ENOUGH_RUNS, _MOST_OF_THOUSANDS = 40, 500
 # Where there are fewer, a run each, with steps, shows more. A run costs as much as recording two or three small recordings,
 # and its worker makes the maps of all lenses anew, which takes as long as a tenth of a recording of 240 MB.
 _FEWEST, _FEWEST_PER_JOB = 4, 2
@@ -51,7 +51,7 @@ def batches(todo: Batch, sizes: Mapping[str, int], jobs: int, most_per_run: int 
     if most_per_run is not None:
         (small_bytes, batch_bytes), jobs = _IN_QUEUE_BYTES, 1
     small = sorted((key for key in todo if sizes[key] <= small_bytes), key=lambda key: (-sizes[key], key))
-    most = most_per_run or max(MOST_RECORDINGS, min(len(small) // _MOST_RUNS, _MOST_OF_THOUSANDS))
+    most = most_per_run or max(MOST_RECORDINGS, min(len(small) // _ENOUGH_RUNS, _MOST_OF_THOUSANDS))
     if most == 1 or not _are_many(small, jobs, most_per_run):
         small = []
     total = sum(sizes[key] for key in small)

@@ -230,9 +230,8 @@ class Planner:
         """Return the plan of a recording with nothing to do as the next one finds it, which is smaller; others as they are."""
         if not bag.settled or bag.key not in self._fingerprints:
             return bag
-        with suppress(
-            PlanNeeded, StoreError
-        ):  # it will be planned again; whoever needs what cannot be read reports that
+        # It will be planned again, and whoever needs what cannot be read reports that.
+        with suppress(PlanNeeded, StoreError):
             looked_into = replace(bag, findings=self.check(bag), damage=damage_of(bag, self.assets.store))
             if looked_into.findings is not None:
                 return KeptPlan(bag.key, looked_into.as_row(), note_of(self._artifacts, bag.artifacts))
