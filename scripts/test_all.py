@@ -16,8 +16,10 @@ import sys
 import time
 import tomllib
 from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 __all__ = ["LOWEST_PYTHON", "Part", "find_pythons", "main"]
@@ -47,10 +49,12 @@ class Part:
     Attributes:
         about: what it does, for people.
         run: does it.
+        prepare: makes an environment of its own.
     """
 
     about: str
     run: Callable[[], None]
+    prepare: Callable[[], None] = lambda: None
 
 
 def main(arguments: list[str]) -> int:
@@ -60,11 +64,16 @@ def main(arguments: list[str]) -> int:
     chosen = parser.parse_args(arguments).parts or list(PARTS)
     if unknown := [name for name in chosen if name not in PARTS]:
         parser.error(f"no part {unknown[0]!r}; the parts are {', '.join(PARTS)}")
-    results = []
+    started = time.monotonic()
+    # Together, as pip uses one processor, and before any test, as it takes that from what measures time.
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        prepared = {name: pool.submit(PARTS[name].prepare) for name in chosen}
+    results = [("prepare", time.monotonic() - started, "done")]
     for name in chosen:
         _say(f"== {name}: {PARTS[name].about}")
         started = time.monotonic()
         try:
+            prepared[name].result()
             PARTS[name].run()
             result = "passed"
         except LeftOutError as err:
@@ -85,11 +94,15 @@ def _long() -> None:
     _run(sys.executable, *_TESTS, "loadgroup", "-m", "long and not lerobot")
 
 
-def _lerobot() -> None:
+def _prepare_lerobot() -> None:
     python = find_pythons().get(LEROBOT_PYTHON)
     if python is None:
         raise LeftOutError(f"there is no Python {_dotted(LEROBOT_PYTHON)}, with which this lerobot runs")
-    _run("make", f"LEROBOT_PYTHON={python}", "test-lerobot")
+    _run("make", f"LEROBOT_PYTHON={python}", ".lerobot-venv/.made")
+
+
+def _lerobot() -> None:
+    _run("make", "test-lerobot")
 
 
 def _fuzz() -> None:
@@ -98,17 +111,16 @@ def _fuzz() -> None:
     _run("make", "FUZZ_MINUTES=1", "FUZZ=--seed 1", "fuzz")
 
 
-def _lowest() -> None:
+def _prepare_lowest() -> None:
     python = find_pythons().get(LOWEST_PYTHON)
     if python is None:
         raise LeftOutError(
             f"there is no Python {_dotted(LOWEST_PYTHON)}, for which these versions have wheels"
         )
-    environment = _environment("lowest", python, ["--requirement", str(ROOT / "requirements-lowest.lock")])
-    _run(environment, *_TESTS, "loadfile", "-m", "not long and not once")
+    _make_environment("lowest", python, ["--requirement", str(ROOT / "requirements-lowest.lock")])
 
 
-def _newest() -> None:
+def _prepare_newest() -> None:
     pythons = find_pythons()
     if not pythons:
         raise LeftOutError("there is no Python that bagassets runs with and that can make environments")
@@ -117,19 +129,31 @@ def _newest() -> None:
         _say(
             f"There is no newer Python than {_dotted(version)} here: the newest packages are tried with that."
         )
-    environment = _environment("newest", pythons[version], ["--prefer-binary", *_requirements()])
-    _run(environment, *_TESTS, "loadfile", "-m", "not long and not once")
+    _make_environment("newest", pythons[version], ["--prefer-binary", *_requirements()])
+
+
+def _in_environment(name: str) -> None:
+    """Run the tests that depend on libraries, with those of an environment."""
+    _run(_python_of(name), *_TESTS, "loadfile", "-m", "not long and not once")
 
 
 PARTS = {
     "long": Part(
         "tests that take long, or are some of many alike: the wheel, installed outside of the checkout", _long
     ),
-    "lerobot": Part("the real lerobot on datasets of ours, in an environment of its own", _lerobot),
+    "lerobot": Part(
+        "the real lerobot on datasets of ours, in an environment of its own", _lerobot, _prepare_lerobot
+    ),
     "fuzz": Part("bytes that nobody wrote, for whatever reads bytes, a minute of them", _fuzz),
-    "lowest": Part("what depends on libraries, with the lowest versions that pyproject.toml allows", _lowest),
+    "lowest": Part(
+        "what depends on libraries, with the lowest versions that pyproject.toml allows",
+        partial(_in_environment, "lowest"),
+        _prepare_lowest,
+    ),
     "newest": Part(
-        "what depends on libraries, with the newest Python here, and the newest versions", _newest
+        "what depends on libraries, with the newest Python here, and the newest versions",
+        partial(_in_environment, "newest"),
+        _prepare_newest,
     ),
 }
 
@@ -163,12 +187,15 @@ def _version(python: str) -> tuple[int, int] | None:
         return None
 
 
-def _environment(name: str, python: str, requirements: Iterable[str]) -> str:
-    """Make an environment with these requirements and the checkout; return its Python."""
-    folder = FOLDER / name
+def _python_of(name: str) -> str:
+    return str(FOLDER / name / "bin" / "python")
+
+
+def _make_environment(name: str, python: str, requirements: Iterable[str]) -> None:
+    """Make an environment with these requirements and the checkout."""
+    folder, inside = FOLDER / name, _python_of(name)
     shutil.rmtree(folder, ignore_errors=True)
     _run(python, "-m", "venv", str(folder))
-    inside = str(folder / "bin" / "python")
     install = (inside, "-m", "pip", "install", "--quiet", "--disable-pip-version-check")
     _run(*install, *requirements)
     _run(*install, "--no-deps", "--editable", str(ROOT))
@@ -185,7 +212,6 @@ def _environment(name: str, python: str, requirements: Iterable[str]) -> str:
         to=folder / "freeze.txt",
     )
     _say(f"   versions: {folder / 'freeze.txt'}")
-    return inside
 
 
 def _requirements() -> list[str]:

@@ -74,6 +74,7 @@ def test_recipes_are_read(project):
         assert load_recipe(recipe).rigs
 
 
+@pytest.mark.once
 def test_the_store_is_intact(project):
     run(project, "verify")  # exit status 1 if anything is damaged
 
@@ -111,6 +112,7 @@ def test_the_dataset_is_the_same(project, built):
         assert (built / table).read_bytes() == (project / table).read_bytes()
 
 
+@pytest.mark.once
 def test_a_lock_is_compared_with_one_of_now(project, built):
     # All artifacts may be made anew, others that hold the same; only ego poses have other tokens.
     said = run(built, "dataset", "diff", project / LOCK, built / LOCK, status={0, 3})
@@ -119,6 +121,7 @@ def test_a_lock_is_compared_with_one_of_now(project, built):
     assert changes == ["~ a.mcap: the same samples", "files that differ: ego_pose.json, sample_data.json"]
 
 
+@pytest.mark.once
 def test_a_dataset_is_made_again_from_its_lock(old, tmp_path):
     project = unpack(old, tmp_path)
     lock = shutil.copy(project / LOCK, tmp_path / "kept.lock.json")
@@ -127,10 +130,12 @@ def test_a_dataset_is_made_again_from_its_lock(old, tmp_path):
     assert next((tmp_path / "again").rglob("scene.json")).read_bytes() == before
 
 
+@pytest.mark.once
 def test_the_lock_keeps_its_artifacts_in_the_store(project):
     assert "0 artifacts" in run(project, "gc", "--dry-run", "--keep-days", "0")
 
 
+@pytest.mark.once
 def test_a_lock_of_a_later_version_is_refused(project, tmp_path):
     later = tmp_path / "later.lock.json"
     later.write_text(json.dumps({**json.loads((project / LOCK).read_text()), "format": 99}))
@@ -140,6 +145,7 @@ def test_a_lock_of_a_later_version_is_refused(project, tmp_path):
     ]
 
 
+@pytest.mark.once
 def test_what_a_later_version_noted_about_changes_is_not_believed(old, tmp_path):
     project = unpack(old, tmp_path)
     noted = project / ".bagassets" / "freshness.sqlite"
@@ -156,6 +162,7 @@ def test_what_a_later_version_noted_about_changes_is_not_believed(old, tmp_path)
         client.shutdown(grace_s=0.0)
 
 
+@pytest.mark.once
 def test_a_recipe_of_a_later_version_is_refused(project, tmp_path):
     recipe = tmp_path / "recipe.yaml"
     recipe.write_text((project / "recipe.yaml").read_text() + "field_of_tomorrow: 1\n")

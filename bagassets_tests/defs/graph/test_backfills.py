@@ -78,6 +78,7 @@ def test_a_build_leaves_it_and_says_so_until_the_backfill_has_ended(project, mon
     assert survey(project).is_settled
 
 
+@pytest.mark.once
 def test_so_does_the_sensor(project):
     def scan(now_s):
         with open_project(project) as workspace:

@@ -67,12 +67,14 @@ def test_everything_of_a_recording_that_nobody_registered_yet(project):
         assert instance.get_dynamic_partitions("test_recordings") == ["a.bag"]
 
 
+@pytest.mark.once
 def test_one_asset_of_a_recording_is_a_hit_when_it_is_known(project):
     done = materialize(project, "nuscenes_tables", "a.bag")
     assert done.returncode == 0, done.stderr[-2000:]
     assert latest(project, "nuscenes_tables", "a.bag").metadata["cached"].value is True
 
 
+@pytest.mark.once
 def test_one_asset_without_what_it_reads_says_what_to_materialize_first(project):
     done = materialize(project, "nuscenes_tables", "b.mcap")
     assert done.returncode == 1
@@ -96,12 +98,14 @@ def test_a_recording_that_does_not_exist_is_reported_with_one_that_does(project)
         assert "b.mcpa" not in instance.get_dynamic_partitions("test_recordings")
 
 
+@pytest.mark.once
 def test_without_a_partition_dagster_says_what_is_missing(project):
     done = materialize(project, "*")
     assert done.returncode == 1
     assert "no '--partition' option was provided" in done.stderr.splitlines()[-1]
 
 
+@pytest.mark.once
 def test_runs_of_one_recording_take_turns_whoever_launched_them(project):
     """A worker that was given up but works on, and the run that took its place, say."""
     locks = load_recipe(project / "recipe.yaml").state / "locks"
@@ -127,6 +131,7 @@ def test_runs_of_one_recording_take_turns_whoever_launched_them(project):
             assert record.timestamp >= released_s, f"{asset} was recorded while another run had its turn"
 
 
+@pytest.mark.once
 def test_the_dataset_takes_no_partition(project):
     done = materialize(project, "nuscenes_dataset")
     assert done.returncode == 0, done.stderr[-2000:]
@@ -189,6 +194,7 @@ def test_a_range_of_what_nobody_registered_yet_has_all_that_is_in_it_and_the_dat
     )
 
 
+@pytest.mark.once
 def test_a_dataset_of_nothing_is_not_written(tmp_path):
     (tmp_path / "bags").mkdir()
     project = make_project(tmp_path)

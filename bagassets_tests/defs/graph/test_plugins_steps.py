@@ -178,6 +178,7 @@ def test_staleness_follows_our_data_versions_and_unchanged_inputs_are_hits(proje
     assert project.version("quality_report") != report
 
 
+@pytest.mark.once
 @pytest.mark.filterwarnings("ignore::dagster.BetaWarning")
 def test_automation_asks_for_the_recordings_whose_images_are_new(project):
     def asked(cursor):
@@ -197,6 +198,7 @@ def test_automation_asks_for_the_recordings_whose_images_are_new(project):
     assert requested == {"b.bag"}
 
 
+@pytest.mark.once
 def test_the_report_follows_recordings_that_change_come_and_go(project):
     sensor = project.definitions.resolve_sensor_def("quality_report_follows_recordings")
     assert sensor.default_status == dg.DefaultSensorStatus.RUNNING
@@ -239,6 +241,7 @@ def test_the_report_follows_recordings_that_change_come_and_go(project):
     assert tick(cursor)[1] == 1
 
 
+@pytest.mark.once
 def test_a_recording_that_was_removed_leaves_the_report(project):
     project.add("a.bag")
     project.add("b.bag")

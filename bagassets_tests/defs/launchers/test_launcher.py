@@ -404,6 +404,7 @@ def test_the_run_of_a_killed_worker_fails_with_the_reason(workspace, instance, s
     assert health.status == WorkerStatus.FAILED
 
 
+@pytest.mark.once
 def test_a_run_survives_its_server_and_can_still_be_cancelled(workspace, instance, steering):
     survivor, victim = click(workspace, "patient", key="drive"), click(workspace, "patient", key="walk")
     eventually(
@@ -424,6 +425,7 @@ def test_a_run_survives_its_server_and_can_still_be_cancelled(workspace, instanc
     assert ended(instance, survivor) == "CANCELED"
 
 
+@pytest.mark.once
 def test_a_run_whose_server_died_before_the_fork_is_reported(instance, place):
     run_id = create_run(instance, ["whole"], location=LOCATION)
     gone = ProcessId(**{**ProcessId.current().as_json(), "started": "long ago"})
@@ -433,6 +435,7 @@ def test_a_run_whose_server_died_before_the_fork_is_reported(instance, place):
         client.shutdown()
 
 
+@pytest.mark.once
 def test_an_orphan_that_dies_later_is_noticed(workspace, instance, steering):
     run_id = click(workspace, "patient")
     wait_for_attempt(steering)
@@ -487,6 +490,7 @@ def test_a_run_that_was_never_handed_to_its_server_is_reported(instance, builder
     assert end_orphaned_runs(instance) == ([run_id], 0)
 
 
+@pytest.mark.once
 def test_runs_of_others_are_not_taken_for_left_behind(instance, tmp_path, workspace, steering):
     started = create_run(instance, ["whole"], location=LOCATION)
     begin_to_start(instance, started, waited_s=0)
@@ -514,6 +518,7 @@ def test_runs_of_others_are_not_taken_for_left_behind(instance, tmp_path, worksp
     assert ended(instance, waits) == "CANCELED"
 
 
+@pytest.mark.once
 def test_a_server_that_is_asked_for_reports_what_was_left_behind_before(instance, place):
     run_id = create_run(instance, ["whole"], location=LOCATION)
     begin_to_start(instance, run_id, waited_s=UNTAKEN_S - 1)

@@ -227,6 +227,7 @@ def test_what_a_killed_maker_left_is_removed(home):
     assert not leftover.exists()
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("name", DATABASES)
 def test_garbage_is_named_with_the_way_out_which_works(tmp_path, monkeypatch, name):
     recipe = make_project(tmp_path)
@@ -322,6 +323,7 @@ MOMENTS = {
 }
 
 
+@pytest.mark.once
 @pytest.mark.parametrize(
     ("moment", "delay_s"),
     [

@@ -63,6 +63,7 @@ def test_a_build_and_the_next_one_which_has_nothing_to_do(project):
     assert cache.stat().st_mode & 0o077 == 0, "it may hold a password"
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("what", ["an asset wiped", "a run deleted", "a partition removed"])
 def test_what_happened_in_the_database_is_noticed(project, what):
     build(project)

@@ -97,6 +97,7 @@ def test_what_is_there_at_first_is_built_once_and_nothing_is_complained_about(wa
     assert complaints(watched.log) == []
 
 
+@pytest.mark.once
 def test_a_recording_that_is_copied_in_slowly_is_taken_when_it_is_complete(watched, tmp_path):
     data = write_drive(tmp_path / "c.bag", "ros1", duration_s=2.4).read_bytes()
     with (watched.bags / "c.bag").open("wb") as upload:
@@ -115,6 +116,7 @@ def test_a_recording_that_is_copied_in_slowly_is_taken_when_it_is_complete(watch
     assert there_s - uploaded_s - watched.work_s(uploaded_s, there_s) < 15
 
 
+@pytest.mark.once
 def test_a_changed_recording_is_the_only_one_that_runs(watched, tmp_path):
     before, runs = watched.dataset, {key: len(watched.runs_of(key)) for key in watched.partitions}
     (watched.bags / "a.bag").write_bytes(write_drive(tmp_path / "a.bag", "ros1", duration_s=3.0).read_bytes())
@@ -123,6 +125,7 @@ def test_a_changed_recording_is_the_only_one_that_runs(watched, tmp_path):
     assert {key for key in runs if len(watched.runs_of(key)) != runs[key]} == {"a.bag"}
 
 
+@pytest.mark.once
 def test_a_removed_recording_goes_with_its_partition_and_scenes(watched):
     scenes = watched.scenes
     (watched.bags / "b.mcap").unlink()

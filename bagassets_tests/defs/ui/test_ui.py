@@ -174,6 +174,7 @@ WIPE = 'mutation { deletePipelineRun(runId: "none") { __typename } }'
 READ = "{ version }"
 
 
+@pytest.mark.once
 def test_it_refuses_what_other_sites_ask_of_it(project):
     log, port = project.parent / "ui.log", free_port()
     names = ["--allow-host", "proxy.example"]
@@ -308,6 +309,7 @@ def child_sessions(pid):
     return [int(sid) for sid in children.stdout.split()]
 
 
+@pytest.mark.once
 def test_it_ends_when_whoever_started_it_is_killed(project):
     log = project.parent / "ui.log"
     command = [
@@ -395,6 +397,7 @@ def test_an_idle_server_ends_without_a_word(server):
     assert end(server, lambda: False) == []
 
 
+@pytest.mark.once
 def test_a_server_that_a_build_uses_stays(server):
     end_servers([server.files], pytest.fail, cancel=lambda: False)
     assert server.status()["draining"] is False

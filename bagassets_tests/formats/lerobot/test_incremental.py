@@ -16,6 +16,8 @@ from bagassets.recipe.model_splits import Splits
 from bagassets.store.store import Store
 from bagassets_tests.arm_recordings import RECIPE, join, make_project, parts_of, write_arm
 
+pytestmark = pytest.mark.once
+
 NAMES = [f"r{n:02d}" for n in range(8)]
 
 

@@ -389,6 +389,7 @@ def reading(sample):
 class TestWorkers:
     """A PyTorch DataLoader gives the dataset to each of its processes once, then sends them numbers."""
 
+    @pytest.mark.once
     @pytest.mark.parametrize("method", ["fork", "spawn", "forkserver"])
     @pytest.mark.parametrize("used_before", [False, True])
     def test_several_processes_read_the_same(self, project, method, used_before):
@@ -509,6 +510,7 @@ class TestAhead:
         assert sample.image("CAM_FRONT").dtype == np.uint16
         np.testing.assert_array_equal(sample.image("CAM_FRONT"), depth_mm)
 
+    @pytest.mark.once
     def test_a_fork_in_the_loop_reads_on(self, dataset, monkeypatch):
         def slowly(folder, one):
             if one.path == reading(dataset[4]).path:
