@@ -26,7 +26,7 @@ KEPT = (
 )  # fmt: skip
 SET = {"LC_ALL": "C.UTF-8", "TZ": "UTC"}
 # By these, runs choose tests: a test has none that its file does not name, and all that `pytestmark` of its file names.
-MARKS = ("lerobot", "long", "once")
+MARKS = ("benchmark", "lerobot", "long", "once")
 
 
 def pytest_configure() -> None:

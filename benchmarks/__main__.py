@@ -62,7 +62,7 @@ def main() -> None:
     from benchmarks.rq3 import rq3
 
     size, number = (FULL_GB, FULL_RECORDINGS) if chosen.full else (chosen.size, chosen.recordings)
-    with tempfile.TemporaryDirectory(prefix="bagassets-bench-") as temporary:
+    with tempfile.TemporaryDirectory(prefix="bagassets-bench-", ignore_cleanup_errors=True) as temporary:
         folder = (chosen.folder or Path(temporary)).absolute()
         folder.mkdir(parents=True, exist_ok=True)
         results = results or Path(__file__).parent / "results"

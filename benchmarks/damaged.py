@@ -130,7 +130,7 @@ def main() -> None:
     parser.add_argument("--duration", type=float, default=DURATION_S, metavar="S", help="of the drives")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    with tempfile.TemporaryDirectory(prefix="bagassets-bench-") as folder:
+    with tempfile.TemporaryDirectory(prefix="bagassets-bench-", ignore_cleanup_errors=True) as folder:
         found = {"machine": machine(), **measure(Path(folder), options.duration)}
     print(damaged_table(found))
     if options.json:

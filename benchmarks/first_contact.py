@@ -174,7 +174,7 @@ def main() -> None:
     parser.add_argument("--repositories", type=Path, help="folder of git repositories, OWNER/NAME.git")
     parser.add_argument("--json", type=Path, default=ROOT / "benchmarks" / "results" / "first_contact.json")
     options = parser.parse_args()
-    with tempfile.TemporaryDirectory() as name:
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as name:
         folder = Path(name)
         found = [
             _tried(one, options.repositories or folder, folder / str(n)) for n, one in enumerate(RECORDINGS)

@@ -205,7 +205,7 @@ def main() -> None:
     for peer, option in (("Bazel", peers.bazel), ("converter", peers.converter)):
         if not option:
             print(f"No {peer} was given, so it is not measured.", flush=True)
-    with tempfile.TemporaryDirectory(prefix="bagassets-peers-") as temporary:
+    with tempfile.TemporaryDirectory(prefix="bagassets-peers-", ignore_cleanup_errors=True) as temporary:
         folder = (chosen.folder or Path(temporary)).absolute()
         folder.mkdir(parents=True, exist_ok=True)
         trials = 1 if chosen.tiny else chosen.trials

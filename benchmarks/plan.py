@@ -73,7 +73,7 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, help="where to work; default: a temporary folder")
     parser.add_argument("--json", type=Path, help="write the figures here")
     options = parser.parse_args()
-    with tempfile.TemporaryDirectory(dir=options.folder) as folder:
+    with tempfile.TemporaryDirectory(dir=options.folder, ignore_cleanup_errors=True) as folder:
         recipe = Path(folder) / "project" / "recipe.yaml"
         prepare(recipe, options.recordings)
         figures: dict[str, Any] = {"recordings": options.recordings, "assets": 10}

@@ -144,7 +144,7 @@ def main() -> None:
     devkit = os.environ.get("BAGASSETS_DEVKIT_PYTHON", str(ROOT / ".devkit-venv" / "bin" / "python"))
     if not Path(devkit).is_file():
         parser.error(f"{devkit} does not exist; `make test` makes the environment of the devkit")
-    with tempfile.TemporaryDirectory(dir=options.folder) as name:
+    with tempfile.TemporaryDirectory(dir=options.folder, ignore_cleanup_errors=True) as name:
         made = ["-m", "bagassets", "demo", str(Path(name) / "demo"), "--seconds", str(options.seconds)]
         subprocess.run([sys.executable, *made], check=True, stdout=subprocess.DEVNULL)
         dataset = Path(name) / "demo" / "nuscenes"

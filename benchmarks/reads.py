@@ -82,7 +82,7 @@ def main() -> None:
     if options.counted:
         _build_and_count(*options.counted)
         return
-    with tempfile.TemporaryDirectory(prefix="bagassets-bench-") as temporary:
+    with tempfile.TemporaryDirectory(prefix="bagassets-bench-", ignore_cleanup_errors=True) as temporary:
         folder = (options.folder or Path(temporary)).absolute()
         warm_up = project(folder / "warm-up", [_WARM_UP_BYTES], 1)
         warm_up.build("")  # the libraries enter the page cache, which the group is not charged for

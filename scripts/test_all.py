@@ -1,6 +1,6 @@
 """`make test-all`: what `make test` leaves out, part by part, each with what it does and how long it took.
 
-    python -m scripts.test_all                  # all parts
+    python -m scripts.test_all                  # all parts but for `benchmarks`
     python -m scripts.test_all lowest newest    # some
 
 A part that needs a Python which this machine lacks is left out with a message, and does not count as a failure.
@@ -58,10 +58,11 @@ class Part:
 
 
 def main(arguments: list[str]) -> int:
-    """Run the parts that are named, or all; return the exit status."""
+    """Run the parts that are named, or all that are not run by hand; return the exit status."""
     parser = argparse.ArgumentParser(prog="make test-all", description=__doc__)
-    parser.add_argument("parts", nargs="*", help=f"of {', '.join(PARTS)}; default: all")
-    chosen = parser.parse_args(arguments).parts or list(PARTS)
+    usual = [name for name in PARTS if name not in BY_HAND]
+    parser.add_argument("parts", nargs="*", help=f"of {', '.join(PARTS)}; default: {', '.join(usual)}")
+    chosen = parser.parse_args(arguments).parts or usual
     if unknown := [name for name in chosen if name not in PARTS]:
         parser.error(f"no part {unknown[0]!r}; the parts are {', '.join(PARTS)}")
     started = time.monotonic()
@@ -91,7 +92,11 @@ def main(arguments: list[str]) -> int:
 
 def _long() -> None:
     # Not by file: the benchmarks are one file, and would keep one worker busy after all others are done.
-    _run(sys.executable, *_TESTS, "loadgroup", "-m", "long and not lerobot")
+    _run(sys.executable, *_TESTS, "loadgroup", "-m", "long and not lerobot and not benchmark")
+
+
+def _benchmarks() -> None:
+    _run(sys.executable, *_TESTS, "load", "-m", "benchmark")
 
 
 def _prepare_lerobot() -> None:
@@ -155,7 +160,9 @@ PARTS = {
         partial(_in_environment, "newest"),
         _prepare_newest,
     ),
+    "benchmarks": Part("benchmarks that run for minutes, however small their recordings", _benchmarks),
 }
+BY_HAND = ("benchmarks",)  # before a release, or when one of them was changed
 
 
 def find_pythons() -> dict[tuple[int, int], str]:

@@ -38,6 +38,7 @@ def results_of(part, folder):
     return json.loads((folder / f"{part}.json").read_text("utf-8"))
 
 
+@pytest.mark.benchmark
 def test_rq1_measures_every_row(tmp_path):
     times = results_of("rq1", tmp_path)["times_s"]
     assert len(times) == 3
@@ -60,6 +61,7 @@ def test_rq3_changes_a_target_beside_a_fixed_volume(tmp_path):
     assert all(list(by) == ["1 + 1 files", "2 + 1 files"] for by in found["times_s"].values())
 
 
+@pytest.mark.benchmark
 def test_cold_and_floor(tmp_path):
     found = results_of("cold", tmp_path)
     assert all(set(case) > {PICTURES, BUILD, FIXED_LOOP} for case in found["cases"].values())
@@ -67,6 +69,7 @@ def test_cold_and_floor(tmp_path):
     assert results_of("floor", tmp_path)["plain_cpu_s"] > 0
 
 
+@pytest.mark.benchmark
 def test_incremental(tmp_path):
     json_file = tmp_path / "incremental.json"
     run("benchmarks/incremental.py", "--bags", "2", "--seconds", "1.0", "--times", "1", "--json", json_file)
@@ -80,6 +83,7 @@ def test_plan(tmp_path):
     assert json.loads(json_file.read_text("utf-8"))["recordings"] == 20
 
 
+@pytest.mark.benchmark
 def test_scale(tmp_path):
     result = tmp_path / "scale.json"
     numbers = ("--numbers", "3", "--replicated", "8", "--base", "4", "--unbuilt", "10")
@@ -156,6 +160,7 @@ def test_doors(tmp_path):
     assert web_ui["backfill"] == "COMPLETED_FAILED"
 
 
+@pytest.mark.benchmark
 def test_peers_without_peers(tmp_path):
     printed = run("-m", "benchmarks.peers", "--tiny", "--results", tmp_path)
     assert "No Bazel was given" in printed

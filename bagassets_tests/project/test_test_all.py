@@ -92,6 +92,7 @@ def parts(monkeypatch):
         "lacking": test_all.Part("what cannot be tried", lack),
     }
     monkeypatch.setattr(test_all, "PARTS", parts)
+    monkeypatch.setattr(test_all, "BY_HAND", ("bad",))
 
 
 def test_each_part_says_what_it_does_and_how_long_it_took(parts, capfd):
@@ -113,6 +114,13 @@ def test_a_part_that_fails_does_not_keep_others_from_running(parts, capfd):
     assert "== good: passed" in said
 
 
+def test_a_part_that_is_run_by_hand_is_run_if_it_is_named(parts, capfd):
+    assert test_all.main([]) == 0
+    said = capfd.readouterr().out
+    assert "== good: passed" in said
+    assert "bad" not in said
+
+
 def test_what_a_part_leaves_running_ends_with_it(monkeypatch, tmp_path):
     monkeypatch.setattr(test_all, "_AT_MOST_S", 2.0)
     code = "import os, sys, time; open(sys.argv[1], 'w').write(str(os.getpid())); time.sleep(600)"
@@ -124,7 +132,10 @@ def test_what_a_part_leaves_running_ends_with_it(monkeypatch, tmp_path):
 def test_an_unknown_part_is_refused(capsys):
     with pytest.raises(SystemExit):
         test_all.main(["longest"])
-    assert "no part 'longest'; the parts are long, lerobot, fuzz, lowest, newest" in capsys.readouterr().err
+    assert (
+        "no part 'longest'; the parts are long, lerobot, fuzz, lowest, newest, benchmarks"
+        in capsys.readouterr().err
+    )
 
 
 def test_without_the_python_that_it_needs_a_part_is_left_out(monkeypatch, capfd):
@@ -151,21 +162,34 @@ def test_two(): ...
     ("text", "chosen_by"),
     [
         ("def test_one(): ...\n", {"not long", "not long and not once"}),
-        (SOME_LONG, {"not long", "not long and not once", "long and not lerobot"}),
-        ("pytestmark = pytest.mark.long\n", {"long and not lerobot"}),
+        (SOME_LONG, {"not long", "not long and not once", "long and not lerobot and not benchmark"}),
+        ("pytestmark = pytest.mark.long\n", {"long and not lerobot and not benchmark"}),
         ("pytestmark = pytest.mark.once\n", {"not long"}),
-        (f"pytestmark = pytest.mark.once\n{SOME_LONG}", {"not long", "long and not lerobot"}),
+        (
+            f"pytestmark = pytest.mark.once\n{SOME_LONG}",
+            {"not long", "long and not lerobot and not benchmark"},
+        ),
         ('pytestmark = [pytest.mark.xdist_group("a"), pytest.mark.once]\n', {"not long"}),
         (
             'pytestmark = [\n    pytest.mark.long,\n    pytest.mark.skipif(1, reason="b"),\n]\n',
-            {"long and not lerobot"},
+            {"long and not lerobot and not benchmark"},
         ),
         ("pytestmark = [pytest.mark.lerobot, pytest.mark.long]\n", {"lerobot"}),
+        (
+            "pytestmark = pytest.mark.long\n\n\n@pytest.mark.benchmark\ndef test_one(): ...\n",
+            {"long and not lerobot and not benchmark", "benchmark"},
+        ),
         ("@pytest.mark.once\ndef test_one(): ...\n", {"not long", "not long and not once"}),
     ],
 )
 def test_files_without_a_test_that_is_chosen_are_not_imported(text, chosen_by):
-    expressions = ("not long", "not long and not once", "long and not lerobot", "lerobot")
+    expressions = (
+        "not long",
+        "not long and not once",
+        "long and not lerobot and not benchmark",
+        "lerobot",
+        "benchmark",
+    )
     assert {one for one in expressions if may_be_chosen(text, one)} == chosen_by
     assert may_be_chosen(text, "of_tomorrow or not long")
     assert may_be_chosen(text, "and")
