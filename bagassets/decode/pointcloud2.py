@@ -1,4 +1,4 @@
-"""`sensor_msgs/PointCloud2` and `foxglove.PointCloud`: clouds of any field layout.
+"""`sensor_msgs/PointCloud2`, compressed or not, and `foxglove.PointCloud`: clouds of any field layout.
 
 Fields are found by name, without regard to case, whatever their type, order, offset, padding
 and byte order. The result has x, y, z in metres, intensity and ring:
@@ -19,13 +19,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bagassets.base.errors import DecodeError
-from bagassets.decode.fields import Column, byte_array, head, pose_of
+from bagassets.decode.compressed_cloud import cloud_data
+from bagassets.decode.fields import Column, head, pose_of
 from bagassets.decode.model import CloudReading
 from bagassets.decode.point_times import Moment, PointClock, point_times_ns, recorded_times, survey
 from bagassets.geometry.se3 import SE3, rotate
 from bagassets.recordings.model import Message
 
-POINT_CLOUDS = ("sensor_msgs/msg/PointCloud2", "foxglove_msgs/msg/PointCloud")
+POINT_CLOUDS = (
+    "sensor_msgs/msg/PointCloud2",
+    "point_cloud_interfaces/msg/CompressedPointCloud2",
+    "foxglove_msgs/msg/PointCloud",
+)
 NO_INTENSITY = 0.0
 NO_RING = -1.0
 
@@ -48,9 +53,9 @@ def point_fields(cloud: Message) -> dict[str, Column]:
     zero, or give it in points.
 
     Raises:
-        DecodeError: sizes contradict each other, or a field lies outside its point.
+        DecodeError: sizes contradict each other, a field lies outside its point, or see `cloud_data`.
     """
-    data = byte_array(cloud.data)
+    data = cloud_data(cloud)
     if hasattr(cloud, "point_stride"):
         step = int(cloud.point_stride)
         height, width = 1, len(data) // max(1, step)
@@ -95,7 +100,7 @@ def decode_pointcloud2(
     """Return the points of a lidar cloud, with their times as far as they follow from this cloud alone.
 
     Args:
-        message: a `sensor_msgs/PointCloud2` or `foxglove.PointCloud`.
+        message: of a type in `POINT_CLOUDS`.
         header_stamp_is: the moment of the revolution that the header stamp means, according to the recipe;
             point times are read accordingly.
         stamp_is: the moment of the revolution for its stamp.

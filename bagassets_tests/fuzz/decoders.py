@@ -6,6 +6,7 @@ in CDR, protobuf and JSON as their writers define them.
 
 import dataclasses
 import tempfile
+import zlib
 from functools import cache
 from pathlib import Path
 
@@ -34,9 +35,12 @@ _OF_DRIVERS = {
     ),
 }  # fmt: skip
 # Of drivers whose definitions are always recorded.
-_TEXTS = {
+RECORDED_TEXTS = {
     "ffmpeg_image_transport_msgs/msg/FFMPEGPacket": "std_msgs/Header header\nint32 width\nint32 height\nstring encoding\n"
     "uint64 pts\nuint8 flags\nbool is_bigendian\nuint8[] data\n",
+    "point_cloud_interfaces/msg/CompressedPointCloud2": "std_msgs/Header header\nuint32 height\nuint32 width\n"
+    "sensor_msgs/PointField[] fields\nbool is_bigendian\nuint32 point_step\nuint32 row_step\nuint8[] compressed_data\n"
+    "bool is_dense\nstring format\n",
 }
 # What decoders look at, so that a message gets beyond that.
 _WORDS = {"child_frame_id": "b", "distortion_model": "plumb_bob", "encoding": "h264"}
@@ -103,7 +107,11 @@ def _of_ours():
             if kind in STORE2.types or kind.startswith("foxglove_msgs"):
                 continue
             for how in ("cdr", "ros1"):
-                definition = Definition("msg", _TEXTS[kind]) if kind in _TEXTS else Definition("none", "")
+                definition = (
+                    Definition("msg", RECORDED_TEXTS[kind])
+                    if kind in RECORDED_TEXTS
+                    else Definition("none", "")
+                )
                 topic = Topic(_source(kind, definition, how))
                 if topic.problem is None:  # some refer to types that ROS 1 lacks
                     seeds = [_serialized(layout.types, kind, how) for layout in topic._layouts.layouts]
@@ -138,12 +146,16 @@ def _filled(store, msgtype):
     made = {name: _value(store, name, kind) for name, kind in fields}
     if msgtype == "geometry_msgs/msg/Quaternion":
         made |= {"x": 0.0, "y": 0.0, "z": 0.0}
-    if msgtype == "sensor_msgs/msg/PointCloud2":
+    if msgtype.endswith("PointCloud2"):
         field = store.types["sensor_msgs/msg/PointField"]
         made["fields"] = [
             field(name=name, offset=4 * n, datatype=7, count=1) for n, name in enumerate(("x", "y", "z"))
         ]
-        made |= {"is_bigendian": False, "point_step": 12, "row_step": 12, "data": np.ones(12, np.uint8)}
+        made |= {"is_bigendian": False, "point_step": 12, "row_step": 12}
+        if "data" in made:
+            made["data"] = np.ones(12, np.uint8)
+        else:
+            made |= {"format": "zlib", "compressed_data": np.frombuffer(zlib.compress(bytes(12)), np.uint8)}
     return store.types[msgtype](**made)
 
 
