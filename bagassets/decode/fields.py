@@ -127,6 +127,8 @@ def check_points(message: Message, most_points: int) -> None:
     for cloud in (message, *(getattr(message, name) for name in members(message))):
         if hasattr(cloud, "point_step"):
             points = int(cloud.width) * int(cloud.height)
+        elif hasattr(cloud, "point_num"):
+            points = int(cloud.point_num)
         elif hasattr(cloud, "point_stride"):
             points = len(cloud.data) // max(1, int(cloud.point_stride))
         else:

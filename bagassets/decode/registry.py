@@ -75,6 +75,8 @@ BUILT_IN = (
     _line("cloud", "point_cloud_interfaces/CompressedPointCloud2", "pointcloud2:decode_pointcloud2"),
     _line("cloud", "foxglove_msgs/PointCloud", "pointcloud2:decode_pointcloud2", bulk="yes"),
     _line("cloud", "foxglove_msgs/LaserScan", "laserscan:decode_laserscan", bulk="yes"),
+    _line("cloud", "livox_ros_driver2/CustomMsg", "livox:decode_livox"),
+    _line("cloud", "livox_ros_driver/CustomMsg", "livox:decode_livox"),
     _line("packets", "velodyne_msgs/VelodyneScan", "packets:packets_in", by_fields=True, bulk="yes"),
     _line("packets", "ethernet_msgs/Packet", "packets:packets_in", by_fields=True, bulk="large"),
     _line("packets", "udp_msgs/UdpPacket", "packets:packets_in", by_fields=True, bulk="large"),

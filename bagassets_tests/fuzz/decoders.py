@@ -41,6 +41,12 @@ RECORDED_TEXTS = {
     "point_cloud_interfaces/msg/CompressedPointCloud2": "std_msgs/Header header\nuint32 height\nuint32 width\n"
     "sensor_msgs/PointField[] fields\nbool is_bigendian\nuint32 point_step\nuint32 row_step\nuint8[] compressed_data\n"
     "bool is_dense\nstring format\n",
+    **{
+        f"{package}/msg/CustomMsg": "std_msgs/Header header\nuint64 timebase\nuint32 point_num\nuint8 lidar_id\nuint8[3] rsvd\n"
+        f"CustomPoint[] points\n{'=' * 80}\nMSG: {package}/CustomPoint\nuint32 offset_time\nfloat32 x\nfloat32 y\nfloat32 z\n"
+        "uint8 reflectivity\nuint8 tag\nuint8 line\n"
+        for package in ("livox_ros_driver", "livox_ros_driver2")
+    },
 }
 # What decoders look at, so that a message gets beyond that.
 _WORDS = {"child_frame_id": "b", "distortion_model": "plumb_bob", "encoding": "h264"}
@@ -146,6 +152,8 @@ def _filled(store, msgtype):
     made = {name: _value(store, name, kind) for name, kind in fields}
     if msgtype == "geometry_msgs/msg/Quaternion":
         made |= {"x": 0.0, "y": 0.0, "z": 0.0}
+    if "points" in made and "point_num" in made:
+        made["point_num"] = len(made["points"])
     if msgtype.endswith("PointCloud2"):
         field = store.types["sensor_msgs/msg/PointField"]
         made["fields"] = [

@@ -507,7 +507,6 @@ def test_what_is_left_out_beside_a_rig_blocks_nothing():
     "msgtype",
     [
         "pandar_msgs/msg/PandarScan",
-        "livox_ros_driver2/msg/CustomMsg",
         "ouster_ros/msg/PacketMsg",
         "rslidar_msgs/msg/rslidarScan",
         "sensor_msgs/msg/MultiEchoLaserScan",

@@ -13,7 +13,7 @@ from bagassets_tests.sweep_run import inventory, lidar, request
 EXPECTED = {
     "camera": "expected sensor_msgs/Image, CompressedImage, foxglove_msgs/RawImage, CompressedImage, or video (",
     "lidar": "expected sensor_msgs/PointCloud2, LaserScan, point_cloud_interfaces/CompressedPointCloud2, foxglove_msgs/PointCloud, "
-    "LaserScan, or Velodyne packets",
+    "LaserScan, livox_ros_driver2/CustomMsg, livox_ros_driver/CustomMsg, or Velodyne packets",
     "radar": "expected sensor_msgs/PointCloud2, point_cloud_interfaces/CompressedPointCloud2, foxglove_msgs/PointCloud, or the "
     "targets of a radar",
 }
