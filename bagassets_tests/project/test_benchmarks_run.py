@@ -49,11 +49,13 @@ def test_rq1_measures_every_row(tmp_path):
     assert (tmp_path / "rq1.png").exists()
 
 
+@pytest.mark.benchmark
 def test_rq2_fits_lines(tmp_path):
     times = results_of("rq2", tmp_path)["times_s"]
     assert all(len(by_size) == 3 for by_size in times.values())
 
 
+@pytest.mark.benchmark
 def test_rq3_changes_a_target_beside_a_fixed_volume(tmp_path):
     found = results_of("rq3", tmp_path)
     assert found["target_gb"] == found["volume_gb"] / 8
@@ -99,6 +101,7 @@ def test_scale(tmp_path):
     assert min(value for (value,) in found["unbuilt"]["costs"].values()) > 0
 
 
+@pytest.mark.benchmark
 def test_series(tmp_path):
     result = tmp_path / "series.json"
     options = ("--seconds", "1", "--parts", "2", "--times", "1", "--files", "20")
@@ -108,6 +111,7 @@ def test_series(tmp_path):
     assert all(shapes["cut"][0]["cpu_s"] > 0 for shapes in found["builds"].values())
 
 
+@pytest.mark.benchmark
 @pytest.mark.devkit
 def test_reader(tmp_path):
     json_file = tmp_path / "reader.json"
