@@ -139,6 +139,7 @@ def test_flips(tmp_path):
     assert all(row in printed for row in rows)
 
 
+@pytest.mark.benchmark
 def test_launch(tmp_path):
     json_file = tmp_path / "launch.json"
     printed = run("benchmarks/launch.py", "--times", "1", "--recordings", "2", "--json", json_file)
@@ -149,6 +150,7 @@ def test_launch(tmp_path):
         assert all(len(taken) == 1 and taken[0] > 0 for taken in seconds.values())
 
 
+@pytest.mark.benchmark
 def test_doors(tmp_path):
     json_file = tmp_path / "doors.json"
     beside = "*Materialize all* in `bagassets ui`, beside"
@@ -193,6 +195,7 @@ def test_chaos(tmp_path):
     assert (found["counts"]["kills"], found["counts"]["verified"], found["problems"]) == (2, 2, [])
 
 
+@pytest.mark.benchmark
 def test_soak(tmp_path):
     run("-m", "benchmarks.soak", "--minutes", "0.01", "--json", tmp_path / "soak.json")
     (only,) = json.loads((tmp_path / "soak.json").read_text("utf-8"))["rounds"]
@@ -204,6 +207,7 @@ def may_make_control_groups():
     return any(os.access(folder, os.W_OK) for folder in (root / "memory", root / "cgroup.subtree_control"))
 
 
+@pytest.mark.benchmark
 @pytest.mark.skipif(not may_make_control_groups(), reason="this user may not make control groups")
 def test_reads(tmp_path):
     json_file = tmp_path / "reads.json"
@@ -219,6 +223,7 @@ def test_reads(tmp_path):
     )
 
 
+@pytest.mark.benchmark
 @pytest.mark.skipif(missing_program() is not None, reason=str(missing_program()))
 @pytest.mark.skipif(PROGRAMS is None, reason="PostgreSQL is not installed")
 def test_slurm(tmp_path):
