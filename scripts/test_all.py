@@ -91,7 +91,7 @@ def main(arguments: list[str]) -> int:
 
 
 def _long() -> None:
-    # Not by file: the benchmarks are one file, and would keep one worker busy after all others are done.
+    # Not by file: some files would keep one worker busy after all others are done.
     _run(sys.executable, *_TESTS, "loadgroup", "-m", "long and not lerobot and not benchmark")
 
 
@@ -110,9 +110,13 @@ def _lerobot() -> None:
     _run("make", "test-lerobot")
 
 
-def _fuzz() -> None:
+def _prepare_fuzz() -> None:
     if platform.machine() != "x86_64":
         raise LeftOutError(f"atheris has no wheels for {platform.machine()}")
+    _run("make", ".venv/.made-fuzz")
+
+
+def _fuzz() -> None:
     _run("make", "FUZZ_MINUTES=1", "FUZZ=--seed 1", "fuzz")
 
 
@@ -149,7 +153,7 @@ PARTS = {
     "lerobot": Part(
         "the real lerobot on datasets of ours, in an environment of its own", _lerobot, _prepare_lerobot
     ),
-    "fuzz": Part("bytes that nobody wrote, for whatever reads bytes, a minute of them", _fuzz),
+    "fuzz": Part("bytes that nobody wrote, for whatever reads bytes, a minute of them", _fuzz, _prepare_fuzz),
     "lowest": Part(
         "what depends on libraries, with the lowest versions that pyproject.toml allows",
         partial(_in_environment, "lowest"),

@@ -21,7 +21,7 @@ from benchmarks.scale import scale_table, unbuilt_table
 from benchmarks.series import series_table
 from benchmarks.slurm import scaling_table, slurm_table
 
-pytestmark = pytest.mark.long
+pytestmark = [pytest.mark.benchmark, pytest.mark.long]
 
 ROOT = Path(__file__).parents[2]
 
@@ -38,7 +38,6 @@ def results_of(part, folder):
     return json.loads((folder / f"{part}.json").read_text("utf-8"))
 
 
-@pytest.mark.benchmark
 def test_rq1_measures_every_row(tmp_path):
     times = results_of("rq1", tmp_path)["times_s"]
     assert len(times) == 3
@@ -49,13 +48,11 @@ def test_rq1_measures_every_row(tmp_path):
     assert (tmp_path / "rq1.png").exists()
 
 
-@pytest.mark.benchmark
 def test_rq2_fits_lines(tmp_path):
     times = results_of("rq2", tmp_path)["times_s"]
     assert all(len(by_size) == 3 for by_size in times.values())
 
 
-@pytest.mark.benchmark
 def test_rq3_changes_a_target_beside_a_fixed_volume(tmp_path):
     found = results_of("rq3", tmp_path)
     assert found["target_gb"] == found["volume_gb"] / 8
@@ -63,7 +60,6 @@ def test_rq3_changes_a_target_beside_a_fixed_volume(tmp_path):
     assert all(list(by) == ["1 + 1 files", "2 + 1 files"] for by in found["times_s"].values())
 
 
-@pytest.mark.benchmark
 def test_cold_and_floor(tmp_path):
     found = results_of("cold", tmp_path)
     assert all(set(case) > {PICTURES, BUILD, FIXED_LOOP} for case in found["cases"].values())
@@ -71,7 +67,6 @@ def test_cold_and_floor(tmp_path):
     assert results_of("floor", tmp_path)["plain_cpu_s"] > 0
 
 
-@pytest.mark.benchmark
 def test_incremental(tmp_path):
     json_file = tmp_path / "incremental.json"
     run("benchmarks/incremental.py", "--bags", "2", "--seconds", "1.0", "--times", "1", "--json", json_file)
@@ -85,7 +80,6 @@ def test_plan(tmp_path):
     assert json.loads(json_file.read_text("utf-8"))["recordings"] == 20
 
 
-@pytest.mark.benchmark
 def test_scale(tmp_path):
     result = tmp_path / "scale.json"
     numbers = ("--numbers", "3", "--replicated", "8", "--base", "4", "--unbuilt", "10")
@@ -101,7 +95,6 @@ def test_scale(tmp_path):
     assert min(value for (value,) in found["unbuilt"]["costs"].values()) > 0
 
 
-@pytest.mark.benchmark
 def test_series(tmp_path):
     result = tmp_path / "series.json"
     options = ("--seconds", "1", "--parts", "2", "--times", "1", "--files", "20")
@@ -111,7 +104,6 @@ def test_series(tmp_path):
     assert all(shapes["cut"][0]["cpu_s"] > 0 for shapes in found["builds"].values())
 
 
-@pytest.mark.benchmark
 @pytest.mark.devkit
 def test_reader(tmp_path):
     json_file = tmp_path / "reader.json"
@@ -139,7 +131,6 @@ def test_flips(tmp_path):
     assert all(row in printed for row in rows)
 
 
-@pytest.mark.benchmark
 def test_launch(tmp_path):
     json_file = tmp_path / "launch.json"
     printed = run("benchmarks/launch.py", "--times", "1", "--recordings", "2", "--json", json_file)
@@ -150,7 +141,6 @@ def test_launch(tmp_path):
         assert all(len(taken) == 1 and taken[0] > 0 for taken in seconds.values())
 
 
-@pytest.mark.benchmark
 def test_doors(tmp_path):
     json_file = tmp_path / "doors.json"
     beside = "*Materialize all* in `bagassets ui`, beside"
@@ -166,7 +156,6 @@ def test_doors(tmp_path):
     assert web_ui["backfill"] == "COMPLETED_FAILED"
 
 
-@pytest.mark.benchmark
 def test_peers_without_peers(tmp_path):
     printed = run("-m", "benchmarks.peers", "--tiny", "--results", tmp_path)
     assert "No Bazel was given" in printed
@@ -195,7 +184,6 @@ def test_chaos(tmp_path):
     assert (found["counts"]["kills"], found["counts"]["verified"], found["problems"]) == (2, 2, [])
 
 
-@pytest.mark.benchmark
 def test_soak(tmp_path):
     run("-m", "benchmarks.soak", "--minutes", "0.01", "--json", tmp_path / "soak.json")
     (only,) = json.loads((tmp_path / "soak.json").read_text("utf-8"))["rounds"]
@@ -207,7 +195,6 @@ def may_make_control_groups():
     return any(os.access(folder, os.W_OK) for folder in (root / "memory", root / "cgroup.subtree_control"))
 
 
-@pytest.mark.benchmark
 @pytest.mark.skipif(not may_make_control_groups(), reason="this user may not make control groups")
 def test_reads(tmp_path):
     json_file = tmp_path / "reads.json"
@@ -223,7 +210,6 @@ def test_reads(tmp_path):
     )
 
 
-@pytest.mark.benchmark
 @pytest.mark.skipif(missing_program() is not None, reason=str(missing_program()))
 @pytest.mark.skipif(PROGRAMS is None, reason="PostgreSQL is not installed")
 def test_slurm(tmp_path):
