@@ -85,7 +85,10 @@ class Services:
             ],
             stdin=subprocess.PIPE,
             cwd=home,
-            env={**os.environ, "DAGSTER_HOME": str(home), "BAGASSETS_RECIPE": str(recipe_file)},
+            # gRPC notes on the terminal now and then that the other end of a connection has ended.
+            env={"GRPC_VERBOSITY": "ERROR"}
+            | os.environ
+            | {"DAGSTER_HOME": str(home), "BAGASSETS_RECIPE": str(recipe_file)},
             start_new_session=True,
         )
 

@@ -105,6 +105,8 @@ def test_it_shows_the_project_and_leaves_nothing_behind(project):
         active = "{ runsOrError(filter: {statuses: [QUEUED, STARTING, STARTED]}) { ... on Runs { results { id } } } }"
         eventually(lambda: not ask(url, active)["runsOrError"]["results"], "the runs have ended")
         sessions = [process.pid, *child_sessions(process.pid)]
+        # Else the log has a line of gRPC, if it notices that a code server ends before the web server has.
+        assert b"GRPC_VERBOSITY=ERROR" in Path("/proc", str(sessions[1]), "environ").read_bytes().split(b"\0")
         process.send_signal(signal.SIGINT)
         assert process.wait(60) == 0
         assert [pid for session in sessions for pid in processes_of(session)] == []
