@@ -21,7 +21,7 @@ BIN := $(VENV)/bin
 export BAGASSETS_DEVKIT_PYTHON := $(CURDIR)/$(DEVKIT)/bin/python
 export BAGASSETS_LEROBOT_PYTHON ?= $(CURDIR)/$(LEROBOT)/bin/python
 
-.PHONY: demo test test-all test-lerobot lint docs clean bench bench-all bench-lerobot bench-incremental bench-peers bench-plan bench-check chaos crash soak mutants fuzz
+.PHONY: env env-lerobot env-fuzz demo test test-all test-lerobot lint docs clean bench bench-all bench-lerobot bench-incremental bench-peers bench-plan bench-check chaos crash soak mutants fuzz
 .DEFAULT_GOAL := demo
 
 # Whoever has an environment of that name, with other things in it, keeps it.
@@ -52,6 +52,11 @@ $(DEVKIT)/.made: requirements-devkit.lock
 	"$(DEVKIT_PYTHON)" -m venv --clear $(DEVKIT)
 	$(DEVKIT)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps -r requirements-devkit.lock
 	touch $@
+
+# Environments alone, so that several can be made at a time: pip uses one processor.
+env: $(VENV)/.made $(DEVKIT)/.made
+env-lerobot: $(LEROBOT)/.made
+env-fuzz: $(VENV)/.made-fuzz
 
 demo: $(VENV)/.made
 	@$(BIN)/bagassets demo build/demo

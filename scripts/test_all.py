@@ -103,7 +103,7 @@ def _prepare_lerobot() -> None:
     python = find_pythons().get(LEROBOT_PYTHON)
     if python is None:
         raise LeftOutError(f"there is no Python {_dotted(LEROBOT_PYTHON)}, with which this lerobot runs")
-    _run("make", f"LEROBOT_PYTHON={python}", ".lerobot-venv/.made")
+    _run("make", f"LEROBOT_PYTHON={python}", "env-lerobot")
 
 
 def _lerobot() -> None:
@@ -113,7 +113,7 @@ def _lerobot() -> None:
 def _prepare_fuzz() -> None:
     if platform.machine() != "x86_64":
         raise LeftOutError(f"atheris has no wheels for {platform.machine()}")
-    _run("make", ".venv/.made-fuzz")
+    _run("make", "env-fuzz")
 
 
 def _fuzz() -> None:

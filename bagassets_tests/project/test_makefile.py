@@ -77,6 +77,18 @@ def test_the_first_python_that_serves_is_taken(checkout, there, taken):
     assert chosen(checkout) == taken
 
 
+def test_environments_of_other_names_are_made_under_these(checkout):
+    program(checkout, "python3", PYTHON.format(real=sys.executable, version=(3, 11)))
+    shutil.copy(ROOT / "requirements-lerobot.lock", checkout)
+    names = {"VENV": "own", "DEVKIT": "own-devkit", "LEROBOT": "own-lerobot"}
+    named = [f"{variable}={name}" for variable, name in names.items()]
+    done = make(checkout, "-n", *named, "env", "env-lerobot", "env-fuzz")
+    assert done.returncode == 0, done.stderr
+    lines = [line.split() for line in done.stdout.splitlines() if " -m venv " in line]
+    assert [line[-1] for line in lines] == [*names.values()]
+    assert "touch own/.made-fuzz" in done.stdout
+
+
 def test_one_that_is_named_is_taken(checkout):
     for name, version in {"python3": (3, 11), "mine": (3, 13), "kit": (3, 11)}.items():
         program(checkout, name, PYTHON.format(real=sys.executable, version=version))
