@@ -131,41 +131,51 @@ def write_drive(
         change: topic, number of the message on it, message, log time -> (log time, message, or its bytes) of what is written.
     """
 
-    def kept(store, serialize, **options):
+    store = STORE1 if file_format == "ros1" else STORE2
+
+    def kept():
         numbers = {}
-        for topic, msgtype, stamp_ns, message in messages(store, duration_s, **options):
+        for topic, msgtype, stamp_ns, message in messages(store, duration_s, ros1=store is STORE1):
             if not keep(topic, stamp_ns):
                 continue
             numbers[topic] = numbers.get(topic, -1) + 1
             for log_ns, one in change(topic, numbers[topic], message, stamp_ns + LATENCY_NS):
-                data = one if isinstance(one, bytes) else bytes(serialize(one, msgtype))
-                yield topic, msgtype, stamp_ns, log_ns, data
+                yield topic, msgtype, stamp_ns, log_ns, one
 
+    return write_messages(path, file_format, store, kept())
+
+
+def write_messages(path: Path, file_format: str, store, items) -> Path:
+    """Write messages, as `write_drive` does, and return their path.
+
+    Args:
+        path: of the file or folder.
+        file_format: `ros1`, `ros2` or `mcap`.
+        store: has their types.
+        items: (topic, type, header stamp, log time, message or its bytes) of each.
+    """
+    serialize = store.serialize_ros1 if file_format == "ros1" else store.serialize_cdr
+    packed = (
+        (topic, msgtype, stamp_ns, log_ns, one if isinstance(one, bytes) else bytes(serialize(one, msgtype)))
+        for topic, msgtype, stamp_ns, log_ns, one in items
+    )
     path.parent.mkdir(parents=True, exist_ok=True)
-    if file_format == "ros1":
-        with Rosbag1Writer(path) as writer:
-            connections = {}
-            for topic, msgtype, _, log_ns, data in kept(STORE1, STORE1.serialize_ros1, ros1=True):
-                if topic not in connections:
-                    connections[topic] = writer.add_connection(topic, msgtype, typestore=STORE1)
-                writer.write(connections[topic], log_ns, data)
-    elif file_format == "ros2":
-        with Rosbag2Writer(path, version=9) as writer:
-            connections = {}
-            for topic, msgtype, _, log_ns, data in kept(STORE2, STORE2.serialize_cdr):
-                if topic not in connections:
-                    connections[topic] = writer.add_connection(topic, msgtype, typestore=STORE2)
-                writer.write(connections[topic], log_ns, data)
-    else:
+    channels = {}
+    if file_format == "mcap":
         with path.open("wb") as stream:
             writer = McapWriter(stream)
             writer.start(profile="", library="test")
-            channels = {}
-            for topic, msgtype, stamp_ns, log_ns, data in kept(STORE2, STORE2.serialize_cdr):
+            for topic, msgtype, stamp_ns, log_ns, data in packed:
                 if topic not in channels:
-                    text, _ = STORE2.generate_msgdef(msgtype, ros_version=2)
+                    text, _ = store.generate_msgdef(msgtype, ros_version=2)
                     schema = writer.register_schema(msgtype, "ros2msg", text.encode())
                     channels[topic] = writer.register_channel(topic, "cdr", schema)
                 writer.add_message(channels[topic], log_ns, data, stamp_ns)
             writer.finish()
+        return path
+    with Rosbag1Writer(path) if file_format == "ros1" else Rosbag2Writer(path, version=9) as writer:
+        for topic, msgtype, _, log_ns, data in packed:
+            if topic not in channels:
+                channels[topic] = writer.add_connection(topic, msgtype, typestore=store)
+            writer.write(channels[topic], log_ns, data)
     return path

@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 from bagassets.base.errors import DecodeError
 from bagassets.decode.fields import byte_array
 from bagassets.recordings.damage import DamageError
-from bagassets.recordings.decompress import TooLargeError, decompress
+from bagassets.recordings.decompress import TooLargeError, decompress, decompress_zlib
 from bagassets.recordings.model import Message
 
 _MOST_BYTES = 1 << 28  # of a cloud: sixteen times what 128 lasers with 2048 points of 64 bytes take
-_ZLIB_OR_GZIP = zlib.MAX_WBITS + 32
 # Others than these lose something, so what is in a dataset would not be what the sensor measured.
 _LOSSY = {
     "draco": "Draco moves points, and drops those that are equal",
@@ -37,7 +36,7 @@ def cloud_data(cloud: Message) -> NDArray[np.uint8]:
     packed, way = byte_array(cloud.compressed_data).tobytes(), str(cloud.format)
     try:
         if way == "zlib":
-            return np.frombuffer(_without_zlib(packed, most_bytes), np.uint8)
+            return np.frombuffer(decompress_zlib(packed, most_bytes), np.uint8)
         if way == "zstd":
             return np.frombuffer(decompress(packed, way, most_bytes), np.uint8)
     except TooLargeError:
@@ -46,17 +45,7 @@ def cloud_data(cloud: Message) -> NDArray[np.uint8]:
         ) from None
     except (DamageError, zlib.error, zstandard.ZstdError):
         raise DecodeError(f"its data are damaged: they do not unpack with {way}") from None
-    losses = next((why for name, why in _LOSSY.items() if way.startswith(name)), "it is none that is known")
+    losses = next((why for name, why in _LOSSY.items() if way.startswith(name)), "nothing is known about it")
     raise DecodeError(
         f"its data are compressed in a way that is not read ({losses}); record the cloud itself, or with zstd or zlib"
     )
-
-
-def _without_zlib(packed: bytes, most_bytes: int) -> bytes:
-    unpacking = zlib.decompressobj(_ZLIB_OR_GZIP)
-    unpacked = unpacking.decompress(packed, most_bytes + 1)
-    if len(unpacked) > most_bytes:
-        raise TooLargeError
-    if not unpacking.eof:
-        raise DamageError("cut off")
-    return unpacked

@@ -10,12 +10,7 @@ from bagassets.base.errors import DecodeError
 from bagassets.decode.fields import head
 from bagassets.decode.model import CloudReading
 from bagassets.decode.point_times import Moment, time_of
-from bagassets.decode.pointcloud2 import NO_INTENSITY
 from bagassets.recordings.model import Message
-
-_POINT = np.dtype(
-    [("t_ns", "i8"), ("x", "f4"), ("y", "f4"), ("z", "f4"), ("reflectivity", "f4"), ("line", "f4")]
-)
 
 
 def decode_livox(
@@ -33,22 +28,18 @@ def decode_livox(
     stamp, frame_id = head(message)
     if len(message.points) != int(message.point_num):
         raise DecodeError("it has another number of points than point_num says")
+    if not message.points:
+        return CloudReading(stamp, frame_id, np.empty((0, 5), np.float32), None)
     try:
-        table = np.array(
-            [(p.offset_time, p.x, p.y, p.z, p.reflectivity, p.line) for p in message.points], _POINT
-        )
+        rows = [(p.offset_time, p.x, p.y, p.z, p.reflectivity, p.line) for p in message.points]
     except AttributeError as err:
         raise DecodeError(f"its points have no field {err.name}") from None
-    points = np.empty((len(table), 5), np.float32)
-    for column, name in enumerate(_POINT.names[1:] if _POINT.names else ()):
-        points[:, column] = table[name]
-    points[~np.isfinite(points[:, 3]), 3] = NO_INTENSITY
+    table = np.array(rows, np.float64)
+    points = table[:, 1:].astype(np.float32)
     finite = np.isfinite(points[:, :3]).all(axis=1)
-    if not len(points):
-        return CloudReading(stamp, frame_id, points, None)
-    offsets_ns = table["t_ns"]
+    offsets_ns = table[:, 0].astype(np.int64)
     if header_stamp_is is not None:
-        offsets_ns = offsets_ns - time_of(header_stamp_is, int(offsets_ns.min()), int(offsets_ns.max()))
+        offsets_ns -= time_of(header_stamp_is, int(offsets_ns.min()), int(offsets_ns.max()))
     times_ns = stamp + offsets_ns
     return CloudReading(
         stamp_ns=stamp,

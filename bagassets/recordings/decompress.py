@@ -1,6 +1,7 @@
 """Decompressing parts of recordings, never to more bytes than a bound set beforehand."""
 
 import bz2
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from bagassets.recordings.sizes import Sizes
 
 _PIECE_BYTES = 1024 * 1024
 _STREAM_BYTES = 4096
+_ZLIB_OR_GZIP = zlib.MAX_WBITS + 32
 
 
 class TooLargeError(Exception):
@@ -39,6 +41,23 @@ def decompress(packed: bytes, compression: str, most_bytes: int) -> bytes:
         raise DamageError(f"its compression '{compression}' is not supported")
     if len(unpacked) > most_bytes:
         raise TooLargeError
+    return unpacked
+
+
+def decompress_zlib(packed: bytes, most_bytes: int) -> bytes:
+    """Return what zlib has compressed, with its own head or that of gzip; it is in messages, and never a recording's own.
+
+    Raises:
+        TooLargeError: as `decompress`.
+        DamageError: the data is cut off.
+        zlib.error: it is damaged.
+    """
+    decompressor = zlib.decompressobj(_ZLIB_OR_GZIP)
+    unpacked = decompressor.decompress(packed, most_bytes + 1)
+    if len(unpacked) > most_bytes:
+        raise TooLargeError
+    if not decompressor.eof:
+        raise DamageError("the data is cut off")
     return unpacked
 
 

@@ -1,12 +1,10 @@
-"""Livox's own messages: the points that were put in, with their times, and the same files as from a `PointCloud2`."""
+"""Livox's own messages: the points that were put in, with their times, whichever driver and format they are of."""
 
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
 import yaml
-from mcap.writer import Writer
-from rosbags.rosbag1 import Writer as Rosbag1Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from bagassets.base.errors import DecodeError
@@ -19,7 +17,7 @@ from bagassets.recordings.open import open_recording
 from bagassets.store.store import Store
 from bagassets_tests.fuzz.decoders import RECORDED_TEXTS
 from bagassets_tests.sample_drives import build_recordings
-from bagassets_tests.small_drive import RECIPE, STORE1, messages
+from bagassets_tests.small_drive import LATENCY_NS, RECIPE, STORE1, messages, write_messages
 from bagassets_tests.sweep_data import Header, header
 
 STAMP_NS = 1_700_000_000_000_000_000
@@ -82,54 +80,34 @@ def test_what_contradicts_itself_is_refused():
         check_points(livox(CustomPoint(0, 1, 2, 3), CustomPoint(0, 1, 2, 3)), 1)
 
 
-def drive(store, package, **options):
-    """Yield the small drive with its clouds as messages of a Livox, and the shot of each point 1 ms after the one before."""
-    custom = f"{package}/msg/CustomMsg"
+def write_livox(path, file_format, package):
+    """Write the small drive with clouds of a Livox, in which each point was seen 1 ms after the one before."""
+    is_ros1, custom = file_format == "ros1", f"{package}/msg/CustomMsg"
+    store = get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_HUMBLE)
+    store.register(STORE1.fielddefs if is_ros1 else {})
     store.register(get_types_from_msg(RECORDED_TEXTS[custom], custom))
     message_type, point = store.types[custom], store.types[f"{package}/msg/CustomPoint"]
-    for topic, msgtype, stamp_ns, message in messages(store, **options):
-        if topic != "/points":
-            yield topic, msgtype, stamp_ns, message
-            continue
-        rows = message.data.view(np.float32).reshape(-1, 4)
-        points = [point(n * 1_000_000, *map(float, row[:3]), int(row[3]), 0, 0) for n, row in enumerate(rows)]
-        made = message_type(message.header, stamp_ns, len(points), 0, np.zeros(3, np.uint8), points)
-        yield topic, custom, stamp_ns, made
 
+    def items():
+        for topic, msgtype, stamp_ns, message in messages(store, ros1=is_ros1):
+            if topic == "/points":
+                rows = enumerate(message.data.view(np.float32).reshape(-1, 4).tolist())
+                points = [point(n * 1_000_000, x, y, z, int(seen), 0, 0) for n, (x, y, z, seen) in rows]
+                made = message_type(message.header, stamp_ns, len(points), 0, np.zeros(3, np.uint8), points)
+                yield topic, custom, stamp_ns, stamp_ns + LATENCY_NS, made
+            else:
+                yield topic, msgtype, stamp_ns, stamp_ns + LATENCY_NS, message
 
-def write_mcap(path, package="livox_ros_driver2"):
-    path.parent.mkdir(parents=True, exist_ok=True)
-    store, channels = get_typestore(Stores.ROS2_HUMBLE), {}
-    with path.open("wb") as stream:
-        writer = Writer(stream)
-        writer.start(profile="ros2", library="test")
-        for topic, kind, stamp_ns, message in drive(store, package):
-            if topic not in channels:
-                text, _ = store.generate_msgdef(kind, ros_version=2)
-                schema = writer.register_schema(kind, "ros2msg", text.encode())
-                channels[topic] = writer.register_channel(topic, "cdr", schema)
-            data = bytes(store.serialize_cdr(message, kind))
-            writer.add_message(channels[topic], stamp_ns + 3_000_000, data, stamp_ns)
-        writer.finish()
-    return path
-
-
-def write_bag(path, package="livox_ros_driver"):
-    path.parent.mkdir(parents=True, exist_ok=True)
-    store, connections = get_typestore(Stores.ROS1_NOETIC), {}
-    store.register({name: STORE1.fielddefs[name] for name in ("tf2_msgs/msg/TFMessage",)})
-    with Rosbag1Writer(path) as writer:
-        for topic, kind, stamp_ns, message in drive(store, package, ros1=True):
-            if topic not in connections:
-                connections[topic] = writer.add_connection(topic, kind, typestore=store)
-            writer.write(connections[topic], stamp_ns + 3_000_000, bytes(store.serialize_ros1(message, kind)))
-    return path
+    return write_messages(path, file_format, store, items())
 
 
 def test_it_is_proposed_and_its_points_are_deskewed_by_their_times(tmp_path):
-    paths = write_mcap(tmp_path / "bags" / "a.mcap"), write_bag(tmp_path / "bags" / "b.bag")
     summaries = {}
-    for path in paths:
+    for name, file_format, package in (
+        ("a.mcap", "mcap", "livox_ros_driver2"),
+        ("b.bag", "ros1", "livox_ros_driver"),
+    ):
+        path = write_livox(tmp_path / "bags" / name, file_format, package)
         with open_recording(path) as recording:
             summaries[path.name] = scan_recording(recording)
     text = propose_recipe(summaries, name="test", root="bags").text
