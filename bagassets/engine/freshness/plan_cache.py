@@ -10,6 +10,7 @@ import os
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from pathlib import Path
 from typing import Literal, NamedTuple
 from zlib import crc32
 
@@ -58,7 +59,7 @@ class CachedPlan(NamedTuple):
 def recording_fingerprint(
     project: str,
     relative: str,
-    files: Sequence[str | os.PathLike[str]],
+    files: Sequence[Path],
     beside: Iterable[str | os.PathLike[str]],
     records: Mapping[str, int],
     seen: Sequence[Signature] = (),
@@ -77,7 +78,7 @@ def recording_fingerprint(
     rest += [f"{os.fspath(path)}\0{signature(path)}" for path in beside]
     rest += [f"{asset}\0{number}" for asset, number in sorted(records.items()) if asset != "bag"]
     marks = zip(files, seen or map(signature, files), strict=True)
-    names = [f"{os.path.basename(path)}\0{mark}" for path, mark in marks]
+    names = [f"{path.name}\0{mark}" for path, mark in marks]
     return RecordingFingerprint(digest_lines(names), records.get("bag"), digest_lines(rest))
 
 
