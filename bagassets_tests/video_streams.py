@@ -1,15 +1,25 @@
 """Video streams whose pictures have their number painted in, encoded by PyAV as robots' encoders do."""
 
+import os
 from fractions import Fraction
 
 import av
 import numpy as np
 from av.video.reformatter import ColorRange, Colorspace
 
+from bagassets.formats.lerobot.video import scheduling_kept
+
+os.environ.setdefault("SVT_LOG", "1")  # it greets on stderr otherwise
 SIZE = WIDTH, HEIGHT = 192, 128
 _BLOCK, _BITS, _TOP = 16, 10, 96
 X265 = {"preset": "ultrafast", "x265-params": "log-level=none:bframes=0"}
 X264 = {"preset": "ultrafast", "tune": "zerolatency"}
+OPTIONS = {  # without delay, as on robots
+    "libx264": X264,
+    "libx265": X265,
+    "libsvtav1": {"preset": "8", "crf": "20", "svtav1-params": "lp=1:pred-struct=1:lookahead=0"},
+    "libvpx-vp9": {"deadline": "realtime", "cpu-used": "8", "lag-in-frames": "0"},
+}
 PATCHES = [(200, 30, 30), (30, 180, 40), (40, 60, 210), (220, 210, 40)]  # RGB
 
 
@@ -63,10 +73,12 @@ def encode(
     context.width, context.height = size or SIZE
     context.pix_fmt, context.gop_size, context.max_b_frames = pixels, gop, b_frames
     context.time_base, context.framerate = Fraction(1, 20), Fraction(20)
-    context.options = options if options is not None else (X265 if codec == "libx265" else X264)
+    context.options = OPTIONS[codec] if options is None else options
     if matrix is not None:
         context.colorspace = {"ITU709": 1, "ITU601": 5}[matrix]
     context.color_range = 2 if full else (1 if matrix is not None else 0)
+    with scheduling_kept():
+        context.open()
     packets = []
     for at in range(number):
         picture = painted(at) if size is None else np.zeros((*size[::-1], 3), np.uint8)

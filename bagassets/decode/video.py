@@ -1,4 +1,4 @@
-"""Video in messages: H.264 and H.265 as `foxglove.CompressedVideo` and `ffmpeg_image_transport_msgs/FFMPEGPacket` carry it.
+"""Video in messages: H.264, H.265, AV1 and VP9 as `foxglove.CompressedVideo` and `ffmpeg_image_transport_msgs/FFMPEGPacket` do.
 
 A message is one picture of a stream, by itself undecodable unless it is a key frame. So a stream is decoded once, in order,
 and each picture stands at the time of its own message. Where packets are missing, what follows refers to what is not there,
@@ -11,14 +11,14 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from importlib.metadata import PackageNotFoundError, version
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bagassets.base.errors import DecodeError, RecordingError
 from bagassets.decode.fields import byte_array, head
-from bagassets.decode.video_units import KEY, SLICES, Codec, UnitReader, Units
+from bagassets.decode.video_units import Codec, UnitReader, Units
 from bagassets.recordings.model import Message
 
 if TYPE_CHECKING:
@@ -29,7 +29,9 @@ if TYPE_CHECKING:
 _CODECS: dict[str, Codec] = {
     "h264": "h264", "libx264": "h264", "libx264rgb": "h264", "x264": "h264", "avc": "h264",
     "h265": "hevc", "hevc": "hevc", "libx265": "hevc", "x265": "hevc",
+    "av1": "av1", "libsvtav1": "av1", "libaom-av1": "av1", "librav1e": "av1", "vp9": "vp9", "libvpx-vp9": "vp9",
 }  # fmt: skip
+_DECODERS = {"av1": "libdav1d"}  # the one that is called av1 needs a graphics card
 # A longer pause between two packets means that some are missing, in periods of the stream, where nothing else tells.
 MOST_PERIODS = 1.5
 BEFORE_KEY = "its stream begins without a key frame, which it refers to"
@@ -47,7 +49,7 @@ class VideoPacket:
         stamp_ns: its stamp.
         frame_id: sensor frame, without leading slash.
         codec: of the stream.
-        data: access unit in the byte stream format (Annex B).
+        data: of one picture; of H.264 and H.265 in the byte stream format (Annex B), of AV1 in the low-overhead format.
     """
 
     stamp_ns: int
@@ -86,7 +88,7 @@ def decode_video_packet(message: Message) -> VideoPacket:
     plain = name.partition(";")[0].strip().lower()
     codec = _CODECS.get(plain) or _CODECS.get(plain.partition("_")[0])  # h264_nvenc, hevc_vaapi
     if codec is None:
-        raise DecodeError(f"video format '{name}' is not supported (H.264 and H.265 are)")
+        raise DecodeError(f"video format '{name}' is not supported (H.264, H.265, AV1 and VP9 are)")
     return VideoPacket(stamp_ns, frame_id, codec, byte_array(message.data).tobytes())
 
 
@@ -151,16 +153,15 @@ class VideoStream:
                 f"{self._where}: its video has B-frames, which refer to later pictures, so that messages are out of order; record it "
                 "without (such as `bf=0`), or leave the channel out."
             )
-        is_key = not KEY[packet.codec].isdisjoint(units.types)
-        if self._is_missing_before(packet, units) and not (is_key or self._broken):
+        if self._is_missing_before(packet, units) and not (units.is_key or self._broken):
             yield from self.finish()
-        if SLICES[packet.codec].isdisjoint(units.types):
+        if not units.has_picture:
             self._parameters += packet.data
             yield Picture(packet, log_time_ns, reason=NO_PICTURE)
             return
-        if units.is_reference or is_key:
+        if units.is_reference or units.is_key:
             self._reference = units.frame_number
-        if is_key and self._broken:
+        if units.is_key and self._broken:
             self._begin(packet.codec)
         if self._broken or packet.codec != self._codec:
             self._broken = self._broken or AFTER_GAP
@@ -191,7 +192,8 @@ class VideoStream:
         import av  # noqa: PLC0415  (70 ms, and not installed everywhere)
 
         if self._context is None or self._codec != codec:
-            self._context = av.CodecContext.create(codec, "r")
+            decoder = av.CodecContext.create(_DECODERS.get(codec, codec), "r")
+            self._context = cast("VideoCodecContext", decoder)
             self._context.thread_count = 1  # others hold pictures back
             # Pictures that the decoder would make up are errors, and those of which an encoder sent another digest.
             self._context.options = {"max_pixels": str(self._most_pixels), "err_detect": "explode+crccheck"}

@@ -1,14 +1,19 @@
-"""What the NAL units of H.264 and H.265 say before they are decoded (ITU-T H.264, 7.3; H.265, 7.3; byte streams: Annex B)."""
+"""What the packets of video say before they are decoded.
+
+Of H.264 and H.265 the NAL units (ITU-T H.264, 7.3; H.265, 7.3; byte streams: Annex B), of AV1 the OBUs (AV1 Bitstream and
+Decoding Process Specification, 5.3 and 5.9.2, in the low-overhead format of 5.2), of VP9 the header of the first frame (VP9
+Bitstream and Decoding Process Specification, 6.2 and 7.2).
+"""
 
 import re
 from typing import Literal, NamedTuple
 
 from bagassets.base.errors import DecodeError
 
-Codec = Literal["h264", "hevc"]
+Codec = Literal["h264", "hevc", "av1", "vp9"]
 
-SLICES = {"h264": frozenset(range(1, 6)), "hevc": frozenset(range(32))}
-KEY = {"h264": frozenset({5}), "hevc": frozenset(range(16, 22))}  # IDR; IRAP
+_SLICES = {"h264": frozenset(range(1, 6)), "hevc": frozenset(range(32))}
+_KEY = {"h264": frozenset({5}), "hevc": frozenset(range(16, 22))}  # IDR; IRAP
 _START_CODE = re.compile(rb"\x00\x00\x01", re.DOTALL)
 # Encoders break up three zeros inside a unit (H.264, 7.4.1); behind one may be any number.
 _ZEROS = re.compile(rb"\0\0\0+[\2-\xff]", re.DOTALL)
@@ -20,20 +25,27 @@ _HEAD_BYTES = 24  # more than the numbers take that are read of a slice
 _HIGH = frozenset({44, 83, 86, 100, 110, 118, 122, 128, 134, 135, 138, 139, 244})
 
 
+# OBUs with the header of a frame: alone, or with the frame.
+_FRAMES = frozenset({3, 6})
+_NOT_AV1 = "its video is not in the low-overhead format of AV1, or cut off"
+
+
 class Units(NamedTuple):
     """The units of one picture.
 
     Attributes:
-        types: of its NAL units.
-        has_b_slices: it has slices that may refer to later pictures.
+        has_picture: there is one, and not parameters alone.
+        is_key: it can be decoded without those before it.
+        has_b_slices: it has slices that may refer to later pictures; in AV1 and VP9, each packet has the picture that is next.
         frame_number: that of H.264, which tells whether a picture is missing before it; None if it is not known.
         is_reference: others refer to it; known of H.264 only.
     """
 
-    types: tuple[int, ...]
-    has_b_slices: bool
-    frame_number: int | None
-    is_reference: bool
+    has_picture: bool
+    is_key: bool
+    has_b_slices: bool = False
+    frame_number: int | None = None
+    is_reference: bool = False
 
 
 class UnitReader:
@@ -50,8 +62,12 @@ class UnitReader:
         """Return what is said of a picture.
 
         Raises:
-            DecodeError: the data are not in the byte stream format, or have a hole of zeros.
+            DecodeError: the data are not in the format of the codec's streams, are cut off, or have a hole of zeros.
         """
+        if codec == "av1":
+            return _of_av1(data)
+        if codec == "vp9":
+            return _of_vp9(data)
         starts = [found.end() for found in _START_CODE.finditer(data) if found.end() < len(data)]
         if not starts or data[: starts[0] - 3].strip(b"\0"):
             raise DecodeError("its video is not in the byte stream format (Annex B)")
@@ -60,14 +76,15 @@ class UnitReader:
         for at, end, unit in zip(starts, [*starts[1:], len(data)], types, strict=True):
             if codec == "h264" and unit == _SPS:
                 self.frame_numbers = _frame_numbers(data[at + 1 : at + 1 + 4 * _HEAD_BYTES])
-            if unit in SLICES[codec]:
+            if unit in _SLICES[codec]:
                 if _ZEROS.search(data, at, end):
                     raise DecodeError("zeros are in the middle of its data, which no encoder writes")
                 slice_type, number_now = self._slice(codec, unit, data[at : at + _HEAD_BYTES])
                 has_b_slices |= slice_type in _B_SLICES[codec]
                 number = number_now if number is None else number
                 is_reference |= bool(data[at] >> 5 & 3)
-        return Units(types, has_b_slices, number, is_reference)
+        has_picture, is_key = (not of[codec].isdisjoint(types) for of in (_SLICES, _KEY))
+        return Units(has_picture, is_key, has_b_slices, number, is_reference)
 
     def _slice(self, codec: Codec, unit: int, data: bytes) -> tuple[int, int | None]:
         """Return type and frame number in the header of a slice; -1 and None if they are not there.
@@ -78,7 +95,7 @@ class UnitReader:
         bits = _Bits(data[1 if codec == "h264" else 2 :])
         try:
             if codec == "hevc":
-                if unit in KEY[codec] or not bits.number(1):
+                if unit in _KEY[codec] or not bits.number(1):
                     return -1, None
                 bits.golomb()
                 return bits.golomb(), None
@@ -91,6 +108,45 @@ class UnitReader:
             return slice_type, bits.number(width) if self.frame_numbers else None
         except ValueError:
             return -1, None
+
+
+def _of_av1(data: bytes) -> Units:
+    """Return what the OBUs of a temporal unit say; it shows one picture, however many frames it has.
+
+    Raises:
+        DecodeError: they are not as long as they say.
+    """
+    at, heads = 0, list[int]()
+    try:
+        while at < len(data):
+            head, at = data[at], at + 1 + (data[at] >> 2 & 1)  # an extension of a byte
+            size, shift, more = 0, 0, head >> 1 & 1
+            while more:  # LEB128 (4.10.5)
+                size |= (data[at] & 127) << shift
+                more, at, shift = data[at] >> 7, at + 1, shift + 7
+            end = at + size if head & 2 else len(data)
+            if head >> 7 or end > len(data):
+                raise DecodeError(_NOT_AV1)
+            if head >> 3 & 15 in _FRAMES:
+                heads.append(data[at:end][0])
+            at = end
+    except IndexError as err:
+        raise DecodeError(_NOT_AV1) from err
+    # Not one shown before, a key frame, shown: what a key frame leaves for later is shown by another packet.
+    return Units(bool(heads), any(one >> 4 == 1 for one in heads))
+
+
+def _of_vp9(data: bytes) -> Units:
+    """Return what the first frame says, which hidden ones may follow.
+
+    Raises:
+        DecodeError: it is none.
+    """
+    if not data or data[0] >> 6 != 2:
+        raise DecodeError("its video is not a frame of VP9")
+    profile = data[0] >> 5 & 1 | data[0] >> 3 & 2
+    flags = data[0] >> (1 if profile == 3 else 2)  # shown before, no key frame
+    return Units(has_picture=True, is_key=flags & 3 == 0)
 
 
 def _frame_numbers(parameters: bytes) -> int:

@@ -27,7 +27,8 @@ from bagassets_tests.video_streams import PATCHES, SIZE, X264, X265, encode, num
 
 START_NS, PERIOD_NS = 1_700_000_000_000_000_000, 50_000_000
 ROOT = Path(__file__).parents[2]
-CODECS = {"libx264": "h264", "libx265": "h265"}
+CODECS = {"libx264": "h264", "libx265": "h265", "libsvtav1": "av1", "libvpx-vp9": "vp9"}
+NAL = ["libx264", "libx265"]
 
 
 def message(number, data, name="h264", **fields):
@@ -92,7 +93,7 @@ def test_stamps_that_jitter_are_no_gap_and_without_a_period_none_is_looked_for()
     assert set(shown(stream[:5] + stream[10:], period_ns=None).values()) == {*range(5), *range(10, 40)}
 
 
-@pytest.mark.parametrize("codec", CODECS)
+@pytest.mark.parametrize("codec", [*NAL, "libsvtav1"])
 def test_what_is_missing_is_noticed_without_stamps_too(codec):
     """The decoder of H.264 would show picture 13 for number 15, without an error: its frame numbers tell."""
     kept = [packet for at, packet in enumerate(packets(encode(codec), codec)) if at != 14]
@@ -109,6 +110,60 @@ def test_pictures_that_the_decoder_holds_back_are_not_lost():
     assert shown([one for at, one in enumerate(some) if at != 14]) == {
         n: AFTER_GAP if 15 <= n < 20 else n for n in range(40) if n != 14
     }
+
+
+@pytest.mark.parametrize(
+    ("codec", "options"),
+    [
+        ("libsvtav1", {"preset": "8", "crf": "20"}),
+        ("libvpx-vp9", {"cpu-used": "8", "lag-in-frames": "10", "auto-alt-ref": "1", "arnr-strength": "0"}),
+    ],
+)
+def test_frames_that_are_hidden_for_later_pictures_change_nothing(codec, options):
+    """Encoders with delay: a packet of AV1 or VP9 has the frames that are hidden until later, and one that is shown."""
+    stream = encode(codec, options=options)
+    assert [number for number, _ in stream] == list(range(40))
+    assert shown(packets(stream, codec)) == {number: number for number in range(40)}
+
+
+@pytest.mark.parametrize(
+    ("codec", "data", "expected"),
+    [
+        ("av1", "1200 0a01ff", (False, False)),  # a delimiter, parameters
+        ("av1", "1200 0a01ff 320110", (True, True)),
+        ("av1", "3601 0110", (True, True)),  # with an extension
+        ("av1", "3010", (True, True)),  # without a size, so up to the end
+        ("av1", "3281 0010", (True, True)),  # a size in more bytes than are needed
+        ("av1", "32810110" + 128 * "00", (True, True)),
+        ("av1", "320100", (True, False)),  # a key frame that is hidden
+        ("av1", "320130", (True, False)),
+        ("av1", "1a0190", (True, False)),  # shown before
+        ("vp9", "82", (True, True)),
+        ("vp9", "86", (True, False)),
+        ("vp9", "88", (True, False)),  # shown before
+        ("vp9", "b1", (True, True)),  # profile 3
+        ("vp9", "b3", (True, False)),
+    ],
+)
+def test_what_frames_say_before_they_are_decoded(codec, data, expected):
+    units = UnitReader().read(codec, bytes.fromhex(data))
+    assert (units.has_picture, units.is_key) == expected
+
+
+@pytest.mark.parametrize(
+    ("codec", "data", "message"),
+    [
+        ("av1", "b20110", "low-overhead format"),
+        ("av1", "320210", "cut off"),
+        ("av1", "32", "cut off"),
+        ("av1", "3200 0a0110", "cut off"),
+        ("vp9", "", "not a frame of VP9"),
+        ("vp9", "0000000165", "not a frame of VP9"),
+    ],
+)
+def test_what_is_no_frame_is_refused(codec, data, message):
+    with pytest.raises(DecodeError, match=message):
+        UnitReader().read(codec, bytes.fromhex(data))
 
 
 def slower(packet, by, since=12):
@@ -225,7 +280,7 @@ def split(data):
 
 
 @pytest.mark.parametrize("order", ["as in the file", "by time"])
-@pytest.mark.parametrize("codec", CODECS)
+@pytest.mark.parametrize("codec", NAL)
 def test_b_frames_are_refused_in_any_order(codec, order):
     options = {"preset": "ultrafast"} | (
         {"x265-params": "log-level=none:bframes=2:b-adapt=0"} if codec == "libx265" else {}
@@ -267,13 +322,18 @@ def test_pictures_beyond_the_limit_are_not_decoded():
         ("h264_nvenc", "h264"),
         ("hevc_vaapi", "hevc"),
         ("hevc;nv12;bgr8", "hevc"),
+        ("av1", "av1"),
+        ("libsvtav1", "av1"),
+        ("av1_nvenc;nv12;bgr8", "av1"),
+        ("vp9", "vp9"),
+        ("libvpx-vp9", "vp9"),
     ],
 )
 def test_names_of_codecs(name, codec):
     assert decode_video_packet(message(0, b"\0\0\0\1\x65\x88", name)).codec == codec
 
 
-@pytest.mark.parametrize("name", ["av1", "vp9", "", "mjpeg"])
+@pytest.mark.parametrize("name", ["vp8", "", "mjpeg"])
 def test_other_codecs_are_named(name):
     with pytest.raises(DecodeError, match=f"video format '{name}' is not supported"):
         decode_video_packet(message(0, b"\0\0\0\1\x65\x88", name))

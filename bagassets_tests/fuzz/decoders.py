@@ -49,7 +49,8 @@ RECORDED_TEXTS = {
     },
 }
 # What decoders look at, so that a message gets beyond that.
-_WORDS = {"child_frame_id": "b", "distortion_model": "plumb_bob", "encoding": "h264"}
+_VIDEO = {"h264": "00000001658884", "hevc": "0000000126018884", "av1": "12000a01ff320210ff", "vp9": "8249"}
+_WORDS = {"child_frame_id": "b", "distortion_model": "plumb_bob"}
 _LENGTHS = {"d": 5, "D": 5, "dimensions": 3}  # of distortion, of a box
 
 
@@ -120,7 +121,11 @@ def _of_ours():
                 )
                 topic = Topic(_source(kind, definition, how))
                 if topic.problem is None:  # some refer to types that ROS 1 lacks
-                    seeds = [_serialized(layout.types, kind, how) for layout in topic._layouts.layouts]
+                    seeds = [
+                        seed
+                        for layout in topic._layouts.layouts
+                        for seed in _serialized(layout.types, kind, how)
+                    ]
                     yield Case(line, topic.source, tuple(dict.fromkeys(seeds)))
 
 
@@ -129,9 +134,13 @@ def _serialized(types, msgtype, how):
     store.register(dict(types))
     pack = store.serialize_cdr if how == "cdr" else store.serialize_ros1
     message = _filled(store, msgtype)
-    if hasattr(message, "pts"):  # of video
-        message = dataclasses.replace(message, data=np.frombuffer(b"\0\0\0\1\x65\x88\x84", np.uint8))
-    return bytes(pack(message, msgtype))
+    if not hasattr(message, "pts"):
+        return [bytes(pack(message, msgtype))]
+    packets = [
+        dataclasses.replace(message, encoding=name, data=np.frombuffer(bytes.fromhex(data), np.uint8))
+        for name, data in _VIDEO.items()
+    ]
+    return [bytes(pack(packet, msgtype)) for packet in packets]
 
 
 def _of_foxglove():

@@ -129,7 +129,7 @@ def video_drive(path, write, codec="libx264", lost=()):
     """Write a drive whose camera sends video of painted numbers, at 20 Hz."""
     kept = [one for one in drive(6.0) if one[0] != "/cam/image_raw" and one[0] != "/cam/camera_info"]
     start_ns = kept[0][1]
-    name = {"libx264": "h264", "libx265": "h265"}[codec]
+    name = {"libx264": "h264", "libx265": "h265", "libsvtav1": "av1", "libvpx-vp9": "vp9"}[codec]
     for number, data in encode(codec, 100):
         if number in lost:
             continue
@@ -141,7 +141,14 @@ def video_drive(path, write, codec="libx264", lost=()):
 
 
 @pytest.mark.parametrize(
-    ("encoding", "codec"), [("protobuf", "libx264"), ("json", "libx264"), ("cdr", "libx265")]
+    ("encoding", "codec"),
+    [
+        ("protobuf", "libx264"),
+        ("json", "libx264"),
+        ("cdr", "libx265"),
+        ("protobuf", "libsvtav1"),
+        ("cdr", "libvpx-vp9"),
+    ],
 )
 def test_video_becomes_images_of_a_proposed_recipe(tmp_path, encoding, codec):
     (tmp_path / "bags").mkdir()

@@ -81,7 +81,7 @@ def encode(images: Iterable[NDArray[np.uint8]], fps: int, settings: Encoding, ex
                 context = stream.codec_context
                 context.colorspace = context.color_primaries = context.color_trc = _BT601
                 context.color_range = _LIMITED
-                with _scheduling_kept():
+                with scheduling_kept():
                     context.open()
             if image is not last:  # a repeated one is converted once
                 frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format="bgr24")
@@ -101,7 +101,7 @@ def encode(images: Iterable[NDArray[np.uint8]], fps: int, settings: Encoding, ex
 
 
 @contextmanager
-def _scheduling_kept() -> Iterator[None]:
+def scheduling_kept() -> Iterator[None]:
     """Have all threads scheduled as this one was: for root, SVT-AV1 makes its own and its caller real-time ones.
 
     Whatever they start would be, too, and nothing else would run on a machine whose processors they keep busy.
