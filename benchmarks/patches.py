@@ -93,7 +93,7 @@ PATCHES = {
     ),
     "asset_keys": Patch(
         "the latest event of an asset is updated before an insert is tried",
-        ((_STORAGE, "if not conn.execute(ours.values(**values)).rowcount:", "if ours is not None:"),),
+        ((_STORAGE, 'if not conn.execute(_NOTE_LATEST, {"its_key": happened.asset_key.to_string(), **values}).rowcount:', "if values:"),),
     ),
     "alembic": Patch(
         "Alembic is not asked whether a database is new",
@@ -112,7 +112,7 @@ PATCHES = {
     ),
     "rehearsal": Patch(
         "the server asks the project's database what plans ask, before it forks",
-        (("defs/launchers/run_worker.py", "chain(_look_ahead(), compile_all(), _UNTIL_IDLE, compile_common_types(), _UNTIL_IDLE, _rehearse())", "chain(_look_ahead(), compile_all(), _UNTIL_IDLE, compile_common_types(), _UNTIL_IDLE)"),),
+        (("defs/launchers/run_worker.py", "_UNTIL_IDLE, _rehearse()", "_UNTIL_IDLE"),),
     ),
     "modules": Patch(
         "what Dagster imports when it executes a run is imported before the server forks",

@@ -25,6 +25,7 @@ from bagassets_tests.small_drive import RECIPE as SMALL
 from benchmarks.cold import BUILD, FIXED_LOOP, PICTURES, cold_table
 from benchmarks.common import Options, Project, converter_command, markdown, project, save, speedup
 from benchmarks.drives import LIDAR_TOPIC, write_jpeg_project, write_tas_drive
+from benchmarks.patches import PATCHES
 from benchmarks.peers import BAGASSETS, BAZEL, LOOP, BazelWorkspace, Peers, params_of, peers_table
 from benchmarks.peers import main as peers_main
 from benchmarks.plain import convert_plainly
@@ -349,3 +350,9 @@ def test_cold_tells_medians_and_what_builds_take_beyond_conversions(tmp_path, mo
 def test_a_project_is_a_bench(drives):
     assert isinstance(drives, Project)
     assert 0.001 < drives.size_gb < 0.1
+
+
+@pytest.mark.parametrize("patch", PATCHES)
+def test_what_a_patch_is_switched_off_by_is_in_the_code_once(patch):
+    for name, text, _ in PATCHES[patch].edits:
+        assert (ROOT / "bagassets" / name).read_text("utf-8").count(text) == 1
