@@ -9,9 +9,11 @@ Texts of errors contain no numbers, because steps count lost messages by them.
 import re
 import struct
 import zlib
+from collections.abc import Iterator
+
+import numpy as np
 
 from bagassets.base.errors import DecodeError
-from bagassets.geometry.kernels.markers import markers_from
 
 JPEG, PNG = b"\xff\xd8\xff", b"\x89PNG\r\n\x1a\n"
 
@@ -26,6 +28,8 @@ _SEGMENTS = _FRAMES | {0xC4, 0xCC, *range(0xDA, 0xE0), *range(0xE0, 0xFF)}
 
 # A progressive JPEG has about ten scans, each with its tables; profiles and comments are split into 64 kB.
 _MOST_SEGMENTS = 5000
+# Bytes that are searched for markers at once, at first and at the most: there may be many short scans.
+_WINDOW, _MOST = 1 << 12, 1 << 18
 
 _FRAME_SIZE = struct.Struct(">HH")
 _CHUNK = struct.Struct(">I4s")
@@ -110,16 +114,28 @@ def _fits(marker: int, inside: memoryview) -> bool:
 def _end_of_scan(data: memoryview, at: int, *, restarts: bool) -> int:
     """Return where the marker stands that ends a scan; those that restart it stand in order."""
     expected = 0
-    while found := markers_from(data, at):
-        for marker_at in found:
-            marker = data[marker_at + 1]
-            if marker not in _RESTARTS:
-                return marker_at
-            if not restarts or marker & 7 != expected:
-                raise DecodeError("the JPEG is damaged: a part of its scan is missing or strange")
-            expected = (expected + 1) & 7
-        at = found[-1] + 1
+    for marker_at in _markers(data, at):
+        marker = data[marker_at + 1]
+        if marker not in _RESTARTS:
+            return marker_at
+        if not restarts or marker & 7 != expected:
+            raise DecodeError("the JPEG is damaged: a part of its scan is missing or strange")
+        expected = (expected + 1) & 7
     raise DecodeError("the JPEG is cut off")
+
+
+def _markers(data: memoryview, at: int) -> Iterator[int]:
+    """Yield where markers stand from `at` on: 0xff before anything but the zero that follows it in the data of a scan.
+
+    Of 0xff repeated, which may stand before a marker, the last one counts.
+    """
+    size = _WINDOW
+    while at < len(data) - 1:
+        window = np.frombuffer(data[at : at + size + 1], np.uint8)  # with what follows its last byte
+        places = np.flatnonzero(window[:-1] == 0xFF)
+        following = window[places + 1]
+        yield from (at + places[(following != 0) & (following != 0xFF)]).tolist()
+        at, size = at + size, min(4 * size, _MOST)
 
 
 def _after_padding(data: memoryview, at: int) -> int:

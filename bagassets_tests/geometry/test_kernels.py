@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bagassets.geometry.camera import CameraModel
-from bagassets.geometry.kernels import bilinear, machine_code, markers, moving
+from bagassets.geometry.kernels import bilinear, machine_code, moving
 from bagassets.geometry.kernels.bilinear import BilinearLookup
 from bagassets.geometry.kernels.machine_code import MachineCode
 from bagassets.geometry.undistortion import Undistortion, undistort
@@ -23,7 +23,6 @@ def no_llvmlite(monkeypatch):
     monkeypatch.setattr(machine_code, "_ALL", [])
     for module, name, build in (
         (bilinear, "_LOOKUP", "_lookup_function"),
-        (markers, "_FIND", "_find_function"),
         (moving, "_MOVE", "_move_function"),
     ):
         known = getattr(module, name)
@@ -104,11 +103,6 @@ def test_an_image_that_the_maps_are_not_for_is_refused(shape):
         lookup(np.zeros(shape, np.uint8))
 
 
-def test_without_llvmlite_markers_are_found_all_the_same(no_llvmlite):
-    assert markers.markers_from(memoryview(b"\x01\xff\x00\xff\xff\xd9"), 0) == [4]
-    assert markers._FIND.function() is None
-
-
 def test_without_llvmlite_the_twins_give_the_same(no_llvmlite):
     camera = lens(150, 90, LENSES[0])
     straight, bgra = Undistortion(camera, camera.undistorted()), pixels_of(3, 90, 150, 4)
@@ -161,7 +155,6 @@ def test_all_are_compiled_before_workers_fork():
         pass
     assert {code._name for code in machine_code._ALL if code._function is not None} >= {
         "lookup",
-        "find_markers",
         "move_points",
         "take_returns",
         "each",

@@ -98,15 +98,6 @@ def begin_function(name: str, pointed_to: Sequence[Ir]) -> tuple[Ir, Ir]:
     return function, ir.IRBuilder(function.append_basic_block())
 
 
-def everywhere(b: Ir, value: Ir, lanes: int) -> Ir:
-    """Build a vector that has a value in each of its lanes."""
-    from llvmlite import ir
-
-    undefined = ir.Constant(ir.VectorType(value.type, lanes), ir.Undefined)
-    first = ir.Constant(ir.VectorType(ir.IntType(32), lanes), [0] * lanes)
-    return b.shuffle_vector(b.insert_element(undefined, value, ir.IntType(32)(0)), undefined, first)
-
-
 @contextmanager
 def counting(b: Ir, begin: Ir, end: Ir) -> Iterator[Ir]:
     """Build a loop: what is built inside is done for each i64 from `begin`, while it is less than `end`."""
