@@ -156,7 +156,8 @@ class Encoding(Model):
     )
     preset: str | None = Field(
         None,
-        description="Preset of the encoder: ultrafast to placebo for h264 (default: veryfast), -2 to 13 for av1 (default: 10).",
+        description="Preset of the encoder: ultrafast to placebo for h264 (default: veryfast), -2 to 13 for av1 (default: 8; those "
+        "above may leave out small things that change between key frames, such as a lamp).",
     )
     keyframes: int = Field(
         2, ge=1, description="Every n-th frame is a key frame: small numbers make random access fast."

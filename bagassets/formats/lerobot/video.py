@@ -24,10 +24,11 @@ PYAV = "av"
 _BT601, _LIMITED = 6, 1  # of ITU-T H.273 and FFmpeg: SMPTE 170M, and levels 16..235
 _SCALER = 0x4 | 0x40000 | 0x80000  # of swscale: bicubic, accurate_rnd, bitexact
 _BITEXACT = {"fflags": "+bitexact"}
-# Without B-frames and open groups; SVT-AV1's prediction structure 1 is its low delay.
+# Without B-frames and open groups; SVT-AV1's prediction structure 1 is its low delay; presets above 8 leave out
+# small changes between key frames (lamps stay dark for some frames), with those of PyAV 17 and later.
 _ENCODERS = {
     "h264": ("libx264", "x264-params", "cpu-independent=1:stitchable=1", "veryfast", 23),
-    "av1": ("libsvtav1", "svtav1-params", "lp=1:pred-struct=1", "10", 30),
+    "av1": ("libsvtav1", "svtav1-params", "lp=1:pred-struct=1", "8", 30),
 }
 
 
