@@ -69,7 +69,8 @@ def main(arguments: list[str]) -> int:
     # Together, as pip uses one processor, and before any test, as it takes that from what measures time.
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         prepared = {name: pool.submit(PARTS[name].prepare) for name in chosen}
-    results = [("prepare", time.monotonic() - started, "done")]
+    left = ", ".join(name for name in chosen if prepared[name].exception())
+    results = [("prepare", time.monotonic() - started, f"done, but for {left}" if left else "done")]
     for name in chosen:
         _say(f"== {name}: {PARTS[name].about}")
         started = time.monotonic()

@@ -144,6 +144,7 @@ def test_without_the_python_that_it_needs_a_part_is_left_out(monkeypatch, capfd)
     said = capfd.readouterr().out
     assert "lowest: left out: there is no Python 3.11" in said
     assert "newest: left out: there is no Python" in said
+    assert re.search("prepare .* done, but for lowest, newest\n", said)
 
 
 SOME_LONG = """
