@@ -23,8 +23,6 @@ _MOST_LOG2 = 16  # of the frame numbers of H.264 (7.4.2.1.1)
 _HEAD_BYTES = 24  # more than the numbers take that are read of a slice
 # Profiles of H.264 whose parameters begin with the format of the samples.
 _HIGH = frozenset({44, 83, 86, 100, 110, 118, 122, 128, 134, 135, 138, 139, 244})
-
-
 # OBUs with the header of a frame: alone, or with the frame.
 _FRAMES = frozenset({3, 6})
 _NOT_AV1 = "its video is not in the low-overhead format of AV1, or cut off"
@@ -120,11 +118,8 @@ def _of_av1(data: bytes) -> Units:
     try:
         while at < len(data):
             head, at = data[at], at + 1 + (data[at] >> 2 & 1)  # an extension of a byte
-            size, shift, more = 0, 0, head >> 1 & 1
-            while more:  # LEB128 (4.10.5)
-                size |= (data[at] & 127) << shift
-                more, at, shift = data[at] >> 7, at + 1, shift + 7
-            end = at + size if head & 2 else len(data)
+            size, at = _size_at(data, at) if head & 2 else (len(data) - at, at)
+            end = at + size
             if head >> 7 or end > len(data):
                 raise DecodeError(_NOT_AV1)
             if head >> 3 & 15 in _FRAMES:
@@ -134,6 +129,16 @@ def _of_av1(data: bytes) -> Units:
         raise DecodeError(_NOT_AV1) from err
     # Not one shown before, a key frame, shown: what a key frame leaves for later is shown by another packet.
     return Units(bool(heads), any(one >> 4 == 1 for one in heads))
+
+
+def _size_at(data: bytes, at: int) -> tuple[int, int]:
+    """Return a number of at most eight bytes of seven bits (LEB128, 4.10.5), and where it ends; IndexError if it does not."""
+    size = 0
+    for number, byte in enumerate(data[at : at + 8]):
+        size |= (byte & 127) << 7 * number
+        if byte < 128:
+            return size, at + number + 1
+    raise IndexError("the end")
 
 
 def _of_vp9(data: bytes) -> Units:

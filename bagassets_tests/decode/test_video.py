@@ -156,6 +156,7 @@ def test_what_frames_say_before_they_are_decoded(codec, data, expected):
         ("av1", "b20110", "low-overhead format"),
         ("av1", "320210", "cut off"),
         ("av1", "32", "cut off"),
+        ("av1", "32" + 9 * "81" + "01" + 200 * "10", "low-overhead format"),
         ("av1", "3200 0a0110", "cut off"),
         ("vp9", "", "not a frame of VP9"),
         ("vp9", "0000000165", "not a frame of VP9"),
