@@ -118,7 +118,11 @@ class IndexReader(rosbag1.Reader):
     def read_chunk_info(self) -> ChunkInfo:
         """Read the place of one chunk."""
         info = super().read_chunk_info()
-        self._index_end = self._opened.tell()
+        self._index_end, counts_bytes = self._opened.tell(), 8 * len(info.connection_counts)
+        self._opened.seek(self._index_end - counts_bytes - SIZE.size)
+        if SIZE.unpack(self._opened.read(SIZE.size)) != (counts_bytes,):
+            raise DamageError("its index is damaged")
+        self._opened.seek(self._index_end)
         if info.pos in self._compression:
             raise DamageError("its index names a chunk twice")
         self._compression[info.pos] = ("", 0)
