@@ -1,12 +1,14 @@
 """One flipped bit where a file says what is in it: no message disappears without a word, and none more than it has to."""
 
+import sqlite3
+
 import pytest
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 from rosbags.rosbag1 import Writer as Rosbag1Writer
 
 from bagassets.recordings.salvage.examine import examine
-from bagassets_tests.recorded_bags import NOON_NS, ROS1, SECOND
+from bagassets_tests.recorded_bags import NOON_NS, ROS1, SECOND, text, write_ros2
 
 pytestmark = pytest.mark.once
 
@@ -73,7 +75,9 @@ def read_of(path):
     return read
 
 
-@pytest.mark.parametrize("name", [b"index_pos=", b"chunk_count=", b"conn_count=", b"conn=", b"op=", b"\0count="])
+@pytest.mark.parametrize(
+    "name", [b"index_pos=", b"chunk_count=", b"conn_count=", b"conn=", b"op=", b"\0count="]
+)
 def test_what_a_bag_says_of_its_content(tmp_path, name):
     path = write_bag(tmp_path / "a.bag")
     data = path.read_bytes()
@@ -120,3 +124,13 @@ def test_one_impossible_time_costs_one_message(tmp_path):
     at = data.rindex((NOON_NS + 3 * SECOND).to_bytes(8, "little"), 0, data.index(b"message 3")) + 7
     path.write_bytes(flipped(data, at, 7))
     assert read_of(path) == NUMBER - 1
+
+
+@pytest.mark.parametrize("is_bare", [True, False])
+def test_a_message_of_a_topic_that_a_database_does_not_name(tmp_path, is_bare):
+    write_ros2(tmp_path / "a", [text(NOON_NS + number * SECOND) for number in range(NUMBER)])
+    (path,) = (tmp_path / "a").glob("*.db3")
+    with sqlite3.connect(path) as database:
+        database.execute("UPDATE messages SET topic_id = topic_id + 8 WHERE id = 3")
+    database.close()
+    assert read_of(path if is_bare else tmp_path / "a") == NUMBER - 1
