@@ -36,7 +36,7 @@ _LONGEST_HEADER = 1_000_000
 
 
 class IndexReader(rosbag1.Reader):
-    """Reads the index of a bag, within the recipe's limits; it is opened at once."""
+    """Reads the index of a bag, within the recipe's limits; it is opened at once, and knows where its index ends."""
 
     def __init__(self, path: Path, limits: Limits, on_read: OnRead | None = None) -> None:
         super().__init__(path)
@@ -49,7 +49,7 @@ class IndexReader(rosbag1.Reader):
         self._entries: dict[int, list[tuple[int, NDArray[np.void]]]] = {}  # with the position of their chunk
         self._connections_read = 0
         self._index_bytes = 0
-        self._index_end = 0  # as far as it was read
+        self.index_end = 0
         self.open()
 
     def open(self) -> None:
@@ -63,8 +63,9 @@ class IndexReader(rosbag1.Reader):
             self._opened.seek(0)
             self._opened.readline()
             index_begin = Header.read(self._opened, RecordType.BAGHEADER).get_uint64("index_pos")
+            self.index_end = max(index_begin, self.index_end)
             is_known = self._entries.keys() <= {one.id for one in self.connections}
-            if not is_known or self._names_chunk(max(index_begin, self._index_end)):
+            if not is_known or self._names_chunk(self.index_end):
                 raise DamageError("its index is damaged")  # noqa: TRY301  (the file is closed below)
         except BaseException:
             self.close()
@@ -103,7 +104,7 @@ class IndexReader(rosbag1.Reader):
         header = Header.read(self._opened, RecordType.CONNECTION)
         topic = text_in(header, "topic")
         fields = Header.read(self._opened)
-        self._index_end = self._opened.tell()
+        self.index_end = self._opened.tell()
         return Connection(
             header.get_uint32("conn"),
             normalise_topic(topic) if topic else topic,
@@ -118,11 +119,11 @@ class IndexReader(rosbag1.Reader):
     def read_chunk_info(self) -> ChunkInfo:
         """Read the place of one chunk."""
         info = super().read_chunk_info()
-        self._index_end, counts_bytes = self._opened.tell(), 8 * len(info.connection_counts)
-        self._opened.seek(self._index_end - counts_bytes - SIZE.size)
+        self.index_end, counts_bytes = self._opened.tell(), 8 * len(info.connection_counts)
+        self._opened.seek(self.index_end - counts_bytes - SIZE.size)
         if SIZE.unpack(self._opened.read(SIZE.size)) != (counts_bytes,):
             raise DamageError("its index is damaged")
-        self._opened.seek(self._index_end)
+        self._opened.seek(self.index_end)
         if info.pos in self._compression:
             raise DamageError("its index names a chunk twice")
         self._compression[info.pos] = ("", 0)

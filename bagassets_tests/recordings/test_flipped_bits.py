@@ -134,3 +134,17 @@ def test_a_message_of_a_topic_that_a_database_does_not_name(tmp_path, is_bare):
         database.execute("UPDATE messages SET topic_id = topic_id + 8 WHERE id = 3")
     database.close()
     assert read_of(path if is_bare else tmp_path / "a") == NUMBER - 1
+
+
+@pytest.mark.parametrize("field", ["name:", "type:", "message_count:", "topic_metadata:"])
+@pytest.mark.parametrize("value", ["", " [1]", " x"])
+def test_what_metadata_say_of_topics(tmp_path, field, value):
+    write_ros2(tmp_path / "a", [text(NOON_NS + number * SECOND) for number in range(NUMBER)])
+    metadata = tmp_path / "a" / "metadata.yaml"
+    told = metadata.read_text()
+    before, _, after = told.partition("topics_with_message_count:")
+    changed = after.replace(field, f"{field}{value} #" if value else f"x{field}", 1)
+    assert changed != after
+    metadata.write_text(f"{before}topics_with_message_count:{changed}")
+    found = examine(tmp_path / "a")
+    assert sum(number for _, number in found.topics.values()) == NUMBER
