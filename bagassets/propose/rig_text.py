@@ -50,7 +50,7 @@ def write_rig(
         if frames := _unknown_frames(rig, rig.annotations[0]):
             are = f"its boxes are in {', '.join(frames)}, to which neither the poses nor TF lead"
             give = "say in `frame` which known frame that is, choose poses in it, or remove this topic"
-            sheet.ask(4, "annotations", f"{are}; {give}")
+            sheet.ask(4, rig.annotations[0], f"{are}; {give}")
         for other in rig.annotations[1:]:
             sheet.off(3, f"- topic: {yaml_scalar(other)}")
     for frame, channels in [] if rig.is_arm else _shared_frames(rig):

@@ -53,11 +53,7 @@ class IndexReader(rosbag1.Reader):
         self.open()
 
     def open(self) -> None:
-        """Open it, and see whether header and index tell of all that is in it.
-
-        Raises:
-            DamageError: they do not. On damaged bytes the library raises anything else.
-        """
+        """Open it; raise DamageError if its header and its index do not tell of all that is in it."""
         super().open()
         try:
             self._opened.seek(0)

@@ -459,7 +459,7 @@ def test_boxes_in_a_frame_that_builds_will_not_know_are_asked_for(frame, edges, 
     boxes = topic("/boxes", "vision_msgs/msg/Detection3DArray", frame=frame)
     lidar = topic("/velodyne_points", CLOUD, frame="velodyne", timed=True)
     one = summary(lidar, boxes, poses, edges=[("base_link", "velodyne"), *edges])
-    assert questions_of(one) == ([("rig", "annotations")] if asks else [])
+    assert questions_of(one) == ([("rig", "/boxes")] if asks else [])
 
 
 def test_sweeps_that_can_be_deskewed_have_it_as_a_comment(tmp_path):

@@ -165,10 +165,7 @@ class SalvagedBag(IndexReader):
     # --- records of the file -------------------------------------------------------------
 
     def _walk(self, begin: int, *, is_indexed: bool) -> None:
-        """Find all chunks with their indexes; what cannot be read between them is a hole.
-
-        Of a damaged index what can be read is taken, too.
-        """
+        """Find all chunks with their indexes, and what is left of that of the bag; holes between chunks are noted."""
         data_end = self._data_end or self._size
         end = data_end if is_indexed else self._size
         found_there = scan(self._opened, begin, end, self._record, _CHUNK_BEGINNING, self._is_chunk)
