@@ -39,9 +39,10 @@ Exit status:
 @click.argument("out", type=click.Path(path_type=Path))
 @click.option("--recipe", "recipe_file", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
               help="Convert with this recipe; its `bags`, folders and other datasets are ignored. Default: guess one.")  # fmt: skip
-@click.option("--format", "format_name", default="nuscenes", show_default=True, metavar="NAME",
-              help="Format of the dataset; `bagassets formats` lists them.")  # fmt: skip
-def convert(bags_: tuple[Path, ...], out: Path, recipe_file: Path | None, format_name: str) -> int:
+@click.option("--format", "format_name", metavar="NAME",
+              help="Format of the dataset; `bagassets formats` lists them. Default: the first of the recipe, "
+              "which is nuscenes or, of an arm, lerobot.")  # fmt: skip
+def convert(bags_: tuple[Path, ...], out: Path, recipe_file: Path | None, format_name: str | None) -> int:
     """Convert one recording into a dataset, without a project.
 
     A recipe is guessed from the first seconds of BAG, as `bagassets init` does. OUT, a folder that must
@@ -51,6 +52,7 @@ def convert(bags_: tuple[Path, ...], out: Path, recipe_file: Path | None, format
     What cannot be guessed is listed. The recipe is then written to OUT.recipe.yaml: decide there, and convert
     again with --recipe.
     """
+    from bagassets.recipe.format_settings import DEFAULT_FORMAT, OUR_FORMATS
     from bagassets.recipe.load import parse_recipe
     from bagassets.recordings.discover import bags_of_one, bags_of_parts, series_with
     from bagassets.recordings.series import candidates, odd_number
@@ -58,7 +60,7 @@ def convert(bags_: tuple[Path, ...], out: Path, recipe_file: Path | None, format
     out = out.absolute()
     if os.path.lexists(out):
         raise DatasetError(f"{out} exists already; name another folder, or move this one away.")
-    kind = _format(format_name)
+    kind = None if format_name is None else _format(format_name)
     files = list(dict.fromkeys(bag.resolve() for bag in bags_))
     bags = bags_of_one(files[0]) if len(files) == 1 else bags_of_parts(files)
     if len(files) == 1 and (whole := series_with(files[0])):
@@ -67,10 +69,12 @@ def convert(bags_: tuple[Path, ...], out: Path, recipe_file: Path | None, format
         if odd := odd_number(one.numbers.values()):
             echo(f"warning: {one.whole}: {odd}; the drive is converted as it is.", err=True)
     if recipe_file is not None:
-        recipe, text = _read(recipe_file, kind)
+        recipe, text, kind = _read(recipe_file, kind)
         return _build(_matched(recipe, bags), bags, kind, out, text)
     proposal = _propose(bags)
-    text = proposal.text + ("" if kind.name == "nuscenes" else _section(kind))
+    proposed = [name for name in OUR_FORMATS if f"\n{name}:" in proposal.text] or [DEFAULT_FORMAT]
+    kind = kind or _format(proposed[0])
+    text = proposal.text + ("" if kind.name in proposed else _section(kind))
     beside = out.with_name(f"{out.name}.recipe.yaml")
     problems: list[str] = []
     if not proposal.questions:
@@ -83,6 +87,7 @@ def convert(bags_: tuple[Path, ...], out: Path, recipe_file: Path | None, format
 
         _write_beside(beside, text)
         command = f"bagassets convert {' '.join(map(quoted, (*bags_, out)))} --recipe {quoted(beside)}"
+        command += f" --format {kind.name}" if format_name else ""
         print_questions(f"{beside}, the guessed recipe", proposal, problems, command)
         return ExitStatus.UNDECIDED
     status = _build(recipe, bags, kind, out, text)
@@ -150,11 +155,13 @@ def _section(kind: "AnyFormat") -> str:
     return f"{kind.name}: {{}}\n"
 
 
-def _read(path: Path, kind: "AnyFormat") -> "tuple[Recipe, str]":
-    """Return the recipe of a user and its text, with a comment that says where it is from."""
+def _read(path: Path, kind: "AnyFormat | None") -> "tuple[Recipe, str, AnyFormat]":
+    """Return the recipe of a user, its text, with a comment that says where it is from, and the format: its first one if none is given."""
     from bagassets.recipe import load_recipe
+    from bagassets.recipe.format_settings import DEFAULT_FORMAT
 
     recipe = load_recipe(path)
+    kind = kind or _format(next(iter(recipe.dataset_settings), DEFAULT_FORMAT))
     if kind.name not in recipe.dataset_settings:
         lines = _section(kind).splitlines()
         raise RecipeError(
@@ -163,7 +170,7 @@ def _read(path: Path, kind: "AnyFormat") -> "tuple[Recipe, str]":
     path = path.absolute()
     origin = f"# Copied by `bagassets convert` from {path}; relative paths are from {path.parent}.\n"
     text = path.read_text(encoding="utf-8")
-    return recipe, text if text.startswith("# Copied by `bagassets convert`") else origin + text
+    return recipe, text if text.startswith("# Copied by `bagassets convert`") else origin + text, kind
 
 
 def _matched(recipe: "Recipe", bags: "Bags") -> "Recipe":

@@ -117,8 +117,11 @@ def _advice(found: "Examined", copy: Path | None) -> list[str]:
     if found.damage is None:
         return ["Copy it again from where it was recorded; nothing in this file can be read."]
     if found.path.suffix == ".zstd":
+        made = {".bag": "a .bag file", ".mcap": "an .mcap file"}.get(
+            Path(found.path.stem).suffix, "a ROS 2 bag folder"
+        )
         return [
-            "Builds take no such file; `--write COPY` makes a ROS 2 bag folder of what can be read, which they take."
+            f"Builds take no such file; `--write COPY` makes {made} of what can be read, which they take."
         ]
     if found.problem == BEHIND:
         lines = ["Builds use it as it is, whatever `recover` in the recipe says."]

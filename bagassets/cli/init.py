@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from bagassets.base.alike import names_text
 from bagassets.base.errors import BagAssetsError, RecipeError
 from bagassets.base.escaping import visible
 from bagassets.base.quantities import count_text
@@ -142,6 +143,7 @@ def _propose(project: Path, path: Path, look_at: int) -> "tuple[Proposal, dict[s
     number = min(look_at, len(recordings))  # evenly spread from the first to the last
     chosen = [recordings[i * (len(recordings) - 1) // max(1, number - 1)] for i in range(number)]
     summaries: dict[str, RecordingSummary] = {}
+    damaged: list[str] = []
     with click.progressbar(
         chosen,
         label=f"Looking into {count_text(len(chosen), 'recording')}",
@@ -150,10 +152,19 @@ def _propose(project: Path, path: Path, look_at: int) -> "tuple[Proposal, dict[s
     ) as shown:
         for recording in shown:
             try:
-                summaries[recording.relative] = read_as_far(recording, scan_recording)
+                is_damaged, found = read_as_far(
+                    recording, lambda opened: (opened.damage is not None, scan_recording(opened))
+                )
+                summaries[recording.relative] = found
+                damaged += [recording.relative] if is_damaged else []
             except BagAssetsError as err:
                 # The build will fail this recording's partition with the same words; others go on.
                 unreadable[recording.relative] = str(err).removeprefix(f"{recording.path}: ")
+    if damaged:
+        echo(
+            f"Damaged: {names_text(damaged)}. Builds use those of which nothing is missing; `bagassets doctor` says what can be "
+            "read of the others, and `recover: all` in bags of the recipe has that used."
+        )
     proposal = propose_recipe(
         summaries,
         name=project.name,

@@ -47,6 +47,10 @@ def write_rig(
     if rig.annotations and not rig.is_arm:
         sheet.field(2, "annotations:")
         sheet.guess(3, f"- topic: {yaml_scalar(rig.annotations[0])}", "boxes by its type and name")
+        if frames := _unknown_frames(rig, rig.annotations[0]):
+            are = f"its boxes are in {', '.join(frames)}, to which neither the poses nor TF lead"
+            give = "say in `frame` which known frame that is, choose poses in it, or remove this topic"
+            sheet.ask(4, rig.annotations[0], f"{are}; {give}")
         for other in rig.annotations[1:]:
             sheet.off(3, f"- topic: {yaml_scalar(other)}")
     for frame, channels in [] if rig.is_arm else _shared_frames(rig):
@@ -61,6 +65,16 @@ def write_rig(
         sheet.note(2, f"left out: all below {robot} (another robot)")
     sheet.blank()
     sheet.rig = ""
+
+
+def _unknown_frames(rig: RigProposal, boxes: str) -> list[str]:
+    """Return the frames of a topic with boxes that builds will not know."""
+    pose, topics = rig.pose.fields, rig.summary.topics
+    known = {rig.ego.name, pose.get("global_frame", "enu")}
+    for topic in (*(sensor.topic for sensor in rig.channels.values()), topics.get(pose.get("topic", ""))):
+        known.update(topic.frames if topic is not None else ())
+    edges = rig.summary.edges
+    return [one for one in topics[boxes].frames if not any(connected(edges, place, one) for place in known)]
 
 
 def _write_placement(sheet: Sheet, rig: RigProposal) -> None:
@@ -189,6 +203,9 @@ def _write_channel(
             "middle or end instead of start if it marks that.",
         )
         sheet.off(4, "header_stamp_is: start")
+    elif sensor.modality == "lidar" and topic.timed and rig.pose.fields:
+        sheet.note(4, "uncomment to move each point to where it would be seen at the stamp of its sweep:")
+        sheet.off(4, "deskew: true")
     known = sorted(topic.velocities - {"undecided"})
     if len(known) == 1:
         sheet.guess(4, f"velocities: {known[0]}", "by what stands still while the vehicle drives")

@@ -126,8 +126,11 @@ class Database:
         return self._select(f"SELECT id, name, type, {', '.join(more)} FROM topics")  # noqa: S608  (of these)
 
     def counts(self) -> dict[int, int]:
-        """Return topic id -> number of messages, counted."""
-        return dict(self._select("SELECT topic_id, COUNT(*) FROM messages GROUP BY topic_id"))
+        """Return topic id -> number of messages, counted; raise DamageError if there are some of no topic."""
+        counts = dict(self._select("SELECT topic_id, COUNT(*) FROM messages GROUP BY topic_id"))
+        if not counts.keys() <= {number for number, *_ in self._topic_rows()}:
+            raise DamageError("it has messages of topics that it does not name")
+        return counts
 
     def messages(self, topics: Collection[int]) -> Iterator[tuple[int, int, bytes | memoryview]]:
         """Yield topic id, log time and payload in order of log time."""

@@ -11,10 +11,11 @@ from io import BytesIO
 from pathlib import Path
 from struct import Struct
 from typing import BinaryIO
+from zlib import crc32
 
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Channel, ChunkIndex, McapRecord, Schema, Statistics
+from mcap.records import Channel, ChunkIndex, Footer, Schema, Statistics
 from mcap.stream_reader import MAGIC_SIZE, StreamReader, read_magic
 
 from bagassets.recordings.damage import DamageError, refuse_failing_disk
@@ -89,12 +90,11 @@ def read_index(
         read_magic(ReadDataStream(file))
     statistics = None
     if summary := _summary_start(file, size):
-        file.seek(summary)
-        records = StreamReader(file, skip_magic=True, emit_chunks=True, record_size_limit=size).records
-        statistics = _add_summary(index, records, size, sizes)
+        statistics = _add_summary(index, file, summary, size, sizes)
     if statistics is None or (
         len(index.channels) < max(1, statistics.channel_count)
         or len(index.chunks) < statistics.chunk_count
+        or not statistics.channel_message_counts.keys() <= index.channels.keys()
         or not (index.chunks or statistics.channel_message_counts)
     ):
         if not search:
@@ -160,12 +160,11 @@ def end_of(file: BinaryIO, begin: int = MAGIC_SIZE) -> int:
     return file.tell()
 
 
-def _add_summary(
-    index: McapIndex, records: Iterator[McapRecord], size: int, sizes: Sizes
-) -> Statistics | None:
+def _add_summary(index: McapIndex, file: BinaryIO, begin: int, size: int, sizes: Sizes) -> Statistics | None:
     statistics = None
     offsets: set[int] = set()
-    for record in records:
+    file.seek(begin)
+    for record in StreamReader(file, skip_magic=True, emit_chunks=True, record_size_limit=size).records:
         if isinstance(record, Schema | Channel):
             _add_record(index, record, sizes)
         elif isinstance(record, Statistics):
@@ -178,6 +177,14 @@ def _add_summary(
             sizes.add_chunk(offset, record.uncompressed_size)
             channels = frozenset(record.message_index_offsets) or None
             index.chunks.append(ChunkPlace(offset, record.message_start_time, channels))
+        elif isinstance(record, Footer) and record.summary_crc:
+            left, checksum = file.tell() - 4 - begin, 0
+            file.seek(begin)
+            while block := file.read(min(left, 1 << 20)):
+                left, checksum = left - len(block), crc32(block, checksum)
+            if checksum != record.summary_crc:
+                raise DamageError("its summary does not match its checksum")
+            file.seek(4, os.SEEK_CUR)  # to the magic bytes, which the library reads next
     return statistics
 
 
@@ -191,14 +198,14 @@ def _add_record(index: McapIndex, record: Schema | Channel, sizes: Sizes) -> Non
 
 def _search(file: BinaryIO, path: Path, size: int, index: McapIndex, sizes: Sizes) -> None:
     """Walk the file for channels and chunks that the summary does not list, and count messages."""
-    known = {chunk.offset: chunk.channels for chunk in index.chunks}
-    is_indexed = False  # of a chunk whose channels are known, the index behind it counts the messages
+    known = {chunk.offset for chunk in index.chunks}
+    # Then the index behind each chunk counts the messages; else any chunk may have a channel that the summary lacks.
+    is_told = all(chunk.channels and chunk.channels <= index.channels.keys() for chunk in index.chunks)
+    is_indexed = False
     for opcode, begin, end in walk(file, size):
         if opcode == Opcode.CHUNK:
             offset = begin - RECORD_HEADER.size
-            channels = known.get(offset)
-            is_indexed = channels is not None and channels <= index.channels.keys()
-            if is_indexed:
+            if is_indexed := is_told and offset in known:
                 continue
             head = chunk_head(file, offset)
             sizes.add_chunk(offset, head.unpacked_bytes)

@@ -22,7 +22,7 @@ from rosbags.rosbag1.reader import normalize as normalise_topic
 
 from bagassets.recipe.model import Limits
 from bagassets.recordings.chunks import LatestChunks, detached
-from bagassets.recordings.damage import DamageError
+from bagassets.recordings.damage import DamageError, damage_passed_over
 from bagassets.recordings.decompress import TooLargeError, decompress
 from bagassets.recordings.model import Definition, OnRead
 from bagassets.recordings.sizes import Sizes
@@ -32,10 +32,11 @@ SIZE = Struct("<I")
 _TIME = Struct("<II")
 ENTRY = np.dtype([("seconds", "<u4"), ("nanoseconds", "<u4"), ("offset", "<u4")])
 _BLOCK = 100_000
+_LONGEST_HEADER = 1_000_000
 
 
 class IndexReader(rosbag1.Reader):
-    """Reads the index of a bag, within the recipe's limits; it is opened at once."""
+    """Reads the index of a bag, within the recipe's limits; it is opened at once, and knows where its index ends."""
 
     def __init__(self, path: Path, limits: Limits, on_read: OnRead | None = None) -> None:
         super().__init__(path)
@@ -48,7 +49,43 @@ class IndexReader(rosbag1.Reader):
         self._entries: dict[int, list[tuple[int, NDArray[np.void]]]] = {}  # with the position of their chunk
         self._connections_read = 0
         self._index_bytes = 0
+        self.index_end = 0
         self.open()
+
+    def open(self) -> None:
+        """Open it; raise DamageError if its header and its index do not tell of all that is in it."""
+        super().open()
+        try:
+            self._opened.seek(0)
+            self._opened.readline()
+            index_begin = Header.read(self._opened, RecordType.BAGHEADER).get_uint64("index_pos")
+            self.index_end = max(index_begin, self.index_end)
+            is_known = self._entries.keys() <= {one.id for one in self.connections}
+            if not is_known or self._names_chunk(self.index_end):
+                raise DamageError("its index is damaged")  # noqa: TRY301  (the file is closed below)
+        except BaseException:
+            self.close()
+            raise
+
+    def _names_chunk(self, begin: int) -> bool:
+        """Tell whether the index goes on at a position, and names a chunk there."""
+        with damage_passed_over(self._file):
+            while (header := self._header_at(self._opened, begin)).get_uint8("op") == RecordType.CONNECTION:
+                (size,) = SIZE.unpack(self._opened.read(SIZE.size))
+                begin = self._opened.tell() + size
+            self._opened.seek(begin)
+            return header.get_uint8("op") == RecordType.CHUNK_INFO
+        return False
+
+    @staticmethod
+    def _header_at(source: BinaryIO, begin: int) -> Header:
+        """Return the header of the record at a position, and leave its end as the place to read from."""
+        source.seek(begin)
+        (length,) = SIZE.unpack(source.read(SIZE.size))
+        if not 0 < length <= _LONGEST_HEADER:
+            raise DamageError("header")
+        source.seek(begin)
+        return Header.read(source)
 
     @property
     def _opened(self) -> BinaryIO:
@@ -63,6 +100,7 @@ class IndexReader(rosbag1.Reader):
         header = Header.read(self._opened, RecordType.CONNECTION)
         topic = text_in(header, "topic")
         fields = Header.read(self._opened)
+        self.index_end = self._opened.tell()
         return Connection(
             header.get_uint32("conn"),
             normalise_topic(topic) if topic else topic,
@@ -77,6 +115,11 @@ class IndexReader(rosbag1.Reader):
     def read_chunk_info(self) -> ChunkInfo:
         """Read the place of one chunk."""
         info = super().read_chunk_info()
+        self.index_end, counts_bytes = self._opened.tell(), 8 * len(info.connection_counts)
+        self._opened.seek(self.index_end - counts_bytes - SIZE.size)
+        if SIZE.unpack(self._opened.read(SIZE.size)) != (counts_bytes,):
+            raise DamageError("its index is damaged")
+        self._opened.seek(self.index_end)
         if info.pos in self._compression:
             raise DamageError("its index names a chunk twice")
         self._compression[info.pos] = ("", 0)

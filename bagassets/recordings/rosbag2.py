@@ -175,6 +175,13 @@ def read_metadata(file: Path) -> JsonObject:
     missing = [name for name in ("topics_with_message_count", "relative_file_paths") if name not in metadata]
     if missing:
         raise DamageError(f"its {METADATA} lacks {missing[0]}")
+    try:
+        for entry in metadata["topics_with_message_count"]:
+            for field in ("name", "type"):
+                _plain(entry["topic_metadata"][field], field)
+            int(_plain(entry["message_count"], "message_count"))
+    except (KeyError, TypeError, ValueError) as err:
+        raise DamageError(f"its {METADATA} does not describe its topics") from err
     version = metadata.get("version")
     if isinstance(version, int) and version > _NEWEST_VERSION:
         raise DamageError(f"its format version {version} is not supported")

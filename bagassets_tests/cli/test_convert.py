@@ -100,6 +100,18 @@ def test_another_format(tmp_path, temporary, here, capsys):
     assert "\nvision: {}\n" in (tmp_path / "out" / "recipe.yaml").read_text()
 
 
+@pytest.mark.parametrize("options", [(), ("--format", "lerobot")])
+def test_an_arm_becomes_a_lerobot_dataset(tmp_path, temporary, here, capsys, options):
+    arm = tmp_path / "arm.mcap"
+    assert main(["sample", str(arm), "--robot", "arm", "--duration", "2"]) == 0
+    assert convert(arm, tmp_path / "out", *options) == 0, capsys.readouterr().err
+    assert names(tmp_path / "out") == ["recipe.yaml", "v3.0"]
+    (tmp_path / "out" / "recipe.yaml").rename(tmp_path / "recipe.yaml")
+    again = tmp_path / "again"
+    assert convert(arm, again, "--recipe", tmp_path / "recipe.yaml") == 0, capsys.readouterr().err
+    assert names(again) == ["recipe.yaml", "v3.0"]
+
+
 def test_an_empty_dataset_is_none(tmp_path, temporary, here, drive, capsys):
     assert convert(drive, tmp_path / "out", "--format", "vision") == 1  # 19 images make no sequence of 25
     assert "drive.bag: its dataset would be empty" in capsys.readouterr().err

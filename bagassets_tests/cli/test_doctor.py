@@ -7,6 +7,7 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
+import zstandard
 from click.testing import CliRunner
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
@@ -216,6 +217,17 @@ def test_unfinished_files_are_examined_by_their_names(tmp_path, sound):
     )
     assert "recover" not in output
     assert 100 < messages_of(tmp_path / "copy").total() < truth("folder").total()
+
+
+@pytest.mark.parametrize(
+    ("kind", "suffix", "made"), [("ros1", ".bag", "a .bag"), ("mcap zstd", ".mcap", "an .mcap")]
+)
+def test_the_copy_of_a_packed_file_is_said_to_be_what_it_is(tmp_path, sound, kind, suffix, made):
+    packed = tmp_path / f"a{suffix}.zstd"
+    packed.write_bytes(zstandard.ZstdCompressor().compress(sound[kind].read_bytes()))
+    _, output = doctor(packed, "--write", tmp_path / f"copy{suffix}")
+    assert f"`--write COPY` makes {made} file of what can be read" in output
+    assert messages_of(tmp_path / f"copy{suffix}") == truth(kind)
 
 
 @pytest.mark.parametrize(

@@ -159,6 +159,18 @@ def test_what_cannot_be_read_is_named_with_its_reason_beside_what_can(init, tmp_
     assert "left out: torn.bag: " in (tmp_path / "project" / "recipe.yaml").read_text()
 
 
+def test_damaged_recordings_are_named_with_what_builds_make_of_them(init, tmp_path):
+    for name in ("a.bag", "b.bag"):
+        write_drive(tmp_path / "bags" / name, "ros1")
+    assert "Damaged" not in init()[1]
+    torn = tmp_path / "bags" / "b.bag"
+    torn.write_bytes(torn.read_bytes()[: torn.stat().st_size * 3 // 4])
+    status, out, _ = init("--force")
+    assert status == 0
+    assert "One rig (2 recordings; " in out
+    assert "Damaged: b.bag. Builds use those of which nothing is missing; " in out
+
+
 def test_nothing_but_unreadable_recordings(init, tmp_path):
     (tmp_path / "bags" / "torn.bag").write_bytes(b"#ROSBAG V2.0\nnothing")
     status, out, _ = init()

@@ -44,9 +44,7 @@ WORDS = {
     ("sample/recipe.py", "nuscenes"): "a folder",
 }
 # Where a name of ours is meant, and stays for a reason.
-NAMED = {
-    ("cli/convert.py", "nuscenes"): "the default of an option, whose help must not import all formats",
-}
+NAMED = {}
 
 
 def homes() -> dict[str, set[str]]:

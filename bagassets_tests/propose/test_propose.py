@@ -443,6 +443,40 @@ def test_boxes_truth_first_and_the_others_commented_out(tmp_path):
     assert "/lane_markers" not in text_of(one)
 
 
+@pytest.mark.parametrize(
+    ("frame", "edges", "poses", "asks"),
+    [
+        ("odom", (), odometry(), False),
+        ("velodyne", (), odometry(), False),
+        ("map", [("map", "odom")], odometry(), False),
+        ("map", (), odometry(), True),
+        ("odom", (), topic("/fix", NAVSAT, frame="gps"), True),
+        ("enu", (), topic("/fix", NAVSAT, frame="gps"), False),
+        (None, (), topic("/fix", NAVSAT), False),
+    ],
+)
+def test_boxes_in_a_frame_that_builds_will_not_know_are_asked_for(frame, edges, poses, asks):
+    boxes = topic("/boxes", "vision_msgs/msg/Detection3DArray", frame=frame)
+    lidar = topic("/velodyne_points", CLOUD, frame="velodyne", timed=True)
+    one = summary(lidar, boxes, poses, edges=[("base_link", "velodyne"), *edges])
+    assert questions_of(one) == ([("rig", "/boxes")] if asks else [])
+
+
+def test_sweeps_that_can_be_deskewed_have_it_as_a_comment(tmp_path):
+    def lidar(timed, *poses):
+        one = topic("/points", CLOUD, frame="lidar", timed=timed)
+        return summary(one, *poses, edges=[("base_link", "lidar")])
+
+    text = text_of(lidar(True, odometry()))
+    assert (
+        parse_recipe(text.replace("# deskew", "deskew"), tmp_path / "r.yaml")
+        .rigs[0]
+        .channels["LIDAR_TOP"]
+        .deskew
+    )
+    assert "deskew" not in text_of(lidar(False, odometry())) + text_of(lidar(True))
+
+
 def test_recordings_of_two_rigs_and_of_none(tmp_path):
     van, drone = car(), summary(topic("/drone/image_raw", IMAGE, frame="d"), odometry("/vio", "drone"))
     degraded = car(without={"/cam_front/image_raw", "/cam_front/camera_info"})

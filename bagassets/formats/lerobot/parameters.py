@@ -116,8 +116,8 @@ def use(params: EpisodesParams, facts: Facts) -> dict[str, Use[EpisodesUse] | Ex
     for feature, asset, name in wanted:
         if name not in found[asset]:
             raise DatasetError(
-                f"{feature} needs {name}, of which this recording has no messages; exclude it, or give its rig a name and `match` of "
-                "its own."
+                f"{feature} needs {name}, of which this recording has no messages; name it in bags.exclude, and "
+                "give recordings like it a project of their own."
             )
         inputs[f"{asset}:{name}"] = found[asset][name].digest
     topics = {name for name in (cuts.topic, params.task and params.task[0]) if name}

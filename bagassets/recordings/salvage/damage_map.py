@@ -7,7 +7,7 @@ from typing import NamedTuple, Self
 from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.base.quantities import count_text
 
-VERSION = 1
+VERSION = 2
 """Of what salvage reads of a damaged recording, in the keys of such recordings alone; raise it if that changes."""
 
 END_UNKNOWN = "nothing says where it ended"

@@ -2,14 +2,12 @@
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from struct import Struct
 from tempfile import TemporaryDirectory
 from typing import BinaryIO, Literal
-
-from rosbags.rosbag1.reader import Header, RecordType
 
 from bagassets.base.alike import names_text
 from bagassets.base.errors import RecordingError
@@ -20,7 +18,7 @@ from bagassets.recordings.mcap_index import end_of as end_of_mcap
 from bagassets.recordings.model import METADATA
 from bagassets.recordings.open import open_recording
 from bagassets.recordings.recording import Recording
-from bagassets.recordings.rosbag1 import SIZE
+from bagassets.recordings.rosbag1 import SummaryReader
 from bagassets.recordings.rosbag2 import ZSTD
 from bagassets.recordings.salvage.copy import write_copy
 from bagassets.recordings.salvage.damage_map import DamageMap
@@ -157,17 +155,8 @@ def _end_of_database(file: BinaryIO) -> int:
 
 
 def _end_of_bag(file: BinaryIO) -> int:
-    header = Header.read(file, RecordType.BAGHEADER)
-    if not (index := header.get_uint64("index_pos")):
-        raise ValueError(index)
-    file.seek(index)
-    for _ in range(header.get_uint32("conn_count") + header.get_uint32("chunk_count")):
-        op = Header.read(file).get_uint8("op")
-        if op not in {RecordType.CONNECTION, RecordType.CHUNK_INFO}:
-            raise ValueError(op)
-        (size,) = SIZE.unpack(file.read(SIZE.size))
-        file.seek(size, 1)
-    return file.tell()
+    with closing(SummaryReader(Path(file.name), _ANY)) as bag:
+        return bag.index_end
 
 
 def mend(path: Path, copy: Path) -> int:

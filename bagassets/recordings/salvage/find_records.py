@@ -43,12 +43,12 @@ def scan(
             raise
         except Exception as err:  # noqa: BLE001  (whatever damaged bytes lead to)
             refuse_failing_disk(_path_of(file), err)
-            found, after = None, _next(file, begin + 1, end, beginning, is_record)
+            found, after = None, next_record(file, begin + 1, end, beginning, is_record)
         yield begin, after, found
         begin = after
 
 
-def _next(
+def next_record(
     file: BinaryIO, begin: int, end: int, beginning: re.Pattern[bytes], is_record: Callable[[int], object]
 ) -> int:
     """Return where the next record begins at or after a byte; `end` if there is none."""

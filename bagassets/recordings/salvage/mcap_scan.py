@@ -11,6 +11,7 @@ from functools import partial
 from io import BytesIO
 from operator import itemgetter
 from pathlib import Path
+from struct import Struct
 from zlib import crc32
 
 from mcap.opcode import Opcode
@@ -35,6 +36,10 @@ _MESSAGE_BEGINNING = rb"\x05.{4}\0\0\0\0"
 _BEGINNING = re.compile(_CHUNK_BEGINNING + b"|" + _MESSAGE_BEGINNING, re.DOTALL)
 _LONGEST_RECORD = 64_000_000  # but for chunks and messages
 _OPCODES = frozenset(range(0x01, 0x10))
+# A chunk whose opcode was changed would end the file, or be the index of another one.
+_LENGTHS: dict[int, int] = {Opcode.DATA_END: 4, Opcode.FOOTER: 20}
+_INDEX_HEADER = Struct("<HI")
+_LAST_NS = 2**63 - 1
 _FROM_DAY_NS = 86_400_000_000_000
 
 
@@ -79,7 +84,8 @@ class SalvagedMcap(McapFile):
             raise DamageError(NO_BEGINNING if not self._ends and not self._outside else "it has no channels")
         found = sum(self._in_chunk.values(), Counter(self._outside[1::4]))
         if announced is None:
-            self._damage.find(f"{self.path.name}: {NO_INDEX}")
+            finding = "its summary is missing or damaged" if has_end else NO_INDEX
+            self._damage.find(f"{self.path.name}: {finding}")
             if not has_end:
                 self._damage.end_unknown(self.path.name)
             elif self._damage.holes:
@@ -134,19 +140,22 @@ class SalvagedMcap(McapFile):
         if opcode == Opcode.CHUNK:
             self._take_chunk(begin, min(end, self._size))
             return opcode, min(end, self._size)
-        if end > self._size or (length > _LONGEST_RECORD and opcode != Opcode.MESSAGE):
+        is_long = length > _LONGEST_RECORD and opcode != Opcode.MESSAGE
+        if end > self._size or is_long or length != _LENGTHS.get(opcode, length):
             raise DamageError("cut off")
         self._file.seek(at)
         if opcode == Opcode.MESSAGE:
             channel, _, time_ns, _ = MESSAGE_HEADER.unpack(self._file.read(MESSAGE_HEADER.size))
-            if reaches_into_zeros(self._file, at + MESSAGE_HEADER.size, end):
-                raise DamageError("zeros")
+            if time_ns > _LAST_NS or reaches_into_zeros(self._file, at + MESSAGE_HEADER.size, end):
+                raise DamageError("message")
             self._outside.extend((time_ns, channel, at + MESSAGE_HEADER.size, end))
         elif opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
             add_bytes(self._index, opcode, self._file.read(length), self._sizes)
         elif opcode == Opcode.MESSAGE_INDEX and self._chunk >= 0:
-            (channel,) = CHANNEL.unpack(self._file.read(CHANNEL.size))
-            self._in_chunk[self._chunk][channel] += (length - CHANNEL.size - 4) // ENTRY_BYTES
+            channel, entries_bytes = _INDEX_HEADER.unpack(self._file.read(_INDEX_HEADER.size))
+            if entries_bytes != length - _INDEX_HEADER.size:
+                raise DamageError("index")
+            self._in_chunk[self._chunk][channel] += entries_bytes // ENTRY_BYTES
         return opcode, end
 
     def _header(self, begin: int) -> tuple[int, int]:
@@ -326,4 +335,6 @@ def _record_in(content: bytes, begin: int) -> tuple[tuple[int, int], int]:
     at = begin + RECORD_HEADER.size
     if opcode not in _OPCODES or at + length > len(content):
         raise DamageError("record")
+    if opcode == Opcode.MESSAGE and MESSAGE_HEADER.unpack_from(content, at)[2] > _LAST_NS:
+        raise DamageError("time")
     return (opcode, at), at + length

@@ -26,11 +26,11 @@ from bagassets.recordings.damage import NO_BEGINNING, DamageError, refuse_failin
 from bagassets.recordings.model import OnRead
 from bagassets.recordings.rosbag1 import ENTRY, SIZE, IndexReader, Records, in_order, sized, text_in, times_of
 from bagassets.recordings.salvage.damage_map import NO_INDEX, Damage, Extent, Hole, times_around
-from bagassets.recordings.salvage.find_records import reaches_into_zeros, scan, what_is_there
+from bagassets.recordings.salvage.find_records import next_record, reaches_into_zeros, scan, what_is_there
 from bagassets.recordings.salvage.unpack import unpack_chunk
 
 _MAGIC = b"#ROSBAG V2.0\n"
-_LONGEST_HEADER, _LONGEST_RECORD = 1_000_000, 64_000_000  # but for those of chunks and messages
+_LONGEST_RECORD = 64_000_000  # but for those of chunks and messages
 # Headers of chunks and messages have the same fields everywhere, in any order, and so one length each.
 _CHUNK_BEGINNING = re.compile(
     rb"[\x28\x29]\0\0\0(?:[\x0f\x10]\0\0\0compression=|\x04\0\0\0op=\x05|\x09\0\0\0size=)", re.DOTALL
@@ -87,7 +87,7 @@ class SalvagedBag(IndexReader):
             if not (has_magic := self.bio.read(len(_MAGIC)) == _MAGIC):
                 self._damage.find(f"{self._file.name}: its first bytes are damaged")
             is_indexed = self._read_index()
-            self._walk(len(_MAGIC))
+            self._walk(len(_MAGIC), is_indexed=is_indexed)
             is_indexed = is_indexed or self._has_found_index()
             if not has_magic and not self._found:
                 raise DamageError(NO_BEGINNING)  # noqa: TRY301  (the file is closed below)
@@ -113,10 +113,15 @@ class SalvagedBag(IndexReader):
             for _ in range(connections):
                 self._take_connection(self.read_connection())
             infos = [self.read_chunk_info() for _ in range(header.get_uint32("chunk_count"))]
+            while self._names_chunk(self._opened.tell()):
+                infos.append(self.read_chunk_info())
         except SizeLimitError:
             raise
         except Exception as err:  # noqa: BLE001  (whatever the library raises on damaged bytes)
             refuse_failing_disk(self._file, err)
+            beyond = next_record(self._opened, self._data_end, self._size, _CHUNK_BEGINNING, self._is_chunk)
+            if beyond < self._size:  # then what the header takes for the index is none
+                self._data_end = 0
             return False
         finally:
             self._compression.clear()
@@ -159,13 +164,14 @@ class SalvagedBag(IndexReader):
 
     # --- records of the file -------------------------------------------------------------
 
-    def _walk(self, begin: int) -> None:
-        """Find all chunks with their indexes; what cannot be read between them is a hole."""
+    def _walk(self, begin: int, *, is_indexed: bool) -> None:
+        """Find all chunks with their indexes, and what is left of that of the bag; holes between chunks are noted."""
         data_end = self._data_end or self._size
-        found_there = scan(self._opened, begin, data_end, self._record, _CHUNK_BEGINNING, self._is_chunk)
+        end = data_end if is_indexed else self._size
+        found_there = scan(self._opened, begin, end, self._record, _CHUNK_BEGINNING, self._is_chunk)
         for hole_begin, hole_end, op in found_there:
-            if op is None:
-                self._note_hole(hole_begin, hole_end)
+            if op is None and hole_begin < data_end:
+                self._note_hole(hole_begin, min(hole_end, data_end))
 
     def _record(self, begin: int) -> tuple[int, int]:
         """Take the record at a position; return its opcode and where it ends."""
@@ -208,7 +214,7 @@ class SalvagedBag(IndexReader):
 
     def _header(self, begin: int) -> tuple[Header, int, int]:
         """Return the header of the record at a position, where its data begin, and their length."""
-        header = _header_at(self._opened, begin)
+        header = self._header_at(self._opened, begin)
         (size,) = SIZE.unpack(self._opened.read(SIZE.size))
         return header, self._opened.tell(), size
 
@@ -336,7 +342,7 @@ class SalvagedBag(IndexReader):
         source = BytesIO(content)
 
         def record(at: int) -> tuple[Header, int]:
-            header = _header_at(source, at)
+            header = self._header_at(source, at)
             op = header.get_uint8("op")
             if op not in {RecordType.MSGDATA, RecordType.CONNECTION}:
                 raise DamageError("record")
@@ -406,16 +412,6 @@ class SalvagedBag(IndexReader):
             hole = Hole(self._file.name, position, self._content_end(position), reason, time_ns, time_ns)
             self._damage.cost(hole, self._by_id[connection].topic)
         return None
-
-
-def _header_at(source: BinaryIO, begin: int) -> Header:
-    """Return the header of the record at a position, and leave its end as the place to read from."""
-    source.seek(begin)
-    (length,) = SIZE.unpack(source.read(SIZE.size))
-    if not 0 < length <= _LONGEST_HEADER:
-        raise DamageError("header")
-    source.seek(begin)
-    return Header.read(source)
 
 
 def _span_of(index: Iterable[NDArray[np.void]]) -> tuple[int, int] | None:

@@ -386,7 +386,8 @@ class TestBrokenRules:
 
     def test_a_recording_without_the_signal_fails_with_its_name(self, tmp_path):
         with pytest.raises(
-            BuildFailure, match=r"drive\.mcap: action needs command, of which this recording has no messages"
+            BuildFailure,
+            match=r"drive\.mcap: action needs command, of which this recording has no messages; name it in bags.exclude, and give",
         ):
             build(tmp_path, seconds=1.0, skip=lambda topic, _: topic == "/command")
 
