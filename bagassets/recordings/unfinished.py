@@ -1,4 +1,7 @@
-"""What recorders leave that were stopped: bags without an index, files that were being packed, logs without a database."""
+"""What recorders leave that were stopped: bags without an index, files that were being packed, logs without a database.
+
+Recordings that somebody has packed are listed with them: they are no recordings either, and should not go unnoticed.
+"""
 
 import os
 import time
@@ -6,7 +9,8 @@ from pathlib import Path
 
 from bagassets.recordings.join_parts import FOR_NOW
 
-SUFFIXES = frozenset({".active", ".zstd", ".db3-wal", ".db3-journal"})
+_PACKERS = frozenset({".zstd", ".zst", ".gz", ".xz", ".bz2", ".lz4"})
+SUFFIXES = frozenset({".active", ".db3-wal", ".db3-journal", *_PACKERS})
 """Of files that may be left."""
 
 _BAG = ".bag.active"
@@ -40,6 +44,9 @@ def reason(path: Path, status: os.stat_result) -> str:
     if name.endswith((".db3.zstd", ".mcap.zstd")):
         is_source = beside.exists()
         return f"{beside.name} was being packed into it, which is the recording" if is_source else _PACKED
+    if path.suffix in _PACKERS and beside.suffix in {".bag", ".mcap", ".db3"}:
+        is_there = f"{beside.name} lies beside it, which is taken"
+        return f"packed as a whole; {is_there if beside.exists() else f'unpack it to {beside.name}'}"
     if path.suffix not in {".db3-wal", ".db3-journal"} or status.st_size <= _HEADER_BYTES:
         return ""
     database = path.with_name(name.rpartition("-")[0])

@@ -394,6 +394,17 @@ class TestUnfinished:
         assert told["b.mcap.zstd"] == "b.mcap was being packed into it, which is the recording"
         assert told["c.db3-wal"].startswith("the last messages of c.db3, which is not here")
 
+    def test_recordings_that_somebody_has_packed_are_listed(self, tmp_path):
+        self.old(tmp_path, "a.bag.zst", "b.mcap.gz", "b.mcap", "c.bag.zstd", "notes.txt.gz", "d.db3.xz")
+        discovery = discover(Bags(root=tmp_path))
+        assert list(discovery.recordings) == ["b.mcap"]
+        assert dict(discovery.excluded) == {
+            "a.bag.zst": "packed as a whole; unpack it to a.bag",
+            "b.mcap.gz": "packed as a whole; b.mcap lies beside it, which is taken",
+            "c.bag.zstd": "packed as a whole; unpack it to c.bag",
+            "d.db3.xz": "packed as a whole; unpack it to d.db3",
+        }
+
     def test_the_last_part_of_a_drive_may_be_unfinished(self, tmp_path):
         for number, name in enumerate(("d_0.bag", "d_1.bag", "d_2.bag.active")):
             write_ros1(tmp_path / name, [text(NOON_NS + (number * 100 + i) * 10**8) for i in range(100)])
