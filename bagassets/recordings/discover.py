@@ -176,6 +176,8 @@ def find_one(path: Path) -> RecordingFiles:
             recording = _recording_files(path, path.name, _BARE[path.suffix], [(path, path.stat())])
         elif (whole := unfinished.whole_name(path.name)) is not None:
             recording = _recording_files(path, whole, "ros1", [(path, path.stat())])
+        elif path.suffix in unfinished.SUFFIXES and (reason := unfinished.reason(path, path.stat())):
+            raise RecordingError(f"{path}: this is no recording: {reason}.")
         else:
             raise RecordingError(
                 f"{path}: expected a recording: a .bag, .mcap or .db3 file, or a ROS 2 bag folder."

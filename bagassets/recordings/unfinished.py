@@ -9,8 +9,9 @@ from pathlib import Path
 
 from bagassets.recordings.join_parts import FOR_NOW
 
-_PACKERS = frozenset({".zstd", ".zst", ".gz", ".xz", ".bz2", ".lz4"})
-SUFFIXES = frozenset({".active", ".db3-wal", ".db3-journal", *_PACKERS})
+PACKERS = frozenset({".zstd", ".zst", ".gz", ".xz", ".bz2", ".lz4"})
+"""Suffixes that programs give to what they pack; `.zstd` is that of recorders, too."""
+SUFFIXES = frozenset({".active", ".db3-wal", ".db3-journal", *PACKERS})
 """Of files that may be left."""
 
 _BAG = ".bag.active"
@@ -44,7 +45,7 @@ def reason(path: Path, status: os.stat_result) -> str:
     if name.endswith((".db3.zstd", ".mcap.zstd")):
         is_source = beside.exists()
         return f"{beside.name} was being packed into it, which is the recording" if is_source else _PACKED
-    if path.suffix in _PACKERS and beside.suffix in {".bag", ".mcap", ".db3"}:
+    if path.suffix in PACKERS and beside.suffix in {".bag", ".mcap", ".db3"}:
         is_there = f"{beside.name} lies beside it, which is taken"
         return f"packed as a whole; {is_there if beside.exists() else f'unpack it to {beside.name}'}"
     if path.suffix not in {".db3-wal", ".db3-journal"} or status.st_size <= _HEADER_BYTES:

@@ -1,5 +1,6 @@
 """`bagassets doctor`: its page, its exit status, and copies that other programs read without complaint."""
 
+import gzip
 import json
 import random
 import shutil
@@ -13,6 +14,7 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
+from bagassets.base.errors import RecordingError
 from bagassets.cli.main import root
 from bagassets.recordings.open import open_recording
 from bagassets.store.canonical import digest_file
@@ -294,3 +296,13 @@ def test_names_that_cannot_be_written_are_refused(tmp_path, sound):
     result = CliRunner().invoke(root, ["doctor", str(folder), "--write", str(tmp_path / "c.bag")])
     assert "a folder, a ROS 2 bag" in str(result.exception)
     shutil.rmtree(folder)
+
+
+@pytest.mark.parametrize("command", [["doctor"], ["inspect"], ["convert"]])
+def test_of_a_bag_that_somebody_has_packed_is_said_to_unpack_it(tmp_path, sound, command):
+    """Its bytes were said to contradict each other: copy it again."""
+    path = tmp_path / "a.bag.gz"
+    path.write_bytes(gzip.compress(sound["ros1"].read_bytes()))
+    more = [str(tmp_path / "out")] if command == ["convert"] else []
+    with pytest.raises(RecordingError, match=r"packed as a whole; unpack it to a\.bag"):
+        CliRunner().invoke(root, [*command, str(path), *more], catch_exceptions=False)

@@ -13,6 +13,7 @@ from bagassets.base.alike import names_text
 from bagassets.base.errors import RecordingError
 from bagassets.base.json_types import JsonObject
 from bagassets.recipe.model import Limits
+from bagassets.recordings import unfinished
 from bagassets.recordings.journals import journals_of
 from bagassets.recordings.mcap_index import end_of as end_of_mcap
 from bagassets.recordings.model import METADATA
@@ -78,6 +79,8 @@ def examine(path: Path) -> Examined:
     lacks_metadata = path.is_dir() and not (path / METADATA).exists()
     if lacks_metadata:
         _refuse_folder_of_recordings(path)
+    if path.suffix in unfinished.PACKERS - {ZSTD} and (reason := unfinished.reason(path, path.stat())):
+        raise RecordingError(f"{path}: {reason}, and ask about that.")
     behind = [*_behind_end(path)]
     try:
         if path.suffix == ZSTD:
