@@ -6,13 +6,13 @@
 # - loaders.gl reads four bytes of each number as a float32, whatever SIZE and TYPE say: a map of northings is at (0, 1e-13, 0), 1500 mm are 2e-42, and what is below zero is NaN
 # - three has the millimetres, as metres; and doubles as float32, whose steps are 0.5 m at such northings
 # - three makes colours linear: red of 128 is 0.216 in place of 0.502, which is right for its own pictures, and 55 for whoever takes it times 255; loaders.gl has 32, 64, 128 for
-#   the red, green and blue of 128, 64, 32
+#   128, 64, 32: red and blue change places
 # - neither has the pose of the sensor: points are in its frame, and nothing says so
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 cd "$folder"
-npm install --silent --no-fund --no-audit --prefix "$folder" @loaders.gl/core@4.4.2 @loaders.gl/pcd@4.4.2 three@0.187.0
+npm install --silent --no-fund --no-audit --prefix "$folder" @loaders.gl/core@4.4.2 @loaders.gl/pcd@4.4.2 @math.gl/types@4.1.0 three@0.187.0
 cat > read.mjs <<'JAVASCRIPT'
 import assert from "node:assert/strict";
 import { parse } from "@loaders.gl/core";
