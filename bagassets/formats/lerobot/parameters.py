@@ -61,12 +61,16 @@ class EpisodesParams:
 
     @classmethod
     def of(cls, recipe: Recipe, rig: Rig) -> "EpisodesParams":
-        """Return the parameters for a rig."""
+        """Return the parameters for a rig; without features if it has not all that they are made from."""
         settings = recipe.settings(LeRobot)
         if settings is None:
             raise TypeError("the recipe has no LeRobot dataset")
+        has_all = all(
+            rig.signals.keys() >= {*one.signals} and one.camera in {None, *rig.channels}
+            for one in settings.features.values()
+        )
         features = []
-        for name, one in settings.features.items():
+        for name, one in settings.features.items() if has_all else ():
             rule = Rule(one.at, one.tolerance_s or USUAL_TOLERANCE_FRAMES / settings.fps, one.gap)
             features.append(FeatureParams(name, one.signals, one.camera, one.next_of, rule))
         task = settings.task
@@ -106,6 +110,8 @@ def use(params: EpisodesParams, facts: Facts) -> dict[str, Use[EpisodesUse] | Ex
         DecodeError: PyAV is not installed.
         DatasetError: the recording lacks a signal or a camera of a feature, or a topic; the file of ranges cannot be read.
     """
+    if not params.features:
+        return {"": Use(EpisodesUse(params=params, start_ns=0, end_ns=0), (), {})}
     if any(one.camera for one in params.features):
         decoder_version("lerobot.features")
     inventory, cuts = facts.inventory, params.cuts

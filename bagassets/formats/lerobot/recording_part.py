@@ -143,6 +143,9 @@ class _Maker:
 
     def episodes(self) -> list[_Episode]:
         """Return the episodes that keep their rules."""
+        if not self.sources:
+            self.why_none = f"rig {self._params.rig} has not all signals and cameras of lerobot.features"
+            return []
         empty = next((source for source in self.sources if not len(source.stamps_ns)), None)
         if empty is not None:
             self._leave_out(self._use.start_ns, f"{empty} has no complete value")

@@ -384,6 +384,19 @@ class TestBrokenRules:
         artifact = build(tmp_path, recipe, messages=sorted(messages, key=lambda one: one.log_time_ns))
         assert left_out(artifact) == ["its task changes at 1.000 s, from 'Push it.' to 'Pull it.'"]
 
+    def test_a_rig_of_other_sensors_has_no_episodes_and_does_not_fail(self, tmp_path):
+        """Arms and vehicles in one folder: all recordings of vehicles failed."""
+        van = "  - name: van\n    match: ['van*']\n    channels:\n      CAM_WRIST: {modality: camera, topic: /wrist, undistort: false}\n"
+        recipe = changed("preview:", f"{van}preview:").replace(
+            "- name: arm\n", "- name: arm\n    match: ['drive*']\n"
+        )
+        for name in ("drive", "van"):
+            write_arm(tmp_path, name, seconds=1.0)
+        made = build_recordings(make_project(tmp_path, recipe))
+        facts = {key: one["lerobot_episodes"].artifact.read_json("facts.json") for key, one in made.items()}
+        assert {key: one["episodes"] for key, one in facts.items()} == {"drive.mcap": 1, "van.mcap": 0}
+        assert facts["van.mcap"]["why_none"] == "rig van has not all signals and cameras of lerobot.features"
+
     def test_a_recording_without_the_signal_fails_with_its_name(self, tmp_path):
         with pytest.raises(
             BuildFailure,
