@@ -18,6 +18,7 @@ from bagassets.propose.project import write_project
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Bags
 from bagassets.recordings.discover import discover
+from bagassets.recordings.salvage.damage_map import VERSION
 from bagassets.store.store import Store
 from bagassets_tests import in_process
 from bagassets_tests.nuscenes_checks import check_dataset
@@ -130,7 +131,9 @@ def test_only_what_was_salvaged_has_its_version_in_the_key(tmp_path, drives):
     assert made(recipe, "damaged.bag")
     actions = [json.loads(path.read_bytes()) for path in (recipe.store_path / "actions").rglob("*.json")]
     keyed = [one for one in actions if "salvage" in one["action"]["params"]]
-    assert [one["action"]["params"]["salvage"] for one in keyed] == [{"version": 1, "recover": "complete"}]
+    assert [one["action"]["params"]["salvage"] for one in keyed] == [
+        {"version": VERSION, "recover": "complete"}
+    ]
     assert {one["action"]["step"] for one in keyed} == {"inventory"}
     changed = project(tmp_path, "all")
     assert all(result.cached for result in made(changed, "whole.mcap").values())
