@@ -1,6 +1,6 @@
 """What the web UI shows of an asset: numbers that it can plot, what matters first, columns, and links to pages."""
 
-from dataclasses import astuple
+from dataclasses import astuple, replace
 from pathlib import Path
 
 import dagster as dg
@@ -14,10 +14,12 @@ from bagassets.defs.graph.location import build_definitions
 from bagassets.defs.records.artifact_files import page_file
 from bagassets.defs.records.instance_plan import plan_instance
 from bagassets.defs.records.reporting import dataset_metadata, inputs_metadata
+from bagassets.formats import report_data
 from bagassets.formats.assembly import DatasetSummary
 from bagassets.formats.checking import check_bag
 from bagassets.formats.dataset_build import DatasetInputs
 from bagassets.formats.report_data import report_path
+from bagassets.report.page import report_page
 from bagassets_tests.in_process import build, make_project
 from bagassets_tests.small_drive import write_drive
 
@@ -115,6 +117,27 @@ def test_the_report_has_what_checks_found_when_they_ran(made):
     )
     assert problems, "or the comparison is empty"
     assert problems[0].sentence in report_path(workspace.recipe).read_text()
+
+
+def test_of_recordings_that_have_not_changed_the_report_has_the_facts_that_were_kept(made, monkeypatch):
+    _, _, workspace = made
+    planned = plan_instance(workspace)
+    fresh = report_page(report_data.report_data(workspace.assets, replace(planned, project=None)))
+    report_data.report_data(workspace.assets, planned)
+    asked = []
+    facts = report_data._facts
+    monkeypatch.setattr(
+        report_data, "_facts", lambda assets, bag, split: asked.append(bag.key) or facts(assets, bag, split)
+    )
+    assert report_page(report_data.report_data(workspace.assets, planned)) == fresh
+    assert asked == []
+    report_data.report_data(workspace.assets, replace(planned, project="another"))
+    assert asked == ["a.bag", "short.bag"]
+    with report_data._KeptFacts(workspace.assets, "another") as kept:
+        assert (kept.of(planned.bags[KEY], "train").split, kept.of(planned.bags[KEY], "val").split) == (
+            "train",
+            "val",
+        )
 
 
 def test_where_there_is_no_report_there_is_no_link(made, monkeypatch):
