@@ -4,17 +4,24 @@ Any of it may be lost: an entry that is missing, damaged or written by another v
 costs time. Nothing is synced to disk, so each entry carries a digest: one torn by a power loss counts as missing.
 """
 
+import json
 import os
 import sqlite3
+import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager, nullcontext, suppress
 from hashlib import blake2b
+from typing import TYPE_CHECKING
 
 from bagassets.base.fingerprints import PlanNeeded, open_read_only
+
+if TYPE_CHECKING:
+    from bagassets.base.json_types import Json
 
 NAME = "freshness.sqlite"
 _FORMAT = 3
 _BUSY_S = 10.0
+_BATCH_BYTES = 1 << 20  # what `Kept` has is written whenever there is so much
 _NO_DAMAGE = tuple(
     f"SQLITE_{name}" for name in ("BUSY", "LOCKED", "READONLY", "IOERR", "FULL", "CANTOPEN", "PERM")
 )
@@ -188,6 +195,41 @@ class Cache:
             elif version != _FORMAT:
                 raise sqlite3.DatabaseError("written by another version")
             yield connection
+
+
+class Kept:
+    """Values by key in the cache file, each with a mark; it holds for whoever has the same one.
+
+    Args:
+        state: the state folder.
+        kind: of the entries.
+
+    Attributes:
+        cache: has them.
+    """
+
+    def __init__(self, state: str | os.PathLike[str], kind: str) -> None:
+        self.cache, self._kind, self._changes = Cache(state), kind, Changes()
+
+    def find(self, key: str, mark: bytes) -> "Json":
+        """Return the value of a key if it was kept with this mark; else None."""
+        with suppress(PlanNeeded):
+            (content,) = self.cache.get(self._kind, key)
+            if content.startswith(mark):
+                found: Json = json.loads(zlib.decompress(content[len(mark) :]))
+                return found
+        return None
+
+    def keep(self, key: str, mark: bytes, value: object) -> None:
+        """Keep a value that JSON can express, with its mark; `write` at the end."""
+        self._changes.put(self._kind, key, mark + zlib.compress(json.dumps(value).encode(), 1))
+        if self._changes.size > _BATCH_BYTES:
+            self.write()
+
+    def write(self) -> None:
+        """Write what is not yet in the file."""
+        self.cache.write(self._changes)
+        self._changes = Changes()
 
 
 def is_damage(err: Exception) -> bool:

@@ -156,7 +156,8 @@ def _propose(project: Path, path: Path, look_at: int) -> "tuple[Proposal, dict[s
                     recording, lambda opened: (opened.damage is not None, scan_recording(opened))
                 )
                 summaries[recording.relative] = found
-                damaged += [recording.relative] if is_damaged else []
+                if is_damaged:
+                    damaged.append(recording.relative)
             except BagAssetsError as err:
                 # The build will fail this recording's partition with the same words; others go on.
                 unreadable[recording.relative] = str(err).removeprefix(f"{recording.path}: ")

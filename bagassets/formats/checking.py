@@ -1,7 +1,5 @@
 """Running checks on the artifacts on record, without a Dagster run."""
 
-import json
-import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from collections.abc import Set as AbstractSet
 from contextlib import suppress
@@ -13,7 +11,7 @@ from bagassets.assets.quality.check import severity_of
 from bagassets.assets.quality.evidence import Evidence
 from bagassets.assets.quality.finding import Finding
 from bagassets.assets.selection import choose_rig
-from bagassets.base.cache import Cache, Changes
+from bagassets.base.cache import Kept
 from bagassets.base.errors import PluginError, StoreError
 from bagassets.base.fingerprints import PlanNeeded
 from bagassets.base.json_types import JsonObject
@@ -35,7 +33,6 @@ from bagassets.store.canonical import digest_json
 from bagassets.store.store import Store
 
 _VERDICTS = "verdicts"
-_BATCH_BYTES = 1 << 20  # verdicts are kept whenever there are so many
 
 
 @dataclass(frozen=True)
@@ -120,7 +117,7 @@ class Unchecked(Finding):
     """What is said of a check that could not run, as an artifact could not be read."""
 
 
-class KeptVerdicts:
+class KeptVerdicts(Kept):
     """Verdicts about recordings in the project's cache; they hold while code, recipe and artifacts stay as they were.
 
     Args:
@@ -129,23 +126,18 @@ class KeptVerdicts:
     """
 
     def __init__(self, recipe: Recipe, project: str | None) -> None:
-        self.cache, self._changes = Cache(recipe.state), Changes()
+        super().__init__(recipe.state, _VERDICTS)
         self._artifacts, self._project = f"{recipe.store_path}/artifacts", project
 
-    def find(self, recording: RecordingFiles, made: bytes) -> list[Verdict] | None:
+    def verdicts(self, recording: RecordingFiles, made: bytes) -> list[Verdict] | None:
         """Return the verdicts about a recording if its artifacts are as noted (see `note_of`); None if there are none."""
-        with suppress(PlanNeeded):
-            (content,) = self.cache.get(_VERDICTS, recording.key)
-            mark = self._mark(recording, made)
-            if content.startswith(mark):
-                rows = json.loads(zlib.decompress(content[len(mark) :]))
-                return [
-                    Verdict(recording.key, asset, check, severity, found and Finding(**found))
-                    for asset, check, severity, found in rows
-                ]
-        return None
+        rows = self.find(recording.key, self._mark(recording, made))
+        return rows and [
+            Verdict(recording.key, asset, check, severity, found and Finding(**found))
+            for asset, check, severity, found in rows
+        ]
 
-    def keep(self, recording: RecordingFiles, artifacts: Iterable[str], verdicts: Iterable[Verdict]) -> None:
+    def add(self, recording: RecordingFiles, artifacts: Iterable[str], verdicts: Iterable[Verdict]) -> None:
         """Keep the verdicts of all checks of a recording, with its artifacts (digests) as they are now.
 
         Nothing is kept if a check could not run: next time, the disk or file server may answer.
@@ -155,15 +147,7 @@ class KeptVerdicts:
             return
         rows = [[one.asset, one.check, one.severity, one.finding and vars(one.finding)] for one in verdicts]
         with suppress(PlanNeeded):  # one is gone
-            mark = self._mark(recording, note_of(self._artifacts, artifacts))
-            self._changes.put(_VERDICTS, recording.key, mark + zlib.compress(json.dumps(rows).encode(), 1))
-        if self._changes.size > _BATCH_BYTES:
-            self.write()
-
-    def write(self) -> None:
-        """Write what is not yet in the file."""
-        self.cache.write(self._changes)
-        self._changes = Changes()
+            self.keep(recording.key, self._mark(recording, note_of(self._artifacts, artifacts)), rows)
 
     def _mark(self, recording: RecordingFiles, made: bytes) -> bytes:
         return digest_json([self._project, recording.names, each_once(made).hex()]).encode()
@@ -177,10 +161,10 @@ def check_bags(
     with kept.cache.kept_open():
         for bag in bags:
             # Of other plans, nobody has looked at the artifacts.
-            known = kept.find(recordings[bag.key], bag.made) if isinstance(bag, KeptPlan) else None
+            known = kept.verdicts(recordings[bag.key], bag.made) if isinstance(bag, KeptPlan) else None
             found = [*check_bag(assets, plan.discovery, bag)] if known is None else known
             if known is None and isinstance(bag, KeptPlan):
-                kept.keep(recordings[bag.key], bag.artifacts, found)
+                kept.add(recordings[bag.key], bag.artifacts, found)
             yield bag.key, found
     kept.write()
 

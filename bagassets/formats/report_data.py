@@ -1,18 +1,14 @@
 """Data of reports and maps, gathered from the plan and its artifacts."""
 
-import json
-import zlib
 from collections.abc import Callable, Iterable
-from contextlib import ExitStack, suppress
 from dataclasses import replace
 from pathlib import Path
 
 from bagassets.assets.annotations import ANNOTATIONS, TABLE
 from bagassets.assets.ego_poses import EGO_POSES
 from bagassets.assets.inventory import INVENTORY
-from bagassets.base.cache import Cache, Changes
+from bagassets.base.cache import Kept
 from bagassets.base.errors import StoreError
-from bagassets.base.fingerprints import PlanNeeded
 from bagassets.base.json_types import JsonObject
 from bagassets.base.quantities import count_text
 from bagassets.engine.freshness.published import Publication
@@ -37,7 +33,7 @@ from bagassets.store.canonical import digest_bytes
 from bagassets.store.store import Outcome
 
 _NO_SPLIT = "not in the dataset"
-_KIND, _BATCH_BYTES = "report", 1 << 20  # facts are kept whenever there are so many
+_PATHS = ("thumbnail", "full_pictures")
 
 
 def report_data(
@@ -62,7 +58,8 @@ def report_data(
     recordings = []
     bags = dict(sorted(plan.bags.items()))
     checked = None if discovery is None else check_bags(assets, plan, bags.values())
-    with _KeptFacts(assets, plan.project) as kept:
+    kept = _KeptFacts(assets, plan.project)
+    with kept.cache.kept_open():
         for key, bag in bags.items():
             facts = kept.of(bag, dealt.get(key, ""))
             if key in copies:
@@ -72,6 +69,7 @@ def report_data(
                 facts = replace(facts, problems=found, checks_passed=number)
             recordings.append(facts)
             on_recording(1)
+    kept.write()
     problems, passed = ((), 0) if discovery is None else _outcome(check_datasets(recipe))
     scenes_s = [(r.key, r.scenes_s) for r in recordings if r.state in {"ready", "stale"}]
     shares = shares_of(scenes_s, recipe.splits, dealt)
@@ -160,7 +158,7 @@ def _map_routes(assets: RecordingAssets, plan: Plan) -> list[MapRoute]:
     return routes
 
 
-class _KeptFacts(ExitStack):
+class _KeptFacts(Kept):
     """The facts of recordings in the project's cache; they hold while code, recipe, plan and artifacts stay as they were.
 
     Args:
@@ -169,41 +167,30 @@ class _KeptFacts(ExitStack):
     """
 
     def __init__(self, assets: RecordingAssets, project: str | None) -> None:
-        super().__init__()
+        super().__init__(assets.recipe.state, "report")
         self._assets, self._project = assets, f"{project}\0{assets.store.root}" if project else None
-        self._cache, self._changes = Cache(assets.recipe.state), Changes()
-        self.enter_context(self._cache.kept_open())
-        self.callback(self._write)
 
     def of(self, bag: BagPlan, split: str) -> RecordingFacts:
         """Return the facts of a recording that is dealt to a split."""
         if self._project is None or not isinstance(bag, KeptPlan):
             return _facts(self._assets, bag, split)
         mark = digest_bytes(f"{self._project}\0{split}\0".encode() + bag.row + bag.made).encode()
-        with suppress(PlanNeeded):
-            (content,) = self._cache.get(_KIND, bag.key)
-            if content.startswith(mark):
-                return _unpacked(content[len(mark) :])
+        values = self.find(bag.key, mark)
+        if values is not None:
+            return RecordingFacts(
+                **values
+                | {
+                    "gaps": [Gaps(**one) for one in values["gaps"]],
+                    "pictures": {name: Path(path) for name, path in values["pictures"].items()},
+                }
+                | {name: values[name] and Path(values[name]) for name in _PATHS}
+            )
         facts = _facts(self._assets, bag, split)
-        values = {**vars(facts), "gaps": [vars(one) for one in facts.gaps]}
-        packed = zlib.compress(json.dumps(values, default=str).encode(), 1)
-        self._changes.put(_KIND, bag.key, mark + packed)
-        if self._changes.size > _BATCH_BYTES:
-            self._write()
+        pictures = {name: str(path) for name, path in facts.pictures.items()}
+        paths = {name: str(path) for name in _PATHS if (path := getattr(facts, name)) is not None}
+        gaps = [vars(one) for one in facts.gaps]
+        self.keep(bag.key, mark, {**vars(facts), "gaps": gaps, "pictures": pictures, **paths})
         return facts
-
-    def _write(self) -> None:
-        self._cache.write(self._changes)
-        self._changes = Changes()
-
-
-def _unpacked(content: bytes) -> RecordingFacts:
-    values = json.loads(zlib.decompress(content))
-    values["gaps"] = [Gaps(**one) for one in values["gaps"]]
-    values["pictures"] = {name: Path(path) for name, path in values["pictures"].items()}
-    for name in ("thumbnail", "full_pictures"):
-        values[name] = values[name] and Path(values[name])
-    return RecordingFacts(**values)
 
 
 def _facts(assets: RecordingAssets, bag: BagPlan, split: str) -> RecordingFacts:

@@ -98,7 +98,7 @@ def check_recording(
         verdicts.append(verdict)
         yield _result(workspace.names, verdict)
     if kept is not None and recorder.made.issuperset(workspace.assets.names):
-        kept.keep(recording, recorder.artifacts, verdicts)
+        kept.add(recording, recorder.artifacts, verdicts)
 
 
 def _no_longer_red(recorder: Recorder, wanted: Checks) -> Iterator[dg.AssetCheckResult]:

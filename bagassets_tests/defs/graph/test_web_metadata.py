@@ -133,11 +133,9 @@ def test_of_recordings_that_have_not_changed_the_report_has_the_facts_that_were_
     assert asked == []
     report_data.report_data(workspace.assets, replace(planned, project="another"))
     assert asked == ["a.bag", "short.bag"]
-    with report_data._KeptFacts(workspace.assets, "another") as kept:
-        assert (kept.of(planned.bags[KEY], "train").split, kept.of(planned.bags[KEY], "val").split) == (
-            "train",
-            "val",
-        )
+    kept = report_data._KeptFacts(workspace.assets, "another")
+    splits = ["train", "val"]
+    assert [kept.of(planned.bags[KEY], split).split for split in splits] == splits
 
 
 def test_where_there_is_no_report_there_is_no_link(made, monkeypatch):
