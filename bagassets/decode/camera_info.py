@@ -110,7 +110,10 @@ def _numbers(message: Message, name: str) -> tuple[float, ...]:
     values = getattr(message, name, None)
     if values is None:  # ROS 1 spells them in capitals
         values = getattr(message, name.upper())
-    return tuple(float(v) for v in values) or (0.0,) * _SIZES.get(name, 0)
+    size = _SIZES.get(name, len(values))
+    if len(values) not in {0, size}:  # in protobuf and JSON, matrices are arrays of any length
+        raise DecodeError(f"{name.upper()} must have {size} numbers, it has {len(values)}")
+    return tuple(float(v) for v in values) or (0.0,) * size
 
 
 def named_distortion(name: str, d: tuple[float, ...]) -> tuple[str, tuple[float, ...]]:

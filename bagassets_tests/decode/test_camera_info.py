@@ -126,6 +126,15 @@ def test_a_region_may_reach_the_border_of_the_image(x, y, width, height, fits):
             decode_camera_info(message)
 
 
+@pytest.mark.parametrize(("name", "size"), [("k", 5), ("k", 10), ("r", 8), ("p", 9)])
+def test_a_matrix_of_another_size_is_refused(name, size):  # protobuf and JSON have arrays of any length
+    message = camera_info()
+    expected = len(getattr(message, name))
+    setattr(message, name, np.ones(size))
+    with pytest.raises(DecodeError, match=f"{name.upper()} must have {expected} numbers, it has {size}"):
+        decode_camera_info(message)
+
+
 @pytest.mark.parametrize("place", [1, 3, 6, 7, 8])
 def test_a_matrix_of_another_form_is_refused(place):
     message = camera_info()
