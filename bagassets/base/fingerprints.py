@@ -131,9 +131,8 @@ def _walk(folder: str, ancestors: tuple[tuple[int, int], ...], lines: list[str],
                     lines.append(f"{entry.path}\0folder")
                     _walk(entry.path, (*ancestors, identity), lines, hidden=hidden)
                 else:
-                    lines.append(
-                        f"{entry.path}\0{stat.st_size}\0{stat.st_mtime_ns}\0{stat.st_ino}\0{stat.st_ctime_ns}"
-                    )
+                    # Without the inode: see `bagassets.recordings.digest_record`.
+                    lines.append(f"{entry.path}\0{stat.st_size}\0{stat.st_mtime_ns}\0{stat.st_ctime_ns}")
     except OSError as err:
         raise PlanNeeded(f"{folder}: {err}") from err
 

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from bagassets.base.disk_errors import disk_advice
 from bagassets.base.errors import DatasetError
 from bagassets.base.json_types import JsonMapping
 
@@ -96,7 +97,8 @@ def load_lock(path: Path) -> DatasetLock:
         lock.settings.items()
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as err:
         raise DatasetError(
-            f"{found}: expected the lock file of a dataset, but it cannot be read ({type(err).__name__}: {err}); name another."
+            f"{found}: expected the lock file of a dataset, but it cannot be read ({_reason(err)}); "
+            f"{disk_advice(err, 'name another')}."
         ) from err
     return lock
 
@@ -112,8 +114,10 @@ def read_lock(folder: Path) -> DatasetLock | None:
     try:
         return load_lock(folder / LOCK)
     except DatasetError as err:
+        cause = err.__cause__ if isinstance(err.__cause__, Exception) else err
         raise DatasetError(
-            f"{folder / LOCK}: cannot be read ({err.__cause__ or err}); remove the folder and build the dataset again."
+            f"{folder / LOCK}: cannot be read ({_reason(cause)}); "
+            f"{disk_advice(cause, 'remove the folder and build the dataset again')}."
         ) from err
 
 
@@ -129,8 +133,15 @@ def locked_artifacts(path: Path) -> set[str]:
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as err:
         raise DatasetError(
             f"{path}: expected the lock file of a dataset, which names its artifacts, but it cannot be read "
-            f"({type(err).__name__}: {err}); remove it, or replace it with a good copy."
+            f"({_reason(err)}); {disk_advice(err, 'remove it, or replace it with a good copy')}."
         ) from err
+
+
+def _reason(err: Exception) -> str:
+    """Return why a lock cannot be read, in words of the system or the parser."""
+    if isinstance(err, OSError):
+        return err.strerror or str(err)
+    return str(err) if isinstance(err, ValueError | DatasetError) else "its entries are not those of a lock"
 
 
 def _find(path: Path) -> Path:

@@ -1,8 +1,9 @@
 """Digests of files on record: in an extended attribute of the file, and in an index of the project.
 
 The attribute names the size and mtime that it is valid for. Everybody who may read the file may read it, so a watcher on
-a file server serves all clients. The index belongs to one project and also holds inode and ctime, so that it notices a
-file that was edited in place and had its mtime restored.
+a file server serves all clients. The index belongs to one project and also holds ctime, so that it notices a file that was
+edited in place, or replaced, and had its mtime restored. Inodes are no evidence: exFAT and most file systems in user space
+(s3fs) make numbers up, and give a file another one whenever the kernel has forgotten it.
 
 Writing an attribute changes ctime, too. So the attribute also names the ctime before and the moment when it was written: an
 index that knows the former, and finds a ctime of the latter, knows that nothing else happened to the file.
@@ -41,21 +42,20 @@ class _IndexRow:
 
     size: int
     mtime_ns: int
-    inode: int
     ctime_ns: int
     digest: str
 
     @classmethod
     def of(cls, stat: os.stat_result, digest: str) -> Self:
         """Return the entry of a file whose status is `stat`."""
-        return cls(stat.st_size, stat.st_mtime_ns, stat.st_ino, stat.st_ctime_ns, digest)
+        return cls(stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns, digest)
 
     def same_size_and_time(self, stat: os.stat_result) -> bool:
         """Tell whether size and mtime are those of `stat`."""
         return (self.size, self.mtime_ns) == (stat.st_size, stat.st_mtime_ns)
 
     def same_file(self, stat: os.stat_result) -> bool:
-        """Tell whether size, mtime, inode and ctime are those of `stat`."""
+        """Tell whether size, mtime and ctime are those of `stat`."""
         return self == _IndexRow.of(stat, self.digest)
 
 
@@ -87,9 +87,7 @@ class DigestIndex:
                 return None
             if state != self._read_at:
                 with self._open() as connection:
-                    rows = connection.execute(
-                        "SELECT path, size, mtime_ns, inode, ctime_ns, digest FROM digests"
-                    )
+                    rows = connection.execute("SELECT path, size, mtime_ns, ctime_ns, digest FROM digests")
                     self._rows = {row[0]: _IndexRow(*row[1:]) for row in rows}
                 self._read_at = state
         except (sqlite3.Error, ValueError):  # see `is_damage`
@@ -137,11 +135,11 @@ class DigestIndex:
         with self._open() as connection:
             connection.execute(
                 "CREATE TABLE IF NOT EXISTS digests (path TEXT PRIMARY KEY, size INTEGER, mtime_ns INTEGER, "
-                "inode INTEGER, ctime_ns INTEGER, digest TEXT)"
+                "ctime_ns INTEGER, digest TEXT)"
             )
             connection.execute(
-                "INSERT OR REPLACE INTO digests VALUES (?, ?, ?, ?, ?, ?)",
-                (str(path), row.size, row.mtime_ns, row.inode, row.ctime_ns, row.digest),
+                "INSERT OR REPLACE INTO digests (path, size, mtime_ns, ctime_ns, digest) VALUES (?, ?, ?, ?, ?)",
+                (str(path), row.size, row.mtime_ns, row.ctime_ns, row.digest),
             )
         # The rows read before stay valid, unless another process wrote meanwhile.
         self._rows[str(path)] = row
@@ -165,8 +163,8 @@ class DigestIndex:
 def digest_on_record(path: Path, stat: os.stat_result, index: DigestIndex | None) -> str | None:
     """Return the digest on record for a file whose status is `stat`, or None if it has to be hashed.
 
-    A file whose entry in the index has this size and mtime, but another inode or ctime, may have been edited in place:
-    then the attribute is not trusted either.
+    A file whose entry in the index has this size and mtime, but another ctime, may have been edited in place: then the
+    attribute is not trusted either.
     """
     row = None if index is None else index.row(path)
     if row is not None and row.same_size_and_time(stat):
@@ -215,7 +213,7 @@ def put_on_record(
     elif (index is None or index.writes_attributes) and _write_attribute(path, stat, digest):
         now, is_kept = path.stat(), True
         # Writing an attribute changes ctime; any other change was made by somebody else.
-        if (now.st_ino, now.st_size, now.st_mtime_ns) != (stat.st_ino, stat.st_size, stat.st_mtime_ns):
+        if (now.st_size, now.st_mtime_ns) != (stat.st_size, stat.st_mtime_ns):
             return "attribute", stat
         stat = now
     if index is None:
@@ -304,8 +302,6 @@ def _is_untouched(path: Path, stat: os.stat_result, row: _IndexRow) -> bool:
     """Tell whether a file is as the index knows it, but for an attribute that was written since."""
     if row.same_file(stat):
         return True
-    if row.inode != stat.st_ino:
-        return False
     attribute = _attribute(path)
     if attribute is None or (attribute.digest, attribute.ctime_ns) != (row.digest, row.ctime_ns):
         return False

@@ -1,7 +1,9 @@
 """Comparing datasets, making one again from its lock, and updating one of many recordings."""
 
 import dataclasses
+import errno
 import json
+import os
 import shutil
 from pathlib import Path
 
@@ -147,6 +149,28 @@ class TestLocks:
         (tmp_path / "x.json").write_text(text)
         with pytest.raises(DatasetError, match="expected the lock file of a dataset"):
             load_lock(tmp_path / "x.json")
+
+    @pytest.mark.parametrize("read", [load_lock, locked_artifacts, read_lock])
+    def test_words_and_advice_are_for_what_is_wrong(self, tmp_path, monkeypatch, read):
+        path = tmp_path / "dataset.lock.json"
+
+        def said():
+            with pytest.raises(DatasetError) as caught:
+                read(tmp_path if read is read_lock else path)
+            return str(caught.value)
+
+        path.write_text("[]")
+        assert "(its entries are not those of a lock)" in said()
+        path.write_text("{")
+        assert "(Expecting property name enclosed in double quotes: line 1" in said()
+
+        def fails(self):
+            raise OSError(errno.EIO, os.strerror(errno.EIO), str(self))
+
+        monkeypatch.setattr(Path, "read_bytes", fails)
+        assert said().endswith(
+            "cannot be read (Input/output error); check the disk or file server, and try again."
+        )
 
     def test_a_folder_without_one(self, tmp_path):
         with pytest.raises(DatasetError, match=r"has no dataset\.lock\.json"):

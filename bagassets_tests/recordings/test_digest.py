@@ -22,7 +22,7 @@ from bagassets.recordings.digest import (
     recording_stat,
     stored_digest,
 )
-from bagassets.recordings.digest_record import ATTRIBUTE, DigestIndex
+from bagassets.recordings.digest_record import ATTRIBUTE, DigestIndex, is_unchanged, put_on_record
 from bagassets.recordings.discover import find_one
 from bagassets.store import canonical
 from bagassets.store.canonical import digest_bytes, digest_json
@@ -165,6 +165,32 @@ def test_the_index_sees_what_size_and_time_do_not_show(bag, tmp_path, no_attribu
     assert bag.path.stat().st_mtime_ns == bag.mtime_ns
     assert stored_digest(bag, index) is None
     assert recording_digest(bag, index).digest == blake3(b"CONTENT").hexdigest()
+
+
+@pytest.mark.parametrize("number", [7, 2**64 - 1])
+def test_a_file_whose_inode_has_another_number_is_known(bag, tmp_path, no_attributes, number):
+    """As on file systems in user space, whose numbers change whenever the kernel has forgotten a file, or have 64 bits."""
+    index, now = DigestIndex(tmp_path / "store"), bag.path.stat()
+    fields = list(now)
+    fields[1] = number
+    other = os.stat_result(fields, {name: getattr(now, name) for name in ("st_mtime_ns", "st_ctime_ns")})
+    digest = recording_digest(bag).digest
+    put_on_record(bag.path, other, digest, index)
+    assert (stored_digest(bag, index), index.suspects_edit(bag.path, now)) == (digest, False)
+    assert is_unchanged(bag.path, other, now)
+
+
+def test_an_index_of_before_with_inodes_goes_on(bag, tmp_path, no_attributes):
+    folder, now = tmp_path / "store", bag.path.stat()
+    folder.mkdir()
+    with closing(sqlite3.connect(folder / "digests.sqlite")) as connection, connection:
+        columns = "size INTEGER, mtime_ns INTEGER, inode INTEGER, ctime_ns INTEGER, digest TEXT"
+        connection.execute(f"CREATE TABLE digests (path TEXT PRIMARY KEY, {columns})")
+        row = str(bag.path), now.st_size, now.st_mtime_ns, now.st_ino, now.st_ctime_ns, "0" * 64
+        connection.execute("INSERT INTO digests VALUES (?, ?, ?, ?, ?, ?)", row)
+    assert stored_digest(bag, DigestIndex(folder)) == "0" * 64
+    DigestIndex(folder).put(bag.path, now, "1" * 64)
+    assert stored_digest(bag, DigestIndex(folder)) == "1" * 64
 
 
 def test_an_edit_in_place_is_seen_although_the_attribute_seems_to_hold(bag, tmp_path, attributes):
