@@ -11,7 +11,6 @@ import dagster as dg
 
 from bagassets.base.errors import BagAssetsError
 from bagassets.base.escaping import markdown
-from bagassets.defs.graph.check_records import findings_on_record
 from bagassets.defs.records.artifact_files import page_link
 from bagassets.defs.records.fence import refuse_if_ended
 from bagassets.defs.records.instance_plan import plan_instance
@@ -195,17 +194,12 @@ def make_dataset(workspace: Workspace, plan: Plan, inputs: DatasetInputs, asset:
 
 
 def write_report(workspace: Workspace, plan: Plan) -> dg.MarkdownMetadataValue:
-    """Write the report with what the checks of recordings found when they ran; return a link to it, or why there is none."""
+    """Write the report, with what checks find in recordings; return a link to it, or why there is none."""
     if len(plan.bags) > MOST_REPORTED:
         return dg.MetadataValue.md(f"`bagassets report` writes it (more than {MOST_REPORTED} recordings)")
     try:
-        data = report_data(workspace.assets, plan)
-        problems, passed = findings_on_record(workspace)
-        recordings = [
-            replace(one, problems=problems.get(one.key, ()), checks_passed=passed.get(one.key, 0))
-            for one in data.recordings
-        ]
-        write_page(report_path(workspace.recipe), report_page(replace(data, recordings=recordings)))
+        data = report_data(workspace.assets, plan, "recordings")
+        write_page(report_path(workspace.recipe), report_page(data))
     except (BagAssetsError, OSError) as err:  # the dataset is as good without it
         return dg.MetadataValue.md(f"It could not be written: {markdown(str(err))}")
     return dg.MetadataValue.md(page_link("report", report_path(workspace.recipe)))
