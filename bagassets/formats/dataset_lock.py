@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from bagassets.base.errors import DatasetError
+from bagassets.base.garbage import uncollected
 from bagassets.base.json_types import JsonMapping
 
 LOCK = "dataset.lock.json"
@@ -71,6 +72,7 @@ class DatasetLock:
         return {key: bag.split for key, bag in self.bags.items()}
 
 
+@uncollected()
 def load_lock(path: Path) -> DatasetLock:
     """Read a lock file.
 

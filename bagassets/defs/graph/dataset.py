@@ -60,16 +60,20 @@ The sensor and `bagassets build` record it without a run."""
 
 def dataset_is_current(workspace: Workspace, inputs: DatasetInputs) -> bool:
     """Return whether all datasets that can be made are on disk as made from `inputs` with this recipe and code."""
-    return not any(one.state in TO_MAKE for one in dataset_states(workspace, inputs).values())
+    states = dataset_states(workspace, inputs, says_why=False)
+    return not any(one.state in TO_MAKE for one in states.values())
 
 
-def dataset_states(workspace: Workspace, inputs: DatasetInputs, waits_for: str = "") -> dict[str, AssetState]:
+def dataset_states(
+    workspace: Workspace, inputs: DatasetInputs, waits_for: str = "", *, says_why: bool = True
+) -> dict[str, AssetState]:
     """Return the state of each dataset, and of the map.
 
     Args:
         workspace: recipe, store and records.
         inputs: what they would be made from.
         waits_for: results that are yet to come, and change what they are made from.
+        says_why: somebody wants to know which change of recordings makes one stale.
     """
     recipe, versions = workspace.recipe, dataset_code_versions(workspace.recipe)
     recorded = workspace.records.wholes(versions)
@@ -82,7 +86,7 @@ def dataset_states(workspace: Workspace, inputs: DatasetInputs, waits_for: str =
             last,
             {} if last is None else last.inputs,
             is_whole=partial(is_on_disk, recipe, asset),
-            changed=partial(what_changed, recipe, inputs, asset),
+            changed=partial(what_changed, recipe, inputs, asset) if says_why else str,
             waits_for=waits_for,
             is_due=is_due,
         )
