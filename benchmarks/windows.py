@@ -136,7 +136,7 @@ def _long_report(recipe: Path, number: int) -> str:
     """Return the report of a project as if it had so many recordings."""
     with open_project(recipe) as workspace:
         plan = plan_instance(workspace)
-        data = report_data(workspace.assets, plan, plan.discovery)
+        data = report_data(workspace.assets, plan, "all")
     built = data.recordings
     recordings = [
         replace(built[n % len(built)], key=f"{n:04}_{built[n % len(built)].key}") for n in range(number)

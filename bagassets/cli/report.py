@@ -45,9 +45,8 @@ def report(recipe: Path, output: Path | None, no_checks: bool, as_json: bool) ->
 
     with planning_shown() as on_planned, open_project(recipe) as workspace:
         plan = planner_of(workspace).plan(on_planned)
-    checked = None if no_checks else plan.discovery
     with bar_shown("Reading recordings", len(plan.bags)) as on_read:
-        data = report_data(workspace.assets, plan, checked, on_read)
+        data = report_data(workspace.assets, plan, "nothing" if no_checks else "all", on_read)
     if as_json:
         echo_json(report_json(data))
         return

@@ -143,7 +143,7 @@ class KeptVerdicts(Kept):
         Nothing is kept if a check could not run: next time, the disk or file server may answer.
         """
         verdicts = list(verdicts)
-        if not _could_run(verdicts):
+        if not could_run(verdicts):
             return
         rows = [[one.asset, one.check, one.severity, one.finding and vars(one.finding)] for one in verdicts]
         with suppress(PlanNeeded):  # one is gone
@@ -184,10 +184,11 @@ def findings_to_keep(
 ) -> tuple[tuple[str, str, str], ...] | None:
     """Return what quick checks find in a recording (`BagPlan.findings`); None if one could not run."""
     verdicts = [*check_bag(assets, discovery, bag, quick=True)]
-    return _problems(verdicts) if _could_run(verdicts) else None
+    return _problems(verdicts) if could_run(verdicts) else None
 
 
-def _could_run(verdicts: Iterable[Verdict]) -> bool:
+def could_run(verdicts: Iterable[Verdict]) -> bool:
+    """Return whether all checks could run."""
     return not any(isinstance(one.finding, Unchecked) for one in verdicts)
 
 

@@ -75,9 +75,9 @@ class Dataset:
         """The folder that is swapped as a whole."""
         return self.settings.output / self.kind.folder(self.settings)
 
-    @property
+    @cached_property
     def lock(self) -> DatasetLock | None:
-        """The lock of the dataset on disk; None before the first build.
+        """The lock of the dataset on disk, as it is when it is first asked for; None before the first build.
 
         Raises:
             DatasetError: it cannot be read.
@@ -257,19 +257,19 @@ def deal_contents(
     return {key: dealt[first[content]] for key, content in contents.items()}
 
 
-def first_lock(recipe: Recipe) -> DatasetLock | None:
+def first_lock(datasets: Mapping[str, Dataset]) -> DatasetLock | None:
     """Return the lock of the first dataset, which has the splits of all; None before the first build.
 
     Raises:
         DatasetError: it cannot be read.
     """
-    return next((dataset.lock for dataset in datasets_of(recipe).values()), None)
+    return next((dataset.lock for dataset in datasets.values()), None)
 
 
 def split_on_disk(recipe: Recipe) -> Mapping[str, str]:
     """Return recording -> split in the dataset on disk; empty without a readable lock."""
     try:
-        lock = first_lock(recipe)
+        lock = first_lock(datasets_of(recipe))
     except DatasetError:
         return {}
     return {} if lock is None else lock.splits

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from bagassets.base.disk_errors import disk_advice
 from bagassets.base.errors import DatasetError
+from bagassets.base.garbage import uncollected
 from bagassets.base.json_types import JsonMapping
 
 LOCK = "dataset.lock.json"
@@ -72,6 +73,7 @@ class DatasetLock:
         return {key: bag.split for key, bag in self.bags.items()}
 
 
+@uncollected()
 def load_lock(path: Path) -> DatasetLock:
     """Read a lock file.
 

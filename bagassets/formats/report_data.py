@@ -1,8 +1,9 @@
 """Data of reports and maps, gathered from the plan and its artifacts."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 from bagassets.assets.annotations import ANNOTATIONS, TABLE
 from bagassets.assets.ego_poses import EGO_POSES
@@ -18,12 +19,11 @@ from bagassets.engine.splits import shares_of
 from bagassets.engine.track import track_on_record
 from bagassets.formats import trajectory_map
 from bagassets.formats.catalogue import formats
-from bagassets.formats.checking import Verdict, check_bags, check_datasets
+from bagassets.formats.checking import Verdict, check_bags, check_datasets, could_run
 from bagassets.formats.dataset_build import DatasetInputs, dataset_contents, datasets_of, select_inputs
 from bagassets.formats.format import FACTS as PART_FACTS
 from bagassets.formats.format import AnyFormat
 from bagassets.recipe.model import Recipe
-from bagassets.recordings.discover import Discovery
 from bagassets.report.grid_map import colour_of_split
 from bagassets.report.model import Gaps, Problem, RecordingFacts, ReportData
 from bagassets.report.trajectory_map import MapRoute
@@ -39,7 +39,7 @@ _PATHS = ("thumbnail", "full_pictures")
 def report_data(
     assets: RecordingAssets,
     plan: Plan,
-    discovery: Discovery | None = None,
+    checked: Literal["nothing", "recordings", "all"] = "nothing",
     on_recording: Callable[[int], None] = lambda _number: None,
 ) -> ReportData:
     """Return the report's data about all recordings.
@@ -47,30 +47,38 @@ def report_data(
     Args:
         assets: the assets of recordings under the recipe.
         plan: states of all recordings.
-        discovery: the recordings on disk, to be checked, which takes most of the time; None to leave out the checks.
+        checked: of what it has findings: `all` is recordings, and datasets as they are on disk. Recordings that have not
+            changed since are not checked again.
         on_recording: called with 1 for each recording that is done.
 
     Raises:
         DatasetError: a file of a dataset cannot be read.
     """
     recipe = assets.recipe
-    dealt, copies = _dealt(recipe, plan), _copies(plan)
+    contents = _contents(plan)
+    dealt, copies = _dealt(recipe, plan, contents), _copies(contents)
     recordings = []
     bags = dict(sorted(plan.bags.items()))
-    checked = None if discovery is None else check_bags(assets, plan, bags.values())
     kept = _KeptFacts(assets, plan.project)
-    with kept.cache.kept_open():
-        for key, bag in bags.items():
-            facts = kept.of(bag, dealt.get(key, ""))
-            if key in copies:
-                facts = replace(facts, state="copy", reason=f"the same content as {copies[key]}")
-            if checked is not None:
-                found, number = _outcome(next(checked)[1])
-                facts = replace(facts, problems=found, checks_passed=number)
-            recordings.append(facts)
-            on_recording(1)
+    known = kept.known(bags.values(), dealt)
+    verdicts = check_bags(assets, plan, (bag for key, bag in bags.items() if key not in known))
+    for key, bag in bags.items():
+        facts = known.get(key) or _facts(assets, bag, dealt.get(key, ""))
+        if checked == "nothing":
+            facts = replace(facts, problems=(), checks_passed=0)
+        elif key not in known:
+            found = next(verdicts)[1]
+            problems, passed = _outcome(found)
+            facts = replace(facts, problems=problems, checks_passed=passed)
+            if could_run(found):
+                kept.add(bag, dealt, facts)
+        if key in copies:
+            facts = replace(facts, state="copy", reason=f"the same content as {copies[key]}")
+        recordings.append(facts)
+        on_recording(1)
+    next(verdicts, None)  # there are no more, and it writes what is to be kept
     kept.write()
-    problems, passed = ((), 0) if discovery is None else _outcome(check_datasets(recipe))
+    problems, passed = _outcome(check_datasets(recipe)) if checked == "all" else ((), 0)
     scenes_s = [(r.key, r.scenes_s) for r in recordings if r.state in {"ready", "stale"}]
     shares = shares_of(scenes_s, recipe.splits, dealt)
     dataset = next((one.folder for one in datasets_of(recipe).values()), recipe.output)
@@ -117,31 +125,31 @@ def build_map(assets: RecordingAssets, plan: Plan, inputs: DatasetInputs) -> Out
     return outcome
 
 
-def _dealt(recipe: Recipe, plan: Plan) -> dict[str, str]:
-    """Return recording -> split, for all that take part."""
-    return select_inputs(plan).dealt(recipe, _contents(plan))
+def _dealt(recipe: Recipe, plan: Plan, contents: Mapping[str, str]) -> dict[str, str]:
+    """Return recording -> split, for all that take part, which are those with contents."""
+    return select_inputs(plan).dealt(recipe, contents)
 
 
 def _contents(plan: Plan) -> dict[str, str]:
     """Return recording -> digest of its content, else its key, for all that take part."""
     return {
-        key: bag.assets["bag"].data_version or key
+        key: (bag.version("bag") if isinstance(bag, KeptPlan) else bag.assets["bag"].data_version) or key
         for key, bag in sorted(plan.bags.items())
         if bag.skipped is None and bag.unusable is None
     }
 
 
-def _copies(plan: Plan) -> dict[str, str]:
+def _copies(contents: Mapping[str, str]) -> dict[str, str]:
     """Return recording -> the first of the same content, which the dataset has for both."""
     first: dict[str, str] = {}
-    same = {key: first.setdefault(content, key) for key, content in _contents(plan).items()}
+    same = {key: first.setdefault(content, key) for key, content in contents.items()}
     return {key: other for key, other in same.items() if other != key}
 
 
 def _map_routes(assets: RecordingAssets, plan: Plan) -> list[MapRoute]:
     """Return the recordings with poses in the order of their keys, without copies, coloured by split."""
-    recipe, copies = assets.recipe, _copies(plan)
-    splits, dealt = sorted(recipe.splits.shares), _dealt(recipe, plan)
+    recipe, contents = assets.recipe, _contents(plan)
+    copies, splits, dealt = _copies(contents), sorted(recipe.splits.shares), _dealt(recipe, plan, contents)
     routes = []
     for key, bag in sorted(plan.bags.items()):
         is_in = bag.skipped is None and key not in copies
@@ -159,7 +167,9 @@ def _map_routes(assets: RecordingAssets, plan: Plan) -> list[MapRoute]:
 
 
 class _KeptFacts(Kept):
-    """The facts of recordings in the project's cache; they hold while code, recipe, plan and artifacts stay as they were.
+    """The facts of recordings, and what checks found in them, in the project's cache.
+
+    They hold while code, recipe, plan and artifacts stay as they were.
 
     Args:
         assets: the assets of recordings under the recipe.
@@ -168,29 +178,41 @@ class _KeptFacts(Kept):
 
     def __init__(self, assets: RecordingAssets, project: str | None) -> None:
         super().__init__(assets.recipe.state, "report")
-        self._assets, self._project = assets, f"{project}\0{assets.store.root}" if project else None
+        self._project = f"{project}\0{assets.store.root}" if project else None
 
-    def of(self, bag: BagPlan, split: str) -> RecordingFacts:
-        """Return the facts of a recording that is dealt to a split."""
-        if self._project is None or not isinstance(bag, KeptPlan):
-            return _facts(self._assets, bag, split)
-        mark = digest_bytes(f"{self._project}\0{split}\0".encode() + bag.row + bag.made).encode()
-        values = self.find(bag.key, mark)
-        if values is not None:
-            return RecordingFacts(
-                **values
-                | {
+    def known(self, bags: Iterable[BagPlan], dealt: Mapping[str, str]) -> dict[str, RecordingFacts]:
+        """Return the recordings, with the splits that they are dealt to, whose facts are kept -> facts."""
+        found = {}
+        with self.cache.kept_open():
+            for bag in bags:
+                mark = self._mark(bag, dealt)
+                values = mark and self.find(bag.key, mark)
+                if not values:
+                    continue
+                values |= {
                     "gaps": [Gaps(**one) for one in values["gaps"]],
                     "pictures": {name: Path(path) for name, path in values["pictures"].items()},
+                    "problems": tuple(Problem(**one) for one in values["problems"]),
+                    **{name: values[name] and Path(values[name]) for name in _PATHS},
                 }
-                | {name: values[name] and Path(values[name]) for name in _PATHS}
-            )
-        facts = _facts(self._assets, bag, split)
-        pictures = {name: str(path) for name, path in facts.pictures.items()}
-        paths = {name: str(path) for name in _PATHS if (path := getattr(facts, name)) is not None}
-        gaps = [vars(one) for one in facts.gaps]
-        self.keep(bag.key, mark, {**vars(facts), "gaps": gaps, "pictures": pictures, **paths})
-        return facts
+                found[bag.key] = RecordingFacts(**values)
+        return found
+
+    def add(self, bag: BagPlan, dealt: Mapping[str, str], facts: RecordingFacts) -> None:
+        """Keep the facts of a recording that is dealt to a split; of one that is not as planned, nobody looked at the artifacts."""
+        if mark := self._mark(bag, dealt):
+            gaps, problems = ([vars(one) for one in of] for of in (facts.gaps, facts.problems))
+            pictures = {name: str(path) for name, path in facts.pictures.items()}
+            paths = {name: str(path) for name in _PATHS if (path := getattr(facts, name)) is not None}
+            values = {"gaps": gaps, "problems": problems, "pictures": pictures, **paths}
+            self.keep(bag.key, mark, {**vars(facts), **values})
+
+    def _mark(self, bag: BagPlan, dealt: Mapping[str, str]) -> bytes:
+        """Return what changes with the facts; empty if that is not known."""
+        if self._project is None or not isinstance(bag, KeptPlan):
+            return b""
+        lines = f"{self._project}\0{dealt.get(bag.key, '')}\0".encode()
+        return digest_bytes(lines + bag.row + bag.made).encode()
 
 
 def _facts(assets: RecordingAssets, bag: BagPlan, split: str) -> RecordingFacts:

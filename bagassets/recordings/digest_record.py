@@ -18,7 +18,7 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, Self
+from typing import TYPE_CHECKING, Literal, NamedTuple, Self
 
 from bagassets.base.cache import is_damage
 from bagassets.base.disk_errors import disk_advice
@@ -36,8 +36,7 @@ _TICK_NS, _WRITING_NS = 20_000_000, 50_000_000
 Kept = Literal["attribute", "index", "nowhere"]
 
 
-@dataclass(frozen=True, slots=True)
-class _IndexRow:
+class _IndexRow(NamedTuple):
     """The index's entry for a file."""
 
     size: int

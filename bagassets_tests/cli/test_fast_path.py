@@ -18,6 +18,7 @@ from bagassets.defs.records.instances import open_instance
 from bagassets.engine.freshness import artifacts, decide
 from bagassets.engine.freshness.artifacts import are_unchanged, folders_of, groups_to_check, note_of
 from bagassets.engine.freshness.decide import nothing_to_do
+from bagassets.engine.freshness.plan_cache import CachedPlan, PlanCache, RecordingFingerprint
 from bagassets.recipe import load_recipe
 from bagassets_tests.in_process import build, make_project, states, survey
 
@@ -415,6 +416,31 @@ def test_of_a_large_store_only_changed_groups_and_some_others_are_looked_at(tmp_
     assert not is_unchanged(), "an artifact that went is seen at once"
     artifact(tmp_path, "07" + "f" * 62)
     artifact(tmp_path, names[9])
+
+
+def test_a_run_between_two_looks_checks_what_changed_alone(tmp_path):
+    root, names = tmp_path / "artifacts", ["aa" + "0" * 62, "bb" + "0" * 62]
+    folders = [artifact(root, name) for name in names]
+    cache = PlanCache(tmp_path, root)
+    cache.load()
+    plan = CachedPlan(RecordingFingerprint("", 1, ""), note_of(str(root), names), b"")
+    cache.save({"a.bag": plan}, ())
+
+    def holds(checked):
+        looking = PlanCache(tmp_path, root, checked)
+        return looking.holds(looking.load()["a.bag"].made)
+
+    (folders[0] / "files" / "x").unlink()
+    assert {one: holds(one) for one in ("all", "sample", "changed", "fewest")} == {
+        "all": False,
+        "sample": False,
+        "changed": False,
+        "fewest": True,
+    }
+    artifact(root, "bb" + "1" * 62)
+    assert holds("fewest"), "nothing is wrong in this folder"
+    artifact(root, "aa" + "1" * 62)
+    assert not holds("fewest")
 
 
 def test_a_stranger_in_a_shared_store_needs_no_plan(tmp_path, monkeypatch):

@@ -391,7 +391,7 @@ class TestGathered:
         plan = Plan(bags, {}, (), discovery=discovery)
 
         def gathered(checked):
-            return report_data(recording_assets(checked), plan, discovery).recordings[0]
+            return report_data(recording_assets(checked), plan, "all").recordings[0]
 
         strict = recipe.checks.poses_cover_sensors.model_copy(update={"max_speed_mps": 0.5})
         checks = recipe.checks.model_copy(update={"poses_cover_sensors": strict})

@@ -17,7 +17,7 @@ from bagassets.engine.splits import SplitShare, moves
 from bagassets.engine.targets import TO_MAKE
 from bagassets.formats.catalogue import problems_of
 from bagassets.formats.checking import remarks_on_record
-from bagassets.formats.dataset_build import dataset_folders, datasets_of, first_lock
+from bagassets.formats.dataset_build import Dataset, dataset_folders, datasets_of, first_lock
 from bagassets.formats.emptiness import left_behind, why_empty
 from bagassets.recipe.model import Recipe
 
@@ -32,10 +32,11 @@ def report_of(build: BuildLoop, split_before: Mapping[str, str], *, interrupted:
     """
     workspace, before, now = build.workspace, build.before, build.now
     recipe = workspace.recipe
-    lock = first_lock(recipe)
+    datasets = datasets_of(recipe)
+    lock = first_lock(datasets)
     locked: JsonMapping = {} if lock is None else lock.value
     left_out = locked.get("failed", {})
-    misfits = _misfits(recipe, now)
+    misfits = _misfits(datasets, now)
     moved = moves(split_before, {} if lock is None else lock.splits)
     dataset, problem = _of_datasets(build.ended.get(DATASET))
     if not before.asked.datasets:
@@ -46,7 +47,8 @@ def report_of(build: BuildLoop, split_before: Mapping[str, str], *, interrupted:
         dataset = "stopped"
     else:
         recipe_file = Path(workspace.recipe_file)
-        problem = problem or why_empty(recipe, recipe_file, workspace.store, before.asked.datasets)
+        asked = [one for asset, one in datasets.items() if asset in before.asked.datasets]
+        problem = problem or why_empty(recipe, recipe_file, workspace.store, asked)
     return BuildReport(
         plan=now.plan,
         outcomes=_outcomes(build),
@@ -67,9 +69,9 @@ def report_of(build: BuildLoop, split_before: Mapping[str, str], *, interrupted:
     )
 
 
-def _misfits(recipe: Recipe, now: PendingWork) -> dict[str, str]:
+def _misfits(datasets: Mapping[str, Dataset], now: PendingWork) -> dict[str, str]:
     """Return the recordings that were made, but do not fit into a dataset -> why."""
-    locks = [one.lock for one in datasets_of(recipe).values() if one.kind.misfits is not None]
+    locks = [one.lock for one in datasets.values() if one.kind.misfits is not None]
     bags = now.plan.bags
     return {
         key: why

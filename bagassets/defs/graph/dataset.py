@@ -11,7 +11,6 @@ import dagster as dg
 
 from bagassets.base.errors import BagAssetsError
 from bagassets.base.escaping import markdown
-from bagassets.defs.graph.check_records import findings_on_record
 from bagassets.defs.records.artifact_files import page_link
 from bagassets.defs.records.fence import refuse_if_ended
 from bagassets.defs.records.instance_plan import plan_instance
@@ -61,16 +60,20 @@ The sensor and `bagassets build` record it without a run."""
 
 def dataset_is_current(workspace: Workspace, inputs: DatasetInputs) -> bool:
     """Return whether all datasets that can be made are on disk as made from `inputs` with this recipe and code."""
-    return not any(one.state in TO_MAKE for one in dataset_states(workspace, inputs).values())
+    states = dataset_states(workspace, inputs, says_why=False)
+    return not any(one.state in TO_MAKE for one in states.values())
 
 
-def dataset_states(workspace: Workspace, inputs: DatasetInputs, waits_for: str = "") -> dict[str, AssetState]:
+def dataset_states(
+    workspace: Workspace, inputs: DatasetInputs, waits_for: str = "", *, says_why: bool = True
+) -> dict[str, AssetState]:
     """Return the state of each dataset, and of the map.
 
     Args:
         workspace: recipe, store and records.
         inputs: what they would be made from.
         waits_for: results that are yet to come, and change what they are made from.
+        says_why: somebody wants to know which change of recordings makes one stale.
     """
     recipe, versions = workspace.recipe, dataset_code_versions(workspace.recipe)
     recorded = workspace.records.wholes(versions)
@@ -83,7 +86,7 @@ def dataset_states(workspace: Workspace, inputs: DatasetInputs, waits_for: str =
             last,
             {} if last is None else last.inputs,
             is_whole=partial(is_on_disk, recipe, asset),
-            changed=partial(what_changed, recipe, inputs, asset),
+            changed=partial(what_changed, recipe, inputs, asset) if says_why else str,
             waits_for=waits_for,
             is_due=is_due,
         )
@@ -195,17 +198,12 @@ def make_dataset(workspace: Workspace, plan: Plan, inputs: DatasetInputs, asset:
 
 
 def write_report(workspace: Workspace, plan: Plan) -> dg.MarkdownMetadataValue:
-    """Write the report with what the checks of recordings found when they ran; return a link to it, or why there is none."""
+    """Write the report, with what checks find in recordings; return a link to it, or why there is none."""
     if len(plan.bags) > MOST_REPORTED:
         return dg.MetadataValue.md(f"`bagassets report` writes it (more than {MOST_REPORTED} recordings)")
     try:
-        data = report_data(workspace.assets, plan)
-        problems, passed = findings_on_record(workspace)
-        recordings = [
-            replace(one, problems=problems.get(one.key, ()), checks_passed=passed.get(one.key, 0))
-            for one in data.recordings
-        ]
-        write_page(report_path(workspace.recipe), report_page(replace(data, recordings=recordings)))
+        data = report_data(workspace.assets, plan, "recordings")
+        write_page(report_path(workspace.recipe), report_page(data))
     except (BagAssetsError, OSError) as err:  # the dataset is as good without it
         return dg.MetadataValue.md(f"It could not be written: {markdown(str(err))}")
     return dg.MetadataValue.md(page_link("report", report_path(workspace.recipe)))

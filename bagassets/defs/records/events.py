@@ -97,9 +97,7 @@ class Records:
             if event is not None and (made := event.asset_materialization) is not None
         }
 
-    def latest_ids(
-        self, assets: Iterable[A], *, of: set[str] | None = None, after: int | None = None
-    ) -> dict[A, Mapping[str, int]]:
+    def latest_ids(self, assets: Iterable[A], *, of: set[str] | None = None) -> dict[A, Mapping[str, int]]:
         """Return asset -> partition key -> storage id of the latest materialization (20 ms for 10,000 partitions).
 
         Partitions that were deleted are included; intersect with the live ones.
@@ -107,11 +105,10 @@ class Records:
         Args:
             assets: which.
             of: partition keys; default: all.
-            after: only ids that are larger.
         """
         latest, key_of = self.instance.event_log_storage.get_latest_storage_id_by_partition, self.names.key
         kind = dg.DagsterEventType.ASSET_MATERIALIZATION
-        return {asset: latest(key_of(asset), kind, of, after) for asset in assets}
+        return {asset: latest(key_of(asset), kind, of) for asset in assets}
 
     def fetch(self, ids: Mapping[A, Mapping[str, int]], keys: Iterable[str]) -> dict[str, dict[A, Recorded]]:
         """Return partition key -> asset -> latest record, for the storage ids that `latest_ids` gave."""

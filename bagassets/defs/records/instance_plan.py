@@ -59,12 +59,12 @@ def plan_instance(workspace: Workspace, found: Discovery | None = None, made: Co
     Args:
         workspace: recipe, store, records and recordings.
         found: recordings on disk when a run began that a build or the sensor has launched, which have checked a sample of the
-            artifacts; default: recordings as they are, and a sample is checked.
+            artifacts, and will again; default: recordings as they are, and a sample is checked.
         made: those that the run has made since.
     """
     if found is None:
         return planner_of(workspace, checked="sample").plan()
-    return planner_of(workspace, discovery=_looked_at_again(found, made), checked="changed").plan()
+    return planner_of(workspace, discovery=_looked_at_again(found, made), checked="fewest").plan()
 
 
 def replan_instance(

@@ -5,16 +5,18 @@ events that they were read from: if any of these is gone, or one came late, or a
 """
 
 import json
+from collections import defaultdict
 from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any, NamedTuple
 
+import dagster as dg
 from sqlalchemy import Connection, func, select
 
 from bagassets.base.cache import Cache, Changes
 from bagassets.base.fingerprints import PlanNeeded, digest_lines
 from bagassets.defs.dagster_private import AssetKeyTable, SqlEventLogStorage, SqlEventLogStorageTable
-from bagassets.defs.records.events import all_assets
+from bagassets.defs.records.events import Records, all_assets
 from bagassets.defs.records.workspace import Workspace
 
 _KIND = "latest ids"
@@ -53,13 +55,30 @@ def latest_ids(workspace: Workspace) -> Mapping[str, Mapping[str, int]]:
     if not holds or kept.ids.keys() != {*assets}:
         found: Mapping[str, Mapping[str, int]] = records.latest_ids(assets)
     elif last != kept.last:
-        newer = records.latest_ids(assets, after=kept.last)
-        found = {asset: {**ids, **newer[asset]} for asset, ids in kept.ids.items()}
+        newer = _newer(storage, records, kept.last)
+        found = {asset: {**ids, **newer.get(asset, {})} for asset, ids in kept.ids.items()}
     else:
         return kept.ids
     changes = Changes()
     changes.put(_KIND, name, _written(_Kept(last, mark, found)))
     cache.write(changes)
+    return found
+
+
+def _newer(storage: SqlEventLogStorage, records: Records, last: int) -> Mapping[str, Mapping[str, int]]:
+    """Return the ids of events after some id; none can be of before an asset was wiped, as that was read later."""
+    events = SqlEventLogStorageTable.c
+    names = {records.names.key(one).to_string(): one for one in all_assets()}
+    newest = select(events.asset_key, events.partition, func.max(events.id)).where(
+        events.id > last,
+        events.dagster_event_type == dg.DagsterEventType.ASSET_MATERIALIZATION.value,
+        events.asset_key.in_(names),
+        events.partition.is_not(None),
+    )
+    found = defaultdict[str, dict[str, int]](dict)
+    with storage.index_connection() as connection:
+        for name, key, number in connection.execute(newest.group_by(events.asset_key, events.partition)):
+            found[names[name]][key] = number
     return found
 
 

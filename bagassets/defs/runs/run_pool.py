@@ -34,7 +34,7 @@ _HEALTH_S = 5.0
 # The end of a run is noticed late by at most 3 % of its duration. To read the records takes some milliseconds.
 _QUICKEST_S, _SLOWEST_S = 0.03, 0.5
 _POLL_SHARE = 0.03
-_LOG_S, _LOG_OF_SEVERAL_S = 2.0, 0.25
+_LOG_S, _LOG_OF_SEVERAL_S = 2.0, 0.5
 _FEW = 20  # active runs that are all read each time
 _MOST_THREADS = 32
 _ENDED = [dg.DagsterRunStatus.SUCCESS, dg.DagsterRunStatus.FAILURE, dg.DagsterRunStatus.CANCELED]

@@ -66,7 +66,7 @@ def folders_of(root: str) -> dict[str, Signature]:
 
 
 def groups_to_check(
-    before: Mapping[str, Signature], now: Mapping[str, Signature], total: int, *, sampled: bool = True
+    before: Mapping[str, Signature], now: Mapping[str, Signature], total: float, *, sampled: bool = True
 ) -> frozenset[int]:
     """Return the groups whose artifacts are to be checked, by their first byte.
 

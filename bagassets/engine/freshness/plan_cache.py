@@ -6,6 +6,7 @@ take longer to find and check than to read.
 """
 
 import json
+import math
 import os
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -24,7 +25,7 @@ from bagassets.engine.freshness.artifacts import (
     groups_to_check,
 )
 
-Checked = Literal["all", "sample", "changed"]
+Checked = Literal["all", "sample", "changed", "fewest"]
 _KIND, _FOLDERS = "recordings", "folders"
 
 
@@ -91,8 +92,8 @@ class PlanCache:
     Args:
         state: the state folder.
         artifacts: folder of the artifacts in the store.
-        checked: `all` artifacts in any case; of many a random `sample`; or the `changed` folders alone, as somebody has just
-            checked one.
+        checked: `all` artifacts in any case; of many a random `sample`, or the `changed` folders alone, as somebody has just
+            checked one; or, of few as well, the `fewest`, as somebody is about to check all.
     """
 
     def __init__(
@@ -123,9 +124,9 @@ class PlanCache:
         except PlanNeeded:
             return {}
         if self._checked != "all":
-            total = sum(len(one.made) for one in found.values()) // SIZE
-            before, total = self._folders_before, total + others
-            self._suspects = groups_to_check(before, self._folders, total, sampled=self._checked == "sample")
+            total = others + sum(len(one.made) for one in found.values()) // SIZE
+            number, is_sampled = math.inf if self._checked == "fewest" else total, self._checked == "sample"
+            self._suspects = groups_to_check(self._folders_before, self._folders, number, sampled=is_sampled)
         return found
 
     def holds(self, made: bytes) -> bool:

@@ -17,7 +17,7 @@ from bagassets.defs.records.workspace import Workspace
 from bagassets.engine.execute import Skipped
 from bagassets.engine.plan import is_skip
 from bagassets.engine.targets import Read
-from bagassets.formats.dataset_build import first_lock
+from bagassets.formats.dataset_build import datasets_of, first_lock
 from bagassets.store.canonical import digest_json
 from bagassets_tests.defs.graph.test_sensor import Project, stale
 from bagassets_tests.in_process import QUICK
@@ -59,7 +59,7 @@ def states(project, key=SHORT):
 
 
 def in_dataset(project):
-    lock = first_lock(project.recipe).value
+    lock = first_lock(datasets_of(project.recipe)).value
     return [bag["key"] for bag in lock["bags"]], set(lock["skipped"])
 
 

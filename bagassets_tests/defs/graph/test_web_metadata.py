@@ -7,14 +7,16 @@ import dagster as dg
 import pyarrow.parquet as pq
 import pytest
 
+from bagassets.assets.quality.evidence import Evidence
+from bagassets.base.errors import StoreError
 from bagassets.defs.builds import pending_work
 from bagassets.defs.graph import dataset
-from bagassets.defs.graph.check_records import findings_on_record
+from bagassets.defs.graph.check_records import remarks_of_runs
 from bagassets.defs.graph.location import build_definitions
 from bagassets.defs.records.artifact_files import page_file
 from bagassets.defs.records.instance_plan import plan_instance
 from bagassets.defs.records.reporting import dataset_metadata, inputs_metadata
-from bagassets.formats import report_data
+from bagassets.formats import checking, report_data
 from bagassets.formats.assembly import DatasetSummary
 from bagassets.formats.checking import check_bag
 from bagassets.formats.dataset_build import DatasetInputs
@@ -105,37 +107,81 @@ def test_the_report_is_there_as_soon_as_its_link_is(made, monkeypatch):
         assert words in page, words
 
 
-def test_the_report_has_what_checks_found_when_they_ran(made):
+def test_the_report_has_what_checks_find_and_dagster_shows(made):
     _, instance, workspace = made
     planned = plan_instance(workspace.on(instance))
     verdicts = list(check_bag(workspace.assets, planned.discovery, planned.bags[KEY]))
-    problems, passed = (of[KEY] for of in findings_on_record(workspace.on(instance)))
+    found = report_data.report_data(workspace.assets, planned, "recordings").recordings[0]
     failed = [one for one in verdicts if not one.finding.passed]
-    assert passed == len(verdicts) - len(failed)
-    assert sorted(map(astuple, problems)) == sorted(
+    assert found.checks_passed == len(verdicts) - len(failed) > 5
+    assert sorted(map(astuple, found.problems)) == sorted(
         (one.check, one.weight, one.finding.sentences[0], len(one.finding.sentences) - 1) for one in failed
     )
-    assert problems, "or the comparison is empty"
-    assert problems[0].sentence in report_path(workspace.recipe).read_text()
+    assert found.problems, "or the comparison is empty"
+    assert found.problems[0].sentence in report_path(workspace.recipe).read_text()
+    runs = [run.run_id for run in instance.get_runs()]
+    shown = [one.check for one in remarks_of_runs(instance, runs) if one.key == KEY]
+    assert sorted(shown) == sorted(one.check for one in failed)
 
 
-def test_of_recordings_that_have_not_changed_the_report_has_the_facts_that_were_kept(made, monkeypatch):
+@pytest.fixture
+def asked(monkeypatch):
+    """Record what is made or checked of recordings for the report."""
+    asked, facts, check = [], report_data._facts, checking.check_bag
+
+    def make(assets, bag, split):
+        asked.append(("facts", bag.key))
+        return facts(assets, bag, split)
+
+    def check_bag(assets, discovery, bag):
+        asked.append(("checks", bag.key))
+        return check(assets, discovery, bag)
+
+    monkeypatch.setattr(report_data, "_facts", make)
+    monkeypatch.setattr(checking, "check_bag", check_bag)
+    return asked
+
+
+def test_of_recordings_that_have_not_changed_the_report_has_the_facts_that_were_kept(made, asked):
     _, _, workspace = made
     planned = plan_instance(workspace)
-    fresh = report_page(report_data.report_data(workspace.assets, replace(planned, project=None)))
-    report_data.report_data(workspace.assets, planned)
-    asked = []
-    facts = report_data._facts
-    monkeypatch.setattr(
-        report_data, "_facts", lambda assets, bag, split: asked.append(bag.key) or facts(assets, bag, split)
-    )
-    assert report_page(report_data.report_data(workspace.assets, planned)) == fresh
+
+    def page(plan, checked="recordings"):
+        return report_page(report_data.report_data(workspace.assets, plan, checked))
+
+    fresh, unchecked = page(replace(planned, project=None)), page(replace(planned, project=None), "nothing")
+    page(planned)
+    asked.clear()
+    assert page(planned) == fresh
+    assert page(planned, "nothing") == unchecked != fresh
     assert asked == []
-    report_data.report_data(workspace.assets, replace(planned, project="another"))
-    assert asked == ["a.bag", "short.bag"]
+    another = replace(planned, project="another")
+    page(another)
+    assert asked == [(what, key) for key in ("a.bag", "short.bag") for what in ("facts", "checks")]
     kept = report_data._KeptFacts(workspace.assets, "another")
-    splits = ["train", "val"]
-    assert [kept.of(planned.bags[KEY], split).split for split in splits] == splits
+    bag = planned.bags[KEY]
+    assert kept.known([bag], {KEY: "elsewhere"}) == {}
+    splits = [split for split in ("train", "val") if kept.known([bag], {KEY: split})]
+    assert len(splits) == 1, "that of the recording"
+    assert kept.known([bag], {KEY: splits[0]})[KEY].split == splits[0]
+
+
+def test_a_check_that_could_not_read_is_made_again_for_the_next_report(made, asked, monkeypatch):
+    workspace = made[2]
+    plan = replace(plan_instance(workspace), project="unread")
+
+    def refuse(*_):
+        raise StoreError("the disk refuses")
+
+    with monkeypatch.context() as refusing:
+        refusing.setattr(Evidence, "channels", refuse)
+        found = report_data.report_data(workspace.assets, plan, "recordings").recordings[0]
+        assert "the disk refuses" in str(found.problems)
+    found = report_data.report_data(workspace.assets, plan, "recordings").recordings[0]
+    assert "the disk refuses" not in str(found.problems)
+    asked.clear()
+    report_data.report_data(workspace.assets, plan, "recordings")
+    assert asked == []
 
 
 def test_where_there_is_no_report_there_is_no_link(made, monkeypatch):

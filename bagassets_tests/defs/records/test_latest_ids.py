@@ -9,6 +9,7 @@ import sqlalchemy as db
 
 from bagassets.base.cache import NAME
 from bagassets.defs.dagster_private import SqlEventLogStorageTable
+from bagassets.defs.records import latest_ids as latest_ids_module
 from bagassets.defs.records.events import Records, all_assets
 from bagassets.defs.records.instances import open_instance
 from bagassets.defs.records.latest_ids import latest_ids
@@ -56,13 +57,18 @@ def delete(workspace, which):
 def test_only_newer_ones_are_read(workspace, monkeypatch):
     for key in KEYS:
         record(workspace, key=key)
-    asked, plain = [], Records.latest_ids
+    asked, plain, newer = [], Records.latest_ids, latest_ids_module._newer
 
     def note(records, assets, **options):
-        asked.append(options.get("after"))
+        asked.append(None)
         return plain(records, assets, **options)
 
+    def note_newer(storage, records, last):
+        asked.append(last)
+        return newer(storage, records, last)
+
     monkeypatch.setattr(Records, "latest_ids", note)
+    monkeypatch.setattr(latest_ids_module, "_newer", note_newer)
     first = latest_ids(workspace)
     assert first["frames"].keys() == set(KEYS)
     last = max(first["frames"].values())
