@@ -452,10 +452,10 @@ for them: `inventory.json`, `messages.parquet`.""",
         RecordingCheck(
             "stamps_monotonic",
             "stamps_monotonic",
-            "Header stamps of channels and poses go forward and are near the log time.",
+            "Header stamps of channels and poses go forward and are near the log time, if it is not `clock: log` that counts.",
             "more than `max_backward` header stamps go back in time; the median stamp is more than `max_offset_s` from "
             "the log time",
-            lambda e: stamps_monotonic(e.rig, e.inventory, e.checks.stamps_monotonic),
+            lambda e: stamps_monotonic(e.rig, e.inventory, e.checks.stamps_monotonic, e.clock_of),
         ),
     ),
 )

@@ -38,7 +38,8 @@ Exit status:
 @click.argument("bags_", metavar="BAG...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.argument("out", type=click.Path(path_type=Path))
 @click.option("--recipe", "recipe_file", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
-              help="Convert with this recipe; its `bags`, folders and other datasets are ignored. Default: guess one.")  # fmt: skip
+              help="Convert with this recipe; which recordings it takes, its folders and other datasets are ignored. "
+              "Default: guess one.")  # fmt: skip
 @click.option("--format", "format_name", metavar="NAME",
               help="Format of the dataset; `bagassets formats` lists them. Default: the first of the recipe, "
               "which is nuscenes or, of an arm, lerobot.")  # fmt: skip

@@ -28,7 +28,7 @@ class SpaceNeeded:
     Attributes:
         recordings: number of recordings whose images or sweeps are extracted for the first time.
         recorded_bytes: their size.
-        bytes: what will be written; the most that is likely, if no recording was built before.
+        bytes: what will be written; the size of the recordings, if none was built before.
         is_measured: recordings that were built before say so.
     """
 
@@ -39,7 +39,9 @@ class SpaceNeeded:
 
     def __str__(self) -> str:
         what = f"Images and clouds of {count_text(self.recordings, 'recording')} ({readable_bytes(self.recorded_bytes)})"
-        return f"{what}: about {readable_bytes(self.bytes)} of disk space{'' if self.is_measured else ' or less'}"
+        if self.is_measured:
+            return f"{what}: about {readable_bytes(self.bytes)} of disk space"
+        return f"{what}: less disk space than that if recorded raw, several times as much if as video or lidar packets"
 
 
 def space_needed(
@@ -48,7 +50,7 @@ def space_needed(
     """Return what is needed to build some recordings; None if none of them is new with images or sweeps to extract.
 
     Images and clouds take, for each byte of a recording, what those of recordings that are built take. If there are none,
-    they take no more than the recordings: most are smaller, as raw images become JPEG and topics are left out.
+    nothing tells: raw images become smaller JPEG, packets of a lidar points of 20 bytes, video single images.
 
     Args:
         plan: states of all recordings.

@@ -101,7 +101,7 @@ def propose_recipe(
         rigs = [replace(rig, needs_poses=True) for rig in rigs]
     sheet = Sheet()
     looked_into = len(summaries) + len(unreadable)
-    count = count_text(looked_into, "recording")
+    count = count_text(len(summaries), "recording")
     if found is not None and found > looked_into:
         count += f" out of {found}"
     _head(sheet, count, rigs, bare, unreadable)

@@ -173,6 +173,8 @@ def _write_channel(
     sheet.guess(3, f"{name}:", rig.reasons[name])
     sheet.field(4, f"modality: {sensor.modality}")
     sheet.field(4, f"topic: {yaml_scalar(topic.name)}")
+    if topic.unstamped and rig.clock.clock == "header":
+        sheet.guess(4, "clock: log", "its header stamps are zero")
     if sensor.modality == "camera":
         # What was recorded is of this camera for sure, so a file only stands in for it.
         file = None if _has_lens(sensor) else calibration_of(topic.name, calibrations)
@@ -223,6 +225,9 @@ def _write_place(
 ) -> None:
     """Write where a sensor sits, if TF does not tell."""
     frames = sensor.topic.frames
+    if not frames and sensor.camera_info is not None and sensor.camera_info.frames:
+        frames = sensor.camera_info.frames[:1]
+        sheet.guess(4, f"frame: {yaml_scalar(frames[0])}", "of its CameraInfo, as its own headers name none")
     frame = frames[0] if frames else ""
     optical = sensor.modality == "camera" or is_optical(rig.summary, frame) is True
     side = "" if rig.ego.is_sensor else _side(rig, name)
@@ -245,7 +250,7 @@ def _write_place(
         if sensor.modality == "camera":
             give = "give `extrinsics`, measured or from a file of Kalibr"
         looks = f"looks {side.replace('_', ' ').lower()}" if side else "looks ahead"
-        if not frame:
+        if not frame and not optical:  # which turns a camera's axes
             sheet.off(4, f"frame: {yaml_scalar(rig.ego.name)}")
         sheet.field(4, "extrinsics:")
         sheet.ask(

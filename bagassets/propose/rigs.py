@@ -17,6 +17,8 @@ from bagassets.propose.signals import SignalProposal, find_signals, said_in
 from bagassets.propose.summary import USES, RecordingSummary, TopicUse, transform_topics
 
 _LARGE_OFFSET_S = 1.0
+# From a reading to its log; longer, the clock of the stamps may not be that of the log.
+_LATENCY_S = 0.25
 _MARKERS = "visualization_msgs/"  # for whatever somebody wants to see in three dimensions, seldom for boxes
 _TRUTH = word_set("annotation annotations gt ground groundtruth label labels labelled truth")
 
@@ -177,9 +179,10 @@ def boxes_in(summary: RecordingSummary) -> list[str]:
 def _clock(sensors: Sequence[Sensor]) -> ClockProposal:
     topics = [sensor.topic for sensor in sensors]
     unset = sorted(topic.name for topic in topics if topic.unstamped)
-    if unset:
-        return ClockProposal("log", f"header stamps of {', '.join(unset[:3])} are zero")
     offsets = {topic.name: topic.offset_s for topic in topics if topic.offset_s is not None}
+    # Sensors with stamps keep them beside one without, if the log has nearly the same time.
+    if unset and not (offsets and all(0 <= offset_s <= _LATENCY_S for offset_s in offsets.values())):
+        return ClockProposal("log", f"header stamps of {', '.join(unset[:3])} are zero")
     if not offsets:
         return ClockProposal("header")
     apart_s = max(offsets.values()) - min(offsets.values())

@@ -111,7 +111,11 @@ def _unusable(topic: TopicSummary) -> TopicUse | None:
     if topic.problem is not None:
         return TopicUse(topic, "not decodable", topic.problem)
     if not _DEPTH_WORDS.isdisjoint(tokens(topic.name)):
-        depth = "depth, not a picture" if modality == "camera" else "the cloud of a depth camera"
+        depth = (
+            "depth, not a picture; a channel of depth needs `output: png` and `undistort: false`"
+            if modality == "camera"
+            else "the cloud of a depth camera"
+        )
         return TopicUse(topic, "left out", depth)
     if topic.velodyne is False:
         return TopicUse(topic, "not decodable", "none of its packets is from a Velodyne")

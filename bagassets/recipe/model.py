@@ -542,8 +542,8 @@ class Recipe(Model):
             if channel.modality == modality
         ]
 
-    def clock_of(self, rig: Rig | None, channel: Channel | None = None) -> Clock:
-        """Return which time of the messages of a rig, or of one of its channels, counts."""
+    def clock_of(self, rig: Rig | None, channel: Channel | Signal | None = None) -> Clock:
+        """Return which time of the messages of a rig, or of one of its channels or signals, counts."""
         own = None if channel is None else channel.clock
         return own or (None if rig is None else rig.clock) or self.clock
 

@@ -191,6 +191,15 @@ class TestTopics:
         (problem,) = stamps_monotonic(RIG, older, StampsCheck()).problems
         assert problem.startswith("/odom: header stamps are 104.2 days after the log time")
 
+    def test_stamps_that_do_not_count_may_be_anything(self):
+        zero = inventory(
+            topic("/cam", header_offset_s=HeaderOffset(1e9, 1e9, 1e9), unordered_stamps=3),
+            topic("/odom", header_offset_s=HeaderOffset(3600.0, 3600.0, 3600.0)),
+        )
+        clocks = {"CAM_FRONT": "log", "ego_pose": "header", "LIDAR_TOP": "header", "CAM_BACK": "log"}
+        (problem,) = stamps_monotonic(RIG, zero, StampsCheck(), clocks.__getitem__).problems
+        assert problem.startswith("/odom:")
+
 
 COUNTS = {"read": 100, "written": 99, "merged": 0, "lost": {"too short": 1}}
 STAMPS = {"CAM_FRONT": T0 + np.arange(100, dtype=np.int64) * S // 10}

@@ -65,8 +65,8 @@ class Evidence(Contents):
         return self.recipe.limits.reported_losses if own is None else own
 
     def clock_of(self, channel: str) -> Clock:
-        """Return the clock of a channel."""
-        return self.recipe.clock_of(self.rig, self.rig.channels.get(channel))
+        """Return the clock of a channel or signal; of any other name, that of the rig."""
+        return self.recipe.clock_of(self.rig, self.rig.channels.get(channel) or self.rig.signals.get(channel))
 
     def channels(self, asset: str) -> JsonObject:
         """Return the content of `channels.json` of an asset of channels."""

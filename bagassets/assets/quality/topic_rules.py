@@ -1,8 +1,11 @@
 """Rules about the inventory: channels, rates, pauses and header stamps."""
 
+from collections.abc import Callable
+
 from bagassets.assets.quality.finding import Finding, clock
 from bagassets.decode.robots import robot_of, robots_of
 from bagassets.recipe.model import Rig
+from bagassets.recipe.model_base import Clock
 from bagassets.recipe.model_checks import ChannelsCheck, StampsCheck, TopicLimits, TopicsCheck
 from bagassets.recordings.inventory import Inventory, TopicRecord
 
@@ -130,13 +133,15 @@ def _span(seconds: float) -> str:
     return f"{seconds:g} s"
 
 
-def stamps_monotonic(rig: Rig, inventory: Inventory, check: StampsCheck) -> Finding:
-    """Check that header stamps go forward and are near the log time."""
+def stamps_monotonic(
+    rig: Rig, inventory: Inventory, check: StampsCheck, clock_of: Callable[[str], Clock] = lambda _: "header"
+) -> Finding:
+    """Check that header stamps go forward and are near the log time, where `clock_of` a channel or signal says that they count."""
     problems = []
     backward: dict[str, int] = {}
-    for topic in watched_topics(rig):
+    for topic, name in watched_topics(rig).items():
         record = inventory.topics.get(topic)
-        if record is None:
+        if record is None or clock_of(name) == "log":
             continue
         number, first_ns = record.unordered_stamps, record.first_unordered_ns
         if number:

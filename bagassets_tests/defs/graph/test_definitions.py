@@ -1,5 +1,8 @@
 """Assets and checks in a real Dagster instance."""
 
+import re
+from pathlib import Path
+
 import dagster as dg
 import pytest
 
@@ -104,3 +107,21 @@ def test_a_code_server_can_load_everything(project):
     """It checks what a run does not ask for, such as names that two definitions share."""
     recipe_file, _ = project
     build_definitions(recipe_file).get_repository_def().load_all_definitions()
+
+
+def test_the_page_about_other_dagsters_can_be_followed_as_it_stands(tmp_path):
+    for name in ("north", "south"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "recipe.yaml").write_text(RECIPE.format(name=name, root="bags"))
+    page = (Path(__file__).parents[3] / "docs" / "own-dagster.md").read_text(encoding="utf-8")
+    merged, own = (
+        text.replace("/data/", f"{tmp_path}/") for text in re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    )
+    there = {"dg": dg, "frames": dg.AssetSpec("frames")}
+    exec(own, there)
+    exec(merged, there)
+    definitions = dg.Definitions.merge(there["defs"], dg.Definitions(assets=[there["sharpness"]]))
+    graph = definitions.resolve_asset_graph()
+    north = graph.get(dg.AssetKey(["north", "frames"]))
+    assert graph.get(dg.AssetKey("sharpness")).partitions_def == north.partitions_def
+    assert graph.get(dg.AssetKey("sharpness")).parent_keys == {north.key}
