@@ -38,7 +38,7 @@ class SpaceNeeded:
     is_measured: bool
 
     def __str__(self) -> str:
-        what = f"Images and clouds of {count_text(self.recordings, 'recording')} ({readable_bytes(self.recorded_bytes)})"
+        what = f"Images and clouds to extract from {count_text(self.recordings, 'recording')} ({readable_bytes(self.recorded_bytes)})"
         if self.is_measured:
             return f"{what}: about {readable_bytes(self.bytes)} of disk space"
         return f"{what}: less disk space than that if recorded raw, several times as much if as video or lidar packets"

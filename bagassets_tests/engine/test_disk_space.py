@@ -51,7 +51,7 @@ def test_without_built_recordings_nobody_knows(tmp_path, monkeypatch):
     needed = space_needed(plan(bag("a", "missing")), {"a": 30_000_000_000}, ["a"], ASSETS)
     assert needed is not None
     assert str(needed) == (
-        "Images and clouds of 1 recording (30.0 GB): less disk space than that if recorded raw, several times as much if as "
+        "Images and clouds to extract from 1 recording (30.0 GB): less disk space than that if recorded raw, several times as much if as "
         "video or lidar packets"
     )
     free(monkeypatch, 1_000_000)
@@ -64,7 +64,7 @@ def test_much_too_little_is_refused_with_what_to_do(tmp_path, monkeypatch):
     free(monkeypatch, 1_600_000_000)
     text = require_disk_space(needed, {"store": tmp_path / "not" / "yet"})
     assert text == (
-        f"Images and clouds of 6 recordings (8.0 GB): about 3.0 GB of disk space; 1.6 GB free in {tmp_path / 'not' / 'yet'}"
+        f"Images and clouds to extract from 6 recordings (8.0 GB): about 3.0 GB of disk space; 1.6 GB free in {tmp_path / 'not' / 'yet'}"
     )
     free(monkeypatch, 1_400_000_000)
     with pytest.raises(StoreError) as caught:
