@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # A GoPro drives past points that it reaches 0.1 s apart, at a speed that rises by 0.1 m/s each. Its telemetry (GPMF) has the ten fixes of a second in one
-# block, with one time (GPSU), and the model before it had 18 in a second. What track (GPX) does gpmf make of two such seconds? Guess: twenty points, 0.1 s
+# block, with one time (GPSU); cameras before it had 18 in a second. What track (GPX) does gpmf make of two such seconds? Guess: twenty points, 0.1 s
 # apart. Seen with gpmf 0.1 on 2026-11-29, without a word: it takes 1/18 s between two points, whatever the camera, so each second is driven in its first
 # half, at nearly twice the speed, and followed by a pause of half a second; the tenth point is 0.4 s too early. The speeds that it writes beside them
 # are those of the first point of each block, ten times. A camera of today (GPS9, since HERO11, which has a time for each fix) has no track at all.
@@ -58,7 +58,8 @@ assert np.isclose(true_s[9] - seconds[9], 0.4)
 assert speeds == [10.0] * 10 + [11.0] * 10
 
 newer = nested(b"DEVC", nested(b"STRM", item(b"SCAL", b"l", 4, struct.pack(">9i", 10**7, 10**7, 1000, 1000, 100, 1, 1000, 100, 1))
-    + item(b"TYPE", b"c", 1, b"lllllllSS") + item(b"GPS9", b"?", 32, struct.pack(">7iHH", 481234567, 115678901, 520_000, 10_000, 1000, 9829, 36_000_000, 150, 3))))
+    + item(b"TYPE", b"c", 1, b"lllllllSS")
+    + item(b"GPS9", b"?", 32, struct.pack(">7iHH", 481234567, 115678901, 520_000, 10_000, 1000, 9829, 36_000_000, 150, 3))))
 print("points of a camera with GPS9:", len(track(newer)))
 assert track(newer) == []
 PYTHON
