@@ -132,9 +132,9 @@ class DigestIndex:
         current = self._read_at is not None and self._read_at == self._state()
         self._path.parent.mkdir(parents=True, exist_ok=True)
         with self._open() as connection:
-            connection.execute(
+            connection.execute(  # 0.1.0 writes an inode, too
                 "CREATE TABLE IF NOT EXISTS digests (path TEXT PRIMARY KEY, size INTEGER, mtime_ns INTEGER, "
-                "ctime_ns INTEGER, digest TEXT)"
+                "inode INTEGER, ctime_ns INTEGER, digest TEXT)"
             )
             connection.execute(
                 "INSERT OR REPLACE INTO digests (path, size, mtime_ns, ctime_ns, digest) VALUES (?, ?, ?, ?, ?)",
