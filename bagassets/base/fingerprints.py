@@ -131,7 +131,7 @@ def _walk(folder: str, ancestors: tuple[tuple[int, int], ...], lines: list[str],
                     lines.append(f"{entry.path}\0folder")
                     _walk(entry.path, (*ancestors, identity), lines, hidden=hidden)
                 else:
-                    # Without the inode: see `bagassets.recordings.digest_record`.
+                    # No inode: some file systems give a file another one whenever the kernel has forgotten it.
                     lines.append(f"{entry.path}\0{stat.st_size}\0{stat.st_mtime_ns}\0{stat.st_ctime_ns}")
     except OSError as err:
         raise PlanNeeded(f"{folder}: {err}") from err

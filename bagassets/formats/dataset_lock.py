@@ -140,7 +140,7 @@ def locked_artifacts(path: Path) -> set[str]:
 
 
 def _reason(err: Exception) -> str:
-    """Return why a lock cannot be read, in words of the system or the parser."""
+    """Return why a lock cannot be read, as the system or the parser says it."""
     if isinstance(err, OSError):
         return err.strerror or str(err)
     return str(err) if isinstance(err, ValueError | DatasetError) else "its entries are not those of a lock"

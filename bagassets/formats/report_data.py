@@ -61,7 +61,8 @@ def report_data(
     bags = dict(sorted(plan.bags.items()))
     kept = _KeptFacts(assets, plan.project)
     known = kept.known(bags.values(), dealt)
-    verdicts = check_bags(assets, plan, (bag for key, bag in bags.items() if key not in known))
+    to_check = [bag for key, bag in bags.items() if key not in known and checked != "nothing"]
+    verdicts = check_bags(assets, plan, to_check)
     for key, bag in bags.items():
         facts = known.get(key) or _facts(assets, bag, dealt.get(key, ""))
         if checked == "nothing":

@@ -156,6 +156,9 @@ def test_of_recordings_that_have_not_changed_the_report_has_the_facts_that_were_
     assert page(planned, "nothing") == unchecked != fresh
     assert asked == []
     another = replace(planned, project="another")
+    page(another, "nothing")
+    assert asked == [("facts", key) for key in ("a.bag", "short.bag")]
+    asked.clear()
     page(another)
     assert asked == [(what, key) for key in ("a.bag", "short.bag") for what in ("facts", "checks")]
     kept = report_data._KeptFacts(workspace.assets, "another")
