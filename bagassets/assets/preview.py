@@ -173,12 +173,13 @@ def _pictures(artifact: Artifact) -> list[Picture]:
 
 PREVIEW = Asset(
     name="preview",
-    version=10,
+    version=11,
     changes={
         7: "fits the view from above to small robots and long ranges",
         8: "rounds its timeline to milliseconds and rates, so that a message more seldom changes it",
         9: "averages over whole pixels",
         10: "shows images of 16 bits in the range of their levels",
+        11: "is scaled alike on every processor",
     },
     libraries=("opencv-python-headless",),
     title="Pictures of the recording for people; the small ones are shown with each materialization.",

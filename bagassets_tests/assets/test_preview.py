@@ -398,9 +398,10 @@ class TestCanvas:
         scaled = scaled_to(image, width)
         assert scaled.shape == (max(1, round(rows * width / columns)), width, 3)
         wanted = np.interp((np.arange(width) + 0.5) * columns / width - 0.5, np.arange(columns), slope)
-        # The last pixels that fill no square are left out, and the others are stretched by at most that.
+        # The last pixels are repeated until they fill a square, and the others are pushed together by at most that.
         assert (
-            np.abs(scaled[:, :, 1] - wanted).max() <= 2 + 255 * (columns % max(1, columns // width)) / columns
+            np.abs(scaled[:, :, 1] - wanted).max()
+            <= 2 + 255 * (-columns % max(1, columns // width)) / columns
         )
 
     def test_a_flat_image_keeps_its_lower_edge(self):
