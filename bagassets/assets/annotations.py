@@ -27,6 +27,7 @@ from bagassets.assets.quality.box_rules import boxes_plausible
 from bagassets.assets.quality.check import RecordingCheck
 from bagassets.assets.quality.evidence import Evidence
 from bagassets.assets.quality.finding import Finding
+from bagassets.assets.track import TRACK
 from bagassets.base.errors import DecodeError, LossLimitError, RecipeError
 from bagassets.base.json_types import JsonMapping
 from bagassets.decode.boxes import BoxDecoder
@@ -331,4 +332,6 @@ ANNOTATIONS = Asset(
             _boxes_plausible,
         ),
     ),
+    # Maps and reports need the track later, one process for all recordings; here all workers make it.
+    along=(TRACK,),
 )

@@ -23,7 +23,6 @@ from bagassets.assets.pictures.channels import CameraImages, Clouds
 from bagassets.assets.pictures.pictures import TITLES, CannotDrawError, Pictures, Style
 from bagassets.assets.pictures.timeline import timeline, timeline_facts
 from bagassets.assets.sweeps import SWEEPS
-from bagassets.assets.track import TRACK
 from bagassets.geometry.calibration import CalibratedCamera
 from bagassets.geometry.se3 import SE3
 from bagassets.recipe.model import CameraChannel, LidarChannel, Recipe, Rig
@@ -188,8 +187,6 @@ PREVIEW = Asset(
     reads=(INVENTORY, CALIBRATION, EGO_POSES, ANNOTATIONS, FRAMES, SWEEPS),
     enabled=lambda recipe: recipe.preview.enabled,
     optional=True,
-    # Maps and reports need the track later; making it here uses all workers.
-    along=(TRACK,),
     params=PreviewParams.of,
     use=use,
     make=make,
