@@ -218,7 +218,7 @@ class ImageOutput:
         """
         width, height = _size_of(reading, self._most_pixels)
         if self._recorded is not None:
-            self._recorded.check_size(width, height, self._name, self._camera_from)
+            self._recorded.check_size(width, height, self._name, reading.stamp_ns, self._camera_from)
         # Unchanged without undistortion, if any viewer shows it correctly.
         passes = self._format == "as_recorded" and self.undistort is None and ":" not in reading.encoding
         if passes and reading.encoded is not None:

@@ -661,6 +661,49 @@ class TestScenes:
         found = scenes_made({"reference": "LIDAR_TOP", "counts": counts}, ten_hz, 1.5, 0.05)
         assert "".join(found.problems) == words
 
+    @pytest.mark.parametrize(
+        ("span_s", "words"),
+        [
+            ((0, 29.9), ""),
+            ((0.5, 29.5), ""),
+            (
+                (0, 10),
+                (
+                    "20.0 of 30.0 s are in no scene, since LIDAR_TOP, which decides where keyframes are, stops at 10.0 s, "
+                    "2023-11-14T22:13:30.000Z; to use them, set `reference: CAM_FRONT` and `missing: allow` under scenes"
+                ),
+            ),
+            (
+                (2, 30),
+                "2.0 of 30.0 s are in no scene, since LIDAR_TOP, which decides where keyframes are, starts at 2.0 s,",
+            ),
+            (
+                (6, 20),
+                (
+                    "16.0 of 30.0 s are in no scene, since LIDAR_TOP, which decides where keyframes are, starts at 6.0 s, "
+                    "2023-11-14T22:13:26.000Z and stops at 20.0 s, 2023-11-14T22:13:40.000Z;"
+                ),
+            ),
+        ],
+    )
+    def test_a_reference_that_is_silent_for_long_is_named(self, span_s, words):
+        spans = {
+            "CAM_FRONT": [T0, T0 + 30 * S],
+            "LIDAR_TOP": [T0 + int(s * S) for s in span_s],
+            "RADAR_FRONT": [],
+        }
+        channels = {name: {"span_ns": span} for name, span in spans.items()}
+        counts = {"scenes": 1, "samples": 4, "remainder_s": 0.0, "dropped_keyframes": 0, "channels": channels}
+        (*problems,) = scenes_made({"reference": "LIDAR_TOP", "counts": counts}, ten_hz, 1.5, 0.05).problems
+        assert (len(problems), " ".join(problems)[: len(words)]) == (int(bool(words)), words)
+
+    def test_a_slow_reference_need_not_be_silent(self):
+        spans = {"CAM_FRONT": [T0, T0 + 9 * S], "LIDAR_TOP": [T0 + S, T0 + 8 * S]}
+        channels = {name: {"span_ns": span} for name, span in spans.items()}
+        counts = {"scenes": 1, "samples": 4, "remainder_s": 0.0, "dropped_keyframes": 0, "channels": channels}
+        facts = {"reference": "LIDAR_TOP", "counts": counts}
+        assert scenes_made(facts, lambda _: T0 + S * np.arange(1, 9), 1.5, 0.05).passed
+
 
 class TestKeyframes:
     def find(self, stamps_of=ten_hz, **counts):
