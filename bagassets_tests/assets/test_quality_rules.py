@@ -191,6 +191,23 @@ class TestTopics:
         (problem,) = stamps_monotonic(RIG, older, StampsCheck()).problems
         assert problem.startswith("/odom: header stamps are 104.2 days after the log time")
 
+    def test_a_clock_that_is_ahead_of_the_others_is_named(self):
+        """As one of TAI, by 37 s: each topic is near the log time, and nothing belongs together."""
+        points = topic("/points", header_offset_s=HeaderOffset(-37.1, -36.99, -36.9))
+        (problem,) = stamps_monotonic(RIG, inventory(points), StampsCheck()).problems
+        assert problem == (
+            "/points: by the log times, its stamps are 37 s ahead of those of /odom, at most 2 s expected; if a clock was "
+            "off, `stamp_offset_s` of a lidar corrects it, or use `clock: log`"
+        )
+        assert stamps_monotonic(RIG, inventory(points), StampsCheck(max_apart_s=38.0)).passed
+        lidar = RIG.channels["LIDAR_TOP"].model_copy(update={"stamp_offset_s": -37.0})
+        corrected = RIG.model_copy(update={"channels": {**RIG.channels, "LIDAR_TOP": lidar}})
+        assert stamps_monotonic(corrected, inventory(points), StampsCheck()).passed
+        clocks = dict.fromkeys(["CAM_FRONT", "ego_pose", "CAM_BACK"], "header") | {"LIDAR_TOP": "log"}
+        assert stamps_monotonic(RIG, inventory(points), StampsCheck(), clocks.__getitem__).passed
+        nothing = Inventory("mcap", 1, T0, T0, {}, None, None, ())
+        assert stamps_monotonic(RIG, nothing, StampsCheck()).passed
+
     def test_stamps_that_do_not_count_may_be_anything(self):
         zero = inventory(
             topic("/cam", header_offset_s=HeaderOffset(1e9, 1e9, 1e9), unordered_stamps=3),
