@@ -51,5 +51,5 @@ def clock_text(seconds: float) -> str:
 
 def utc_text(stamp_ns: int) -> str:
     """Return a time to the millisecond: `2026-11-21T07:30:03.125Z`."""
-    text = datetime.fromtimestamp(stamp_ns // 1_000_000 / 1e3, UTC).isoformat(timespec="milliseconds")
-    return text.replace("+00:00", "Z")
+    second = datetime.fromtimestamp(stamp_ns // 10**9, UTC)
+    return f"{second:%Y-%m-%dT%H:%M:%S}.{stamp_ns // 10**6 % 1000:03}Z"

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bagassets.base.errors import CalibrationError
-from bagassets.base.quantities import utc_text
 from bagassets.geometry.calibration import CameraLens
 from bagassets.geometry.portable import arctan_unit, sin_cos
 from bagassets.geometry.se3 import Floats
@@ -83,7 +82,7 @@ class CameraModel:
         fx, fy, cx, cy = (self.fx, self.fy, self.cx, self.cy) if target is None else target
         return replace(self, model="none", distortion=(), fx=fx, fy=fy, cx=cx, cy=cy)
 
-    def check_size(self, width: int, height: int, name: str, stamp_ns: int, source: str = "") -> None:
+    def check_size(self, width: int, height: int, name: str, source: str = "") -> None:
         """Check that an image is the one that was calibrated.
 
         A calibration for another size is not scaled: nobody can tell whether images were scaled, binned or cut.
@@ -91,8 +90,7 @@ class CameraModel:
         Args:
             width: pixels of the image.
             height: pixels of the image.
-            name: of the camera, for the message.
-            stamp_ns: of the image, for the message.
+            name: of the image, for the message.
             source: where the calibration is from: `camera_info`, `recipe`, or the name of a file; "" if that is not known.
 
         Raises:
@@ -105,8 +103,8 @@ class CameraModel:
                 "recipe": (" in the recipe", "correct its `intrinsics`"),
             }.get(source, (f" in {source}", "name the calibration of these images in `intrinsics`"))
             raise CalibrationError(
-                f"{name}: the image at {utc_text(stamp_ns)} is {width}x{height}, but the calibration{origin} is for "
-                f"{self.width}x{self.height}; {advice}, or, if the size of images changes there, split the recording."
+                f"{name} is {width}x{height}, but the calibration{origin} is for {self.width}x{self.height}; {advice}, "
+                "or, if the size of images changes there, split the recording."
             )
 
     def project(self, points_cam: Floats) -> tuple[Floats, NDArray[np.bool_]]:

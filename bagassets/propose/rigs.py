@@ -248,14 +248,15 @@ def uses_of(
     uses = [TopicUse(summary.topics[name], "used", ", ".join(what)) for name, what in used.items()]
     uses += left_out if urdf is None else [*left_out, urdf]
     known = {use.topic.name for use in uses}
-    others = {name: topic for name, topic in summary.topics.items() if name not in known}
-    why = {
-        name: "commands, by its name; if the robot follows them, describe them in `signals`, and add them to `action`"
-        for name, topic in others.items()
-        if signals and topic.count and sounds_commanded(topic)
-    } | dict.fromkeys(annotations, "boxes, too; the recipe has it as a comment")
+    boxes = "boxes, too; the recipe has it as a comment"
+    commands = "commands, by its name; if the robot follows them, describe them in `signals`, and add them to `action`"
+    left = {
+        name: commands for name, topic in summary.topics.items() if topic.count and sounds_commanded(topic)
+    }
+    left = (left if signals else {}) | dict.fromkeys(annotations, boxes)
     uses += [
-        TopicUse(topic, "left out" if name in why else "not needed", why.get(name, ""))
-        for name, topic in others.items()
+        TopicUse(topic, "left out" if name in left else "not needed", left.get(name, ""))
+        for name, topic in summary.topics.items()
+        if name not in known
     ]
     return sorted(uses, key=lambda use: USES.index(use.status))

@@ -109,11 +109,10 @@ def find_signals(summary: RecordingSummary, *, cameras: bool = False) -> list[Si
 
 
 def _role(topic: TopicSummary, kind: str) -> _Role | None:
-    is_command = sounds_commanded(topic)
     if kind == _JOINTS:
-        return "command" if is_command else "state"
+        return "command" if sounds_commanded(topic) else "state"
     if kind == "array":
-        return "command" if is_command else None
+        return "command" if sounds_commanded(topic) else None
     if kind == "episode":
         return "episode" if set(tokens(topic.name)) & _EPISODES else None
     return "command" if kind == "command" else None

@@ -655,7 +655,8 @@ class TestScenes:
         assert reason in problem
 
     def test_one_with_a_scene_passes(self):
-        counts = {"scenes": 1, "samples": 4, "remainder_s": 0.0, "dropped_keyframes": 1, "channels": {}}
+        channels = {"LIDAR_TOP": {"span_ns": [T0, T0 + 10 * S]}}
+        counts = {"scenes": 1, "samples": 4, "remainder_s": 0.0, "dropped_keyframes": 1, "channels": channels}
         assert scenes_made({"reference": "LIDAR_TOP", "counts": counts}, ten_hz, 1.5, 0.0).passed
 
     @pytest.mark.parametrize(

@@ -48,8 +48,6 @@ def _without_reference(facts: JsonMapping, stamps_of: StampsOf, max_lost: float)
     """Say when the channel that decides about keyframes starts late or stops early, if more than a share of the time lacks it."""
     name, channels = facts["reference"], facts["counts"]["channels"]
     spans = {channel: counts["span_ns"] for channel, counts in channels.items() if counts["span_ns"]}
-    if name not in spans:
-        return []
     begins_ns, ends_ns = min(span[0] for span in spans.values()), max(span[1] for span in spans.values())
     first_ns, last_ns = spans[name]
     before_ns, after_ns, most_ns = first_ns - begins_ns, ends_ns - last_ns, max_lost * (ends_ns - begins_ns)
@@ -57,10 +55,10 @@ def _without_reference(facts: JsonMapping, stamps_of: StampsOf, max_lost: float)
         return []
     when = [f"starts {_moment(first_ns, begins_ns)}"] * (before_ns > most_ns / 2)
     when += [f"stops {_moment(last_ns, begins_ns)}"] * (after_ns > most_ns / 2)
-    other = max(spans, key=lambda channel: spans[channel][1] - spans[channel][0])
+    longest = max(spans, key=lambda channel: spans[channel][1] - spans[channel][0])
     what = f"{(before_ns + after_ns) / 1e9:.1f} of {(ends_ns - begins_ns) / 1e9:.1f} s are in no scene, since {name}"
-    remedy = f"to use them, set `reference: {other}` and `missing: allow` under scenes"
-    return [f"{what}, which decides where keyframes are, {' and '.join(when)}; {remedy}"]
+    what += f", which decides where keyframes are, {' and '.join(when)}"
+    return [f"{what}; to use them, set `reference: {longest}` and `missing: allow` under scenes"]
 
 
 def too_short_s(facts: JsonMapping) -> float | None:
@@ -116,9 +114,7 @@ def keyframes_complete(facts: JsonMapping, stamps_of: StampsOf) -> Finding:
         "samples_lacking_a_channel": lacking,
         "lacking_at_keyframes": {name: short["keyframes"] for name, short, _ in _shortages(facts)},
     }
-    problems = []
-    if dropped and counts["scenes"]:
-        problems.append(_dropped(facts, stamps_of))
+    problems = [_dropped(facts, stamps_of)] if dropped and counts["scenes"] else []
     if lacking:
         problems.append(
             f"{lacking} of {counts['samples']} samples {'lacks' if lacking == 1 else 'lack'} a channel, as scenes.missing allows: {_channels(facts, stamps_of)}"

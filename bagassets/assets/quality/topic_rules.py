@@ -104,15 +104,11 @@ def topic_rates(rig: Rig, inventory: Inventory, check: TopicsCheck) -> Finding:
 
 def _rate_problems(record: TopicRecord, limits: TopicLimits) -> list[str]:
     rate_hz, low_hz, high_hz = record.rate_hz, limits.min_hz, limits.max_hz
-    rate = (
-        f"{record.name}: {rate_hz:g} Hz"
-        if rate_hz is not None
-        else f"{record.name}: {record.count} message has no rate"
-    )
+    rate = f"{record.count} message has no rate" if rate_hz is None else f"{rate_hz:g} Hz"
     if low_hz is not None and (rate_hz is None or rate_hz < low_hz):
-        return [f"{rate}, at least {low_hz:g} Hz expected"]
+        return [f"{record.name}: {rate}, at least {low_hz:g} Hz expected"]
     if high_hz is not None and rate_hz is not None and rate_hz > high_hz:
-        return [f"{rate}, at most {high_hz:g} Hz expected"]
+        return [f"{record.name}: {rate}, at most {high_hz:g} Hz expected"]
     return []
 
 
@@ -151,11 +147,10 @@ def stamps_monotonic(
             first = "" if first_ns is None else f", the first to {clock(first_ns)}"
             verb = "goes" if number == 1 else "go"
             problems.append(f"{topic}: {number} of {record.count} header stamps {verb} back in time{first}")
-        if (offset := record.header_offset_s) is None:
-            continue
-        if abs(offset.median) <= check.max_offset_s:
+        offset = record.header_offset_s
+        if offset is not None and abs(offset.median) <= check.max_offset_s:
             offsets_s[topic] = offset.median - getattr(rig.channels.get(name), "stamp_offset_s", 0.0)
-        else:
+        elif offset is not None:
             side = "before" if offset.median > 0 else "after"
             problems.append(
                 f"{topic}: header stamps are {_span(abs(offset.median))} {side} the log time, "
