@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from bagassets.assets.asset import for_messages, inlined, omitted
 from bagassets.base.errors import DecodeError, RecipeError
+from bagassets.base.quantities import utc_text
 from bagassets.decode.compressed_image import checked_size, decode_pixels
 from bagassets.decode.depth import DepthLosses, in_steps
 from bagassets.decode.image import bayer_to_bgra, check_pixels, to_bgr_or_grey
@@ -218,7 +219,8 @@ class ImageOutput:
         """
         width, height = _size_of(reading, self._most_pixels)
         if self._recorded is not None:
-            self._recorded.check_size(width, height, self._name, self._camera_from)
+            image = f"{self._name}: the image at {utc_text(reading.stamp_ns)}"
+            self._recorded.check_size(width, height, image, self._camera_from)
         # Unchanged without undistortion, if any viewer shows it correctly.
         passes = self._format == "as_recorded" and self.undistort is None and ":" not in reading.encoding
         if passes and reading.encoded is not None:

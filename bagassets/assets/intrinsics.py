@@ -17,6 +17,7 @@ from bagassets.assets.calibration_files import FileContent, intrinsics_in
 from bagassets.assets.channel import Counts
 from bagassets.assets.sensors import CameraInfo, Lens, RecordedSensor
 from bagassets.base.errors import CalibrationError, DecodeError
+from bagassets.base.quantities import utc_text
 from bagassets.decode.camera_info import CameraInfoReading, check_lens
 from bagassets.decode.loading import own_decoder
 from bagassets.geometry.calibration import CalibratedCamera, CameraCalibration
@@ -239,7 +240,7 @@ def _one_calibration(
         now, then = reading.calibration, first.calibration
         if now.lens != then.lens or ((rectified or first.rectified) and (now.r, now.p) != (then.r, then.p)):
             raise CalibrationError(
-                f"{name}: the calibration on {topic} changes at {reading.stamp_ns / 1e9:.3f} s; one recording has "
+                f"{name}: the calibration on {topic} changes at {utc_text(reading.stamp_ns)}; one recording has "
                 "one calibration. Split the recording there, or give `intrinsics` in the recipe."
             )
     return first, counts.lost

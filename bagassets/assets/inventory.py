@@ -452,9 +452,9 @@ for them: `inventory.json`, `messages.parquet`.""",
         RecordingCheck(
             "stamps_monotonic",
             "stamps_monotonic",
-            "Header stamps of channels and poses go forward and are near the log time, if it is not `clock: log` that counts.",
+            "Header stamps of channels and poses go forward and agree with log times, if it is not `clock: log` that counts.",
             "more than `max_backward` header stamps go back in time; the median stamp is more than `max_offset_s` from "
-            "the log time",
+            "the log time, or those of two topics differ in that by more than `max_apart_s`",
             lambda e: stamps_monotonic(e.rig, e.inventory, e.checks.stamps_monotonic, e.clock_of),
         ),
     ),

@@ -1,4 +1,6 @@
-"""Numbers as people read them: with a noun in the singular or plural, or with a unit."""
+"""Numbers as people read them: with a noun in the singular or plural, with a unit, or as a date."""
+
+from datetime import UTC, datetime
 
 
 def count_text(number: int, noun: str) -> str:
@@ -45,3 +47,9 @@ def clock_text(seconds: float) -> str:
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"
+
+
+def utc_text(stamp_ns: int) -> str:
+    """Return a time to the millisecond: `2026-11-21T07:30:03.125Z`."""
+    second = datetime.fromtimestamp(stamp_ns // 10**9, UTC)
+    return f"{second:%Y-%m-%dT%H:%M:%S}.{stamp_ns // 10**6 % 1000:03}Z"

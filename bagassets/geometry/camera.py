@@ -90,7 +90,7 @@ class CameraModel:
         Args:
             width: pixels of the image.
             height: pixels of the image.
-            name: of the camera, for the message.
+            name: of the image, for the message.
             source: where the calibration is from: `camera_info`, `recipe`, or the name of a file; "" if that is not known.
 
         Raises:
@@ -103,8 +103,8 @@ class CameraModel:
                 "recipe": (" in the recipe", "correct its `intrinsics`"),
             }.get(source, (f" in {source}", "name the calibration of these images in `intrinsics`"))
             raise CalibrationError(
-                f"{name}: images are {width}x{height}, but the calibration{origin} is for {self.width}x{self.height}; "
-                f"{advice}."
+                f"{name} is {width}x{height}, but the calibration{origin} is for {self.width}x{self.height}; {advice}, "
+                "or, if the size of images changes there, split the recording."
             )
 
     def project(self, points_cam: Floats) -> tuple[Floats, NDArray[np.bool_]]:

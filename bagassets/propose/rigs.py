@@ -13,7 +13,7 @@ from bagassets.propose.grouping import Group
 from bagassets.propose.naming import channel_name, free_name, tokens, word_set
 from bagassets.propose.poses import PoseProposal, odometry_of, propose_pose
 from bagassets.propose.sensors import Sensor, find_sensors
-from bagassets.propose.signals import SignalProposal, find_signals, said_in
+from bagassets.propose.signals import SignalProposal, find_signals, said_in, sounds_commanded
 from bagassets.propose.summary import USES, RecordingSummary, TopicUse, transform_topics
 
 _LARGE_OFFSET_S = 1.0
@@ -249,8 +249,13 @@ def uses_of(
     uses += left_out if urdf is None else [*left_out, urdf]
     known = {use.topic.name for use in uses}
     boxes = "boxes, too; the recipe has it as a comment"
+    commands = "commands, by its name; if the robot follows them, describe them in `signals`, and add them to `action`"
+    left = {
+        name: commands for name, topic in summary.topics.items() if topic.count and sounds_commanded(topic)
+    }
+    left = (left if signals else {}) | dict.fromkeys(annotations, boxes)
     uses += [
-        TopicUse(topic, "left out", boxes) if name in annotations else TopicUse(topic, "not needed")
+        TopicUse(topic, "left out" if name in left else "not needed", left.get(name, ""))
         for name, topic in summary.topics.items()
         if name not in known
     ]

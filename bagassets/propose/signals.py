@@ -109,15 +109,18 @@ def find_signals(summary: RecordingSummary, *, cameras: bool = False) -> list[Si
 
 
 def _role(topic: TopicSummary, kind: str) -> _Role | None:
-    words = set(tokens(topic.name))
-    is_command = bool(words & _COMMANDS)
     if kind == _JOINTS:
-        return "command" if is_command else "state"
+        return "command" if sounds_commanded(topic) else "state"
     if kind == "array":
-        return "command" if is_command else None
+        return "command" if sounds_commanded(topic) else None
     if kind == "episode":
-        return "episode" if words & _EPISODES else None
+        return "episode" if set(tokens(topic.name)) & _EPISODES else None
     return "command" if kind == "command" else None
+
+
+def sounds_commanded(topic: TopicSummary) -> bool:
+    """Tell whether a topic is one of commands by its name."""
+    return bool(set(tokens(topic.name)) & _COMMANDS)
 
 
 def _apart(elements: Collection[tuple[str, ...]]) -> list[tuple[str, ...]]:

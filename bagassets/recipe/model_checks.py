@@ -72,6 +72,7 @@ class StampsCheck(_Warning):
     max_offset_s: float = Field(
         60.0, gt=0, description="Largest difference between header stamps and log times (median of a topic)."
     )
+    max_apart_s: float = Field(2.0, gt=0, description="Largest difference between two topics in that.")
 
 
 class SignalLimits(Model):

@@ -85,7 +85,8 @@ def unreadable(path: Path, err: BaseException) -> RecordingError:
         return RecordingError(
             f"{path}: its content is that of {_BEGINNINGS[begins_as][1]}, {MISNAMED}; have its name end in {begins_as}."
         )
-    reason, advice = _reason(err), advice_for(path)
+    reason = _reason(err)
+    advice = "correct its permissions" if isinstance(err, PermissionError) else advice_for(path)
     if begins_as is None and path.is_file() and suffix_of(path) in _BEGINNINGS:
         reason = NO_BEGINNING if reason == _CONTRADICTS else reason
         advice = NO_RECORDING if reason.startswith(("it does not begin", "it is no SQLite")) else advice

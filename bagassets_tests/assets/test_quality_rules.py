@@ -191,6 +191,23 @@ class TestTopics:
         (problem,) = stamps_monotonic(RIG, older, StampsCheck()).problems
         assert problem.startswith("/odom: header stamps are 104.2 days after the log time")
 
+    def test_a_clock_that_is_ahead_of_the_others_is_named(self):
+        """As one of TAI, by 37 s: each topic is near the log time, and nothing belongs together."""
+        points = topic("/points", header_offset_s=HeaderOffset(-37.1, -36.99, -36.9))
+        (problem,) = stamps_monotonic(RIG, inventory(points), StampsCheck()).problems
+        assert problem == (
+            "/points: by the log times, its stamps are 37 s ahead of those of /odom, at most 2 s expected; if a clock was "
+            "off, `stamp_offset_s` of a lidar corrects it, or use `clock: log`"
+        )
+        assert stamps_monotonic(RIG, inventory(points), StampsCheck(max_apart_s=38.0)).passed
+        lidar = RIG.channels["LIDAR_TOP"].model_copy(update={"stamp_offset_s": -37.0})
+        corrected = RIG.model_copy(update={"channels": {**RIG.channels, "LIDAR_TOP": lidar}})
+        assert stamps_monotonic(corrected, inventory(points), StampsCheck()).passed
+        clocks = dict.fromkeys(["CAM_FRONT", "ego_pose", "CAM_BACK"], "header") | {"LIDAR_TOP": "log"}
+        assert stamps_monotonic(RIG, inventory(points), StampsCheck(), clocks.__getitem__).passed
+        nothing = Inventory("mcap", 1, T0, T0, {}, None, None, ())
+        assert stamps_monotonic(RIG, nothing, StampsCheck()).passed
+
     def test_stamps_that_do_not_count_may_be_anything(self):
         zero = inventory(
             topic("/cam", header_offset_s=HeaderOffset(1e9, 1e9, 1e9), unordered_stamps=3),
@@ -638,7 +655,8 @@ class TestScenes:
         assert reason in problem
 
     def test_one_with_a_scene_passes(self):
-        counts = {"scenes": 1, "samples": 4, "remainder_s": 0.0, "dropped_keyframes": 1, "channels": {}}
+        channels = {"LIDAR_TOP": {"span_ns": [T0, T0 + 10 * S]}}
+        counts = {"scenes": 1, "samples": 4, "remainder_s": 0.0, "dropped_keyframes": 1, "channels": channels}
         assert scenes_made({"reference": "LIDAR_TOP", "counts": counts}, ten_hz, 1.5, 0.0).passed
 
     @pytest.mark.parametrize(
@@ -660,6 +678,49 @@ class TestScenes:
         counts = {"scenes": 1, "samples": 4, "dropped_keyframes": 0, "channels": channels} | remainders
         found = scenes_made({"reference": "LIDAR_TOP", "counts": counts}, ten_hz, 1.5, 0.05)
         assert "".join(found.problems) == words
+
+    @pytest.mark.parametrize(
+        ("span_s", "words"),
+        [
+            ((0, 29.9), ""),
+            ((0.5, 29.5), ""),
+            (
+                (0, 10),
+                (
+                    "20.0 of 30.0 s are in no scene, since LIDAR_TOP, which decides where keyframes are, stops at 10.0 s, "
+                    "2023-11-14T22:13:30.000Z; to use them, set `reference: CAM_FRONT` and `missing: allow` under scenes"
+                ),
+            ),
+            (
+                (2, 30),
+                "2.0 of 30.0 s are in no scene, since LIDAR_TOP, which decides where keyframes are, starts at 2.0 s,",
+            ),
+            (
+                (6, 20),
+                (
+                    "16.0 of 30.0 s are in no scene, since LIDAR_TOP, which decides where keyframes are, starts at 6.0 s, "
+                    "2023-11-14T22:13:26.000Z and stops at 20.0 s, 2023-11-14T22:13:40.000Z;"
+                ),
+            ),
+        ],
+    )
+    def test_a_reference_that_is_silent_for_long_is_named(self, span_s, words):
+        spans = {
+            "CAM_FRONT": [T0, T0 + 30 * S],
+            "LIDAR_TOP": [T0 + int(s * S) for s in span_s],
+            "RADAR_FRONT": [],
+        }
+        channels = {name: {"span_ns": span} for name, span in spans.items()}
+        counts = {"scenes": 1, "samples": 4, "remainder_s": 0.0, "dropped_keyframes": 0, "channels": channels}
+        (*problems,) = scenes_made({"reference": "LIDAR_TOP", "counts": counts}, ten_hz, 1.5, 0.05).problems
+        assert (len(problems), " ".join(problems)[: len(words)]) == (int(bool(words)), words)
+
+    def test_a_slow_reference_need_not_be_silent(self):
+        spans = {"CAM_FRONT": [T0, T0 + 9 * S], "LIDAR_TOP": [T0 + S, T0 + 8 * S]}
+        channels = {name: {"span_ns": span} for name, span in spans.items()}
+        counts = {"scenes": 1, "samples": 4, "remainder_s": 0.0, "dropped_keyframes": 0, "channels": channels}
+        facts = {"reference": "LIDAR_TOP", "counts": counts}
+        assert scenes_made(facts, lambda _: T0 + S * np.arange(1, 9), 1.5, 0.05).passed
 
 
 class TestKeyframes:

@@ -100,6 +100,6 @@ def test_a_dataset_with_a_single_scene_is_none_of_these(why):
 
 @pytest.mark.parametrize("found", [SHORT, DROPPED, NO_POSES, LONG, facts()], ids=str)
 def test_the_check_of_a_recording_and_the_dataset_mean_the_same_recordings(found):
-    found["counts"]["channels"]["LIDAR_TOP"] |= {"lacking_at_keyframes": {"keyframes": 0}, "span_ns": None}
+    found["counts"]["channels"]["LIDAR_TOP"] |= {"lacking_at_keyframes": {"keyframes": 0}, "span_ns": [0, 0]}
     said = " ".join(scenes_made(found | {"tolerance_s": 0.1}, None, 1.0).problems)
     assert (too_short_s(found) is not None) == ("min_length_s" in said)

@@ -74,6 +74,29 @@ def test_the_arm_gets_all_that_it_needs(arms, kind):
     assert (uses["/episode"], uses["/task"]) == ("episodes", "task")
 
 
+def test_commands_that_no_rule_makes_a_signal_are_left_out_with_a_word(tmp_path):
+    """A gripper's width, say: the action would lack it, and `not needed` would be untrue."""
+
+    def number(topic):
+        return Message(topic, "std_msgs/msg/Float64", NOON_NS, lambda s: s.types["std_msgs/msg/Float64"](0.5))
+
+    def joints(store):
+        empty = np.zeros(0)
+        return store.types[JOINT](header(store, NOON_NS, ""), ["a"], np.zeros(1), empty, empty)
+
+    topics = [
+        number("/gripper/command"),
+        number("/temperature"),
+        Message("/joint_states", JOINT, NOON_NS, joints),
+    ]
+    write_ros1(tmp_path / "a.bag", topics)
+    proposal, _ = proposed(tmp_path / "a.bag")
+    uses = {use.topic.name: (use.status, use.text) for use in proposal.rigs[0].topic_uses}
+    assert uses["/gripper/command"][0] == "left out"
+    assert uses["/gripper/command"][1].startswith("commands, by its name; ")
+    assert uses["/temperature"] == ("not needed", "")
+
+
 def test_texts_of_two_kinds_of_recordings_have_a_field_each(arms):
     _, recipe = proposed(arms["ros1"], arms["foxglove"])
     assert len(recipe["rigs"]) == 2

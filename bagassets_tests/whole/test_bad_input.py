@@ -35,6 +35,7 @@ from bagassets.formats.format import Part
 from bagassets.formats.nuscenes.format import NUSCENES
 from bagassets.recipe import load_recipe
 from bagassets.recordings import digest
+from bagassets.recordings.damage import unreadable
 from bagassets.recordings.digest import recording_digest, stored_digest
 from bagassets.recordings.digest_record import DigestIndex
 from bagassets.recordings.discover import discover, find_one
@@ -226,6 +227,11 @@ class TestFiles:
             RecordingError, match=r"good\.mcap: cannot be read \(Permission denied\).*permissions"
         ):
             recording_digest(find_one(path), rehash=True)
+
+    @pytest.mark.parametrize("name", ["a.bag", "a.mcap", "a.db3", "a"])
+    def test_what_may_not_be_read_need_not_be_repaired(self, tmp_path, name):
+        why = str(unreadable(tmp_path / name, PermissionError(13, "Permission denied")))
+        assert why == f"{tmp_path / name}: it cannot be read (Permission denied); correct its permissions."
 
     def test_missing_messages_are_not_passed_over(self, project, monkeypatch):
         real = Recording.messages

@@ -3,9 +3,9 @@
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
 
 from bagassets.base.json_types import JsonMapping
+from bagassets.base.quantities import utc_text
 from bagassets.recipe.model_checks import Severity
 
 
@@ -54,5 +54,4 @@ def counted(text: str, offenders: Sequence[str]) -> list[str]:
 
 def clock(stamp_ns: int) -> str:
     """Format a time: `2026-11-21T07:30:03.125Z (1763710203125000000)`."""
-    text = datetime.fromtimestamp(stamp_ns // 1_000_000 / 1e3, UTC).isoformat(timespec="milliseconds")
-    return f"{text.replace('+00:00', 'Z')} ({stamp_ns})"
+    return f"{utc_text(stamp_ns)} ({stamp_ns})"

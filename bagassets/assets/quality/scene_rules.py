@@ -5,10 +5,10 @@ from math import floor
 
 import numpy as np
 
-from bagassets.assets.quality.finding import Finding, clock
+from bagassets.assets.quality.finding import Finding
 from bagassets.assets.timeline.keyframes import Stamps
 from bagassets.base.json_types import JsonMapping
-from bagassets.base.quantities import count_text
+from bagassets.base.quantities import count_text, utc_text
 
 # Number of channels named in one sentence.
 _MOST_CHANNELS = 3
@@ -21,26 +21,44 @@ StampsOf = Callable[[str], Stamps]
 def scenes_made(
     facts: JsonMapping, stamps_of: StampsOf, min_length_s: float, max_lost: float = 1.0
 ) -> Finding:
-    """Check that a recording has a scene, and say why not; then, that little of its time is in none.
+    """Check that a recording has a scene, and say why not; then, that nearly all of its time is in one.
 
     Args:
         facts: content of `facts.json` of the step `nuscenes_tables`.
         stamps_of: channel -> (N,) stamps of its readings in nanoseconds; called only if needed.
         min_length_s: least length of a scene, from the recipe.
-        max_lost: share of its time that may be in stretches too short for a scene.
+        max_lost: share of its time that may be in stretches too short for a scene, or without the reference.
     """
     counts = facts["counts"]
     numbers = {name: counts[name] for name in ("scenes", "samples", "remainder_s", "dropped_keyframes")}
     if not counts["scenes"]:
         return Finding([f"it has no scene: {_reason(facts, stamps_of, min_length_s)}"], numbers)
+    problems = _without_reference(facts, stamps_of, max_lost)
     left_s = counts["remainder_s"]
     begin_ns, end_ns = counts["channels"][facts["reference"]]["span_ns"] if left_s else (0, 0)
-    if left_s <= max_lost * (end_ns - begin_ns) / 1e9:
-        return Finding([], numbers)
-    length_s = _longest_s(counts)
-    what = f"{left_s:g} s are in no scene, since scenes.min_length_s ({min_length_s:g}) is longer than"
-    stretches = "that stretch" if length_s == left_s else f"those stretches, up to {length_s:g} s long"
-    return Finding([f"{what} {stretches}; set it to {enough_s(length_s):g} for a scene more"], numbers)
+    if left_s > max_lost * (end_ns - begin_ns) / 1e9:
+        length_s = _longest_s(counts)
+        what = f"{left_s:g} s are in no scene, since scenes.min_length_s ({min_length_s:g}) is longer than"
+        stretches = "that stretch" if length_s == left_s else f"those stretches, up to {length_s:g} s long"
+        problems.append(f"{what} {stretches}; set it to {enough_s(length_s):g} for a scene more")
+    return Finding(problems, numbers)
+
+
+def _without_reference(facts: JsonMapping, stamps_of: StampsOf, max_lost: float) -> list[str]:
+    """Say when the channel that decides about keyframes starts late or stops early, if more than a share of the time lacks it."""
+    name, channels = facts["reference"], facts["counts"]["channels"]
+    spans = {channel: counts["span_ns"] for channel, counts in channels.items() if counts["span_ns"]}
+    begins_ns, ends_ns = min(span[0] for span in spans.values()), max(span[1] for span in spans.values())
+    first_ns, last_ns = spans[name]
+    before_ns, after_ns, most_ns = first_ns - begins_ns, ends_ns - last_ns, max_lost * (ends_ns - begins_ns)
+    if before_ns + after_ns <= most_ns or max(before_ns, after_ns) <= _silence_ns(stamps_of(name)):
+        return []
+    when = [f"starts {_moment(first_ns, begins_ns)}"] * (before_ns > most_ns / 2)
+    when += [f"stops {_moment(last_ns, begins_ns)}"] * (after_ns > most_ns / 2)
+    longest = max(spans, key=lambda channel: spans[channel][1] - spans[channel][0])
+    what = f"{(before_ns + after_ns) / 1e9:.1f} of {(ends_ns - begins_ns) / 1e9:.1f} s are in no scene, since {name}"
+    what += f", which decides where keyframes are, {' and '.join(when)}"
+    return [f"{what}; to use them, set `reference: {longest}` and `missing: allow` under scenes"]
 
 
 def too_short_s(facts: JsonMapping) -> float | None:
@@ -96,9 +114,7 @@ def keyframes_complete(facts: JsonMapping, stamps_of: StampsOf) -> Finding:
         "samples_lacking_a_channel": lacking,
         "lacking_at_keyframes": {name: short["keyframes"] for name, short, _ in _shortages(facts)},
     }
-    problems = []
-    if dropped and counts["scenes"]:
-        problems.append(_dropped(facts, stamps_of))
+    problems = [_dropped(facts, stamps_of)] if dropped and counts["scenes"] else []
     if lacking:
         problems.append(
             f"{lacking} of {counts['samples']} samples {'lacks' if lacking == 1 else 'lack'} a channel, as scenes.missing allows: {_channels(facts, stamps_of)}"
@@ -151,4 +167,4 @@ def _silence_ns(stamps_ns: Stamps) -> float:
 
 
 def _moment(stamp_ns: int, begins_ns: int) -> str:
-    return f"at {(stamp_ns - begins_ns) / 1e9:.1f} s, {clock(stamp_ns).partition(' ')[0]}"
+    return f"at {(stamp_ns - begins_ns) / 1e9:.1f} s, {utc_text(stamp_ns)}"

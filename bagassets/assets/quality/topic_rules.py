@@ -104,15 +104,11 @@ def topic_rates(rig: Rig, inventory: Inventory, check: TopicsCheck) -> Finding:
 
 def _rate_problems(record: TopicRecord, limits: TopicLimits) -> list[str]:
     rate_hz, low_hz, high_hz = record.rate_hz, limits.min_hz, limits.max_hz
-    rate = (
-        f"{record.name}: {rate_hz:g} Hz"
-        if rate_hz is not None
-        else f"{record.name}: {record.count} message has no rate"
-    )
+    rate = f"{record.count} message has no rate" if rate_hz is None else f"{rate_hz:g} Hz"
     if low_hz is not None and (rate_hz is None or rate_hz < low_hz):
-        return [f"{rate}, at least {low_hz:g} Hz expected"]
+        return [f"{record.name}: {rate}, at least {low_hz:g} Hz expected"]
     if high_hz is not None and rate_hz is not None and rate_hz > high_hz:
-        return [f"{rate}, at most {high_hz:g} Hz expected"]
+        return [f"{record.name}: {rate}, at most {high_hz:g} Hz expected"]
     return []
 
 
@@ -136,9 +132,10 @@ def _span(seconds: float) -> str:
 def stamps_monotonic(
     rig: Rig, inventory: Inventory, check: StampsCheck, clock_of: Callable[[str], Clock] = lambda _: "header"
 ) -> Finding:
-    """Check that header stamps go forward and are near the log time, where `clock_of` a channel or signal says that they count."""
+    """Check that header stamps go forward and agree with log times, where `clock_of` a channel or signal says that they count."""
     problems = []
     backward: dict[str, int] = {}
+    offsets_s: dict[str, float] = {}
     for topic, name in watched_topics(rig).items():
         record = inventory.topics.get(topic)
         if record is None or clock_of(name) == "log":
@@ -151,10 +148,19 @@ def stamps_monotonic(
             verb = "goes" if number == 1 else "go"
             problems.append(f"{topic}: {number} of {record.count} header stamps {verb} back in time{first}")
         offset = record.header_offset_s
-        if offset is not None and abs(offset.median) > check.max_offset_s:
+        if offset is not None and abs(offset.median) <= check.max_offset_s:
+            offsets_s[topic] = offset.median - getattr(rig.channels.get(name), "stamp_offset_s", 0.0)
+        elif offset is not None:
             side = "before" if offset.median > 0 else "after"
             problems.append(
                 f"{topic}: header stamps are {_span(abs(offset.median))} {side} the log time, "
                 f"at most {check.max_offset_s:g} s expected"
             )
+    topics = sorted(offsets_s, key=offsets_s.__getitem__)
+    apart_s = offsets_s[topics[-1]] - offsets_s[topics[0]] if topics else 0.0
+    if apart_s > check.max_apart_s:
+        problems.append(
+            f"{topics[0]}: by the log times, its stamps are {apart_s:.3g} s ahead of those of {topics[-1]}, at most "
+            f"{check.max_apart_s:g} s expected; if a clock was off, `stamp_offset_s` of a lidar corrects it, or use `clock: log`"
+        )
     return Finding(problems, {"backward": backward})

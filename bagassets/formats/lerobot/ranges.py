@@ -2,7 +2,7 @@
 
 import csv
 import io
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -37,17 +37,15 @@ def by_file(content: bytes, path: Path, key: str, start_ns: int) -> list[Span]:
     Raises:
         DatasetError: the file lacks a column, or a row of the recording has no times.
     """
-    found = []
-    for line, row in _rows(content, path):
-        columns = next((pair for pair in (_STAMPS, _SECONDS) if pair[0] in row and pair[1] in row), None)
-        if columns is None or "recording" not in row:
-            raise DatasetError(
-                f"{path}: expected the columns recording, start_s and end_s (or start_ns and end_ns), and maybe task; it has "
-                f"{', '.join(filter(None, row)) or 'none'}."
-            )
-        if row["recording"] == key:
-            found.append(_span(row, columns, f"{path}:{line}", start_ns))
-    return sorted(found)
+    names, rows = _rows(content, path)
+    columns = next((pair for pair in (_STAMPS, _SECONDS) if set(names).issuperset(pair)), None)
+    if columns is None or "recording" not in names:
+        raise DatasetError(
+            f"{path}: expected the columns recording, start_s and end_s (or start_ns and end_ns), and maybe task; it has "
+            f"{', '.join(filter(None, names)) or 'none'}."
+        )
+    own = ((line, row) for line, row in rows if row["recording"] == key)
+    return sorted(_span(row, columns, f"{path}:{line}", start_ns) for line, row in own)
 
 
 def _span(row: Mapping[str, str | None], columns: tuple[str, str], where: str, start_ns: int) -> Span:
@@ -66,7 +64,7 @@ def _span(row: Mapping[str, str | None], columns: tuple[str, str], where: str, s
 def unknown_rows(path: Path, keys: Collection[str]) -> Iterator[str]:
     """Yield a sentence if rows are of none of all recordings; `by_file` says what else is wrong with the file."""
     try:
-        rows = _rows(path.read_bytes(), path)
+        _, rows = _rows(path.read_bytes(), path)
     except (OSError, DatasetError):
         return
     named = ((line, row.get("recording")) for line, row in rows)
@@ -79,10 +77,11 @@ def unknown_rows(path: Path, keys: Collection[str]) -> Iterator[str]:
         )
 
 
-def _rows(content: bytes, path: Path) -> list[tuple[int, Mapping[str, str | None]]]:
-    """Return the rows with their lines."""
+def _rows(content: bytes, path: Path) -> tuple[Sequence[str], list[tuple[int, Mapping[str, str | None]]]]:
+    """Return the names of the columns, and the rows with their lines."""
     try:
-        return list(enumerate(csv.DictReader(io.StringIO(content.decode("utf-8-sig"))), 2))
+        reader = csv.DictReader(io.StringIO(content.decode("utf-8-sig")))
+        return reader.fieldnames or (), [(reader.line_num, row) for row in reader]
     except (UnicodeDecodeError, csv.Error) as err:
         raise DatasetError(
             f"{path}: expected a CSV file with time ranges, but it cannot be read ({err})."

@@ -108,7 +108,7 @@ PART_CHECKS = (
         "scenes_made",
         "The recording has at least one scene, and nearly all of its time is in one.",
         "the recording has no scene; the sentence says why; or more than `limits.reported_losses` (5 %) of its time is in "
-        "stretches too short for one",
+        "stretches too short for one, or without the channel that decides where keyframes are",
         lambda e: scenes_made(
             e.once(_facts),
             e.stamps_of,

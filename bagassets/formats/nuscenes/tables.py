@@ -12,7 +12,6 @@ has attributes for the category, and `attributes_none`, where it has none.
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from datetime import UTC, datetime
 
 from bagassets.assets.annotations import ANNOTATIONS
 from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use
@@ -26,6 +25,7 @@ from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.sweeps import SWEEPS
 from bagassets.base.errors import CalibrationError, DatasetError, PoseError
 from bagassets.base.json_types import JsonObject
+from bagassets.base.quantities import utc_text
 from bagassets.formats.format import FACTS
 from bagassets.formats.nuscenes.annotation_rows import annotation_rows
 from bagassets.formats.nuscenes.part_checks import PART_CHECKS
@@ -253,16 +253,12 @@ def _check_poses(reference: ChannelReadings, trajectory: Trajectory, key: str) -
     if len(reference) or not reference.without_pose:
         return
     stamps = trajectory.stamps_ns
-    poses = map(_clock, (*stamps[:1].tolist(), *stamps[-1:].tolist()))
+    poses = map(utc_text, (*stamps[:1].tolist(), *stamps[-1:].tolist()))
     raise PoseError(
         f"{key}: none of the {reference.without_pose} readings of {reference.channel} has an ego pose at its time; "
         f"poses run {' to '.join(poses) or 'nowhere'}. Check that header stamps of sensors and poses share a clock "
         "(`clock: log` uses the time of logging), or raise ego_pose.max_gap_s."
     )
-
-
-def _clock(stamp_ns: int) -> str:
-    return datetime.fromtimestamp(stamp_ns / 1e9, UTC).isoformat(timespec="milliseconds")
 
 
 def _channel_counts(

@@ -223,7 +223,13 @@ class TestCuts:
     @pytest.mark.parametrize(
         ("content", "sentence"),
         [
-            ("recording,begin\ndrive.mcap,1\n", "expected the columns recording, start_s and end_s"),
+            ("recording,begin\ndrive.mcap,1\n", "maybe task; it has recording, begin"),
+            ("recording,begin\n", "expected the columns recording, start_s and end_s"),
+            ("", "maybe task; it has none"),
+            (
+                "recording,start_s,end_s\n\ndrive.mcap,2,1\n",
+                r"ranges\.csv:3: the episode ends before it begins",
+            ),
             (
                 "recording,start_s,end_s\ndrive.mcap,2,1\n",
                 r"ranges\.csv:2: the episode ends before it begins",
