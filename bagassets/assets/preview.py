@@ -178,7 +178,7 @@ PREVIEW = Asset(
         8: "rounds its timeline to milliseconds and rates, so that a message more seldom changes it",
         9: "averages over whole pixels",
         10: "shows images of 16 bits in the range of their levels",
-        11: "is scaled alike on every processor",
+        11: "is scaled alike on every processor, and not turned by EXIF",
     },
     libraries=("opencv-python-headless",),
     title="Pictures of the recording for people; the small ones are shown with each materialization.",

@@ -45,9 +45,12 @@ def blank(width: int, height: int) -> Image:
 
 
 def pixels_in(path: Path, flags: int) -> NDArray[np.generic] | None:
-    """Return an image file as OpenCV decodes it with some flags; None if there is none. A disk that fails is an OSError."""
+    """Return an image file as OpenCV decodes it with some flags, never turned as its EXIF may say; None if there is none.
+
+    A disk that fails is an OSError.
+    """
     content = np.frombuffer(path.read_bytes() if path.exists() else b"", np.uint8)
-    return cv2.imdecode(content, flags) if len(content) else None
+    return cv2.imdecode(content, flags | cv2.IMREAD_IGNORE_ORIENTATION) if len(content) else None
 
 
 def read_image(path: Path) -> NDArray[Any]:
@@ -85,8 +88,7 @@ def read_reduced(path: Path, width: int, least_width: int) -> NDArray[Any]:
     """
     flag = next((flag for factor, flag in _REDUCED if width // factor >= least_width), None)
     small = pixels_in(path, flag) if flag is not None and path.suffix == ".jpg" else None
-    # An image that its EXIF turns upright may be less wide than its header says.
-    return np.asarray(small) if small is not None and small.shape[1] >= least_width else read_image(path)
+    return read_image(path) if small is None else np.asarray(small)
 
 
 def scaled_to(image: Image, width: int) -> Image:
