@@ -55,4 +55,4 @@ assert np.isclose(alone["timestamp"].max(), 499 * 0.02)
 PYTHON
 venv/bin/python table.py > table.txt 2> said.txt
 cat table.txt
-! grep -iE "warn|error" said.txt
+if grep -iE "warn|error" said.txt; then exit 1; fi

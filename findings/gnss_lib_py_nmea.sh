@@ -43,4 +43,4 @@ assert drive["alt_rx_m"].tolist() == [SEA_M] * 6
 assert np.allclose(height_m, SEA_M, atol=0.01)
 PYTHON
 venv/bin/python read.py 2> said.txt
-! grep -iE 'knot|geoid|ellipsoid|course' said.txt
+if grep -iE 'knot|geoid|ellipsoid|course' said.txt; then exit 1; fi

@@ -44,7 +44,7 @@ functions:
     template: '{"position": {{ latlon_to_utm(lat, lon) }}}'
 YAML
 venv/bin/tabular2mcap -i drive -o drive.mcap -c config.yaml -f functions.yaml > said.txt 2>&1
-! grep -iE 'b.frame|precision|zone|approx' said.txt
+if grep -iE 'b.frame|precision|zone|approx' said.txt; then exit 1; fi
 cat > read.py <<'PYTHON'
 import base64
 import json
