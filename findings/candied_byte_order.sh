@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
-# Frames of a vehicle's CAN bus are decoded in a web page, with candied of npm, and in Python, with cantools, by the same DBC: speed and acceleration in Motorola's byte order (@0), an angle in Intel's (@1),
-# a latitude that is a float (SIG_VALTYPE_), and two signals of which a multiplexer has one at a time. Guess: the same numbers, or an error where candied cannot.
-# Seen with candied 2.2.0 of npm and cantools 45.1.0 on 2026-11-30, without a word:
+# Frames of a vehicle's CAN bus are decoded in a web page, with candied of npm, and in Python, with cantools, by the same DBC: speed and acceleration in
+# Motorola's byte order (@0), an angle in Intel's (@1), a latitude that is a float (SIG_VALTYPE_), and two signals of which a multiplexer has one at a time.
+# Guess: the same numbers, or an error where candied cannot. Seen with candied 2.2.0 of npm and cantools 45.1.0 on 2026-11-30, without a word:
 # - the angle: as in cantools. In Motorola's order, speed of 123.45 km/h is null, and -20 m/s2 are 6.5
-# - the latitude of 48.125 degrees is 90: its bits are taken for an integer, 1111523328, and what is outside the range that the DBC names is set to the end of it, as is an angle
-#   of 203.3 degrees, to 200; cantools has 203.3
+# - the latitude of 48.125 degrees is 90: its bits are taken for an integer, 1111523328, and what is outside the range that the DBC names is set to the end of
+#   it, as is an angle of 203.3 degrees, to 200; cantools has 203.3
 # - of the two multiplexed signals both are there in each frame, one of them made of the other's bits
 set -euo pipefail
 folder=$(mktemp -d)

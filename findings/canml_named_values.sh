@@ -1,12 +1,13 @@
 #!/usr/bin/env bash
-# A drive of 10 s as a BLF of CAN: speed 50 times a second, the steering angle 100 times, and an outside temperature once a second. The DBC has a name for one value of speed,
-# 65535, `SNA` ("signal not available"), as DBCs of vehicles have it; the sensor sends it once. canml makes a table of it, for training, as its documentation shows: with
-# `force_uniform_timing` of 0.02 s, and `dtype_map`. Guess: a column of speeds, without a number where it is SNA; a row each 0.02 s.
-# Seen with canml 0.1.14 (cantools 39.4.4) on 2026-11-30, without a word:
-# - a column whose signal has a name for ANY value is made of names alone: of 500 speeds none is left, the one "SNA" is. The temperature, which has no names, is there
-# - "uniform timing" numbers the ROWS, one for each frame of whichever identifier, and each has 0.02 s: the drive of 10 s takes 30.2 s, and frames of a time are apart in order of
-#   their arrival; nothing is resampled or filled
-# - with `filter_signals` or `expected_signals` of the speed alone, the same drive takes 10 s
+# A drive of 10 s as a BLF of CAN: speed 50 times a second, the steering angle 100 times, and an outside temperature once a second. The DBC has a name for one
+# value of speed, 65535, `SNA` ("signal not available"), as DBCs of vehicles have it; the sensor sends it once. canml makes a table of it, for training, as
+# its documentation shows: with `force_uniform_timing` of 0.02 s, and `dtype_map`. Guess: a column of speeds, without a number where it is SNA; a row each
+# 0.02 s. Seen with canml 0.1.14 (cantools 39.4.4) on 2026-11-30, without a word:
+# - a column whose signal has a name for ANY value is made of names alone: of 500 speeds none is left, the one "SNA" is. The temperature, which has no names,
+#   is there
+# - "uniform timing" numbers the ROWS, one for each frame of whichever identifier, and each has 0.02 s: the drive of 10 s takes 30.2 s, and frames of a time
+#   are apart in order of their arrival; nothing is resampled or filled
+# - with `expected_signals` of the speed alone, the same drive takes 10 s
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT

@@ -1,8 +1,9 @@
 #!/usr/bin/env bash
-# A car drives round a circle of 50 m at 10 m/s. The reference has ten poses a second, but none for ten seconds, as in a tunnel; the trajectory that is judged has its keyframes, one a second, and is
-# perfect. What is its error? Guess: none; poses without a partner are left out, as evo leaves them out. Seen with evalio 0.6.1 and evo 1.38.1 on 2026-11-30, without a word:
-# - evo: 0 m, of 21 pairs. evalio: up to 48 m (absolute), and up to 78 m within a second (relative), of 30 pairs: each keyframe has the reference pose that is nearest in time, up to 5 s
-#   away, with no limit, and nothing is interpolated
+# A car drives round a circle of 50 m at 10 m/s. The reference has ten poses a second, but none for ten seconds, as in a tunnel; the trajectory that is judged
+# has its keyframes, one a second, and is perfect. What is its error? Guess: none; poses without a partner are left out, as evo leaves them out. Seen with
+# evalio 0.6.1 and evo 1.38.1 on 2026-11-30, without a word:
+# - evo: 0 m, of 21 pairs. evalio: up to 48 m (absolute), and up to 78 m within a second (relative), of 30 pairs: each keyframe has the reference pose that is
+#   nearest in time, up to 5 s away, with no limit, and nothing is interpolated
 # - where the reference has no gap, or where the trajectory has the higher rate, it is 0 m: which of both is searched depends on the rate
 set -euo pipefail
 folder=$(mktemp -d)

@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
-# A car stands for 3 s near Munich, then drives east at 10 m/s, 19.44 knots, 560 m above the sea; the geoid is 46 m above the ellipsoid there. Its receiver's sentences, GGA and RMC, once a
-# second, are read with gnss_lib_py, whose rows have units in their names. While it stands RMC has no course, as receivers leave it out. Guess: `vx_rx_mps` of 10, `alt_rx_m` of 606
-# or 560, x, y, z of the ellipsoid (606), no heading while it stands. Seen with gnss-lib-py 1.1.0 and pynmea2 1.19.0 on 2026-11-30, without a word:
+# A car stands for 3 s near Munich, then drives east at 10 m/s, 19.44 knots, 560 m above the sea; the geoid is 46 m above the ellipsoid there. Its receiver's
+# sentences, GGA and RMC, once a second, are read with gnss_lib_py, whose rows have units in their names. While it stands RMC has no course, as receivers
+# leave it out. Guess: `vx_rx_mps` of 10, `alt_rx_m` of 606 or 560, x, y, z of the ellipsoid (606), no heading while it stands. Seen with gnss-lib-py 1.1.0
+# and pynmea2 1.19.0 on 2026-11-30, without a word:
 # - `vx_rx_mps` is 19.44: it is knots
 # - `alt_rx_m` is above the sea, and x, y, z are made of it as if it were above the ellipsoid: 46 m below the car
 # - while it stands it heads east, as it does later: a missing course is that of the FUTURE, which no node has at that time

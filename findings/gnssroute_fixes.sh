@@ -1,12 +1,13 @@
 #!/usr/bin/env bash
-# A survey drone of DJI leaves pseudoranges and orbits (RINEX 3, .OBS and .NAV), and where its camera was (RTK, .MRK). gnssroute makes a trajectory of the pseudoranges, and corrects it with
-# the .MRK. The drone hovers; pseudoranges are what GPS gives without any error of clocks, air or noise. Once it is near Munich, once near Buenos Aires.
-# Guess: the trajectory is where the drone is, to the centimetre, corrected or not. Seen with gnssroute 0.1.1 on 2026-11-30, without a word:
-# - of ten epochs, one a second, five are there: reading satellites goes on until the next one begins, which is the first of the NEXT epoch. That epoch is lost, and its
-#   satellite counts with the one before, a second too late: 162 m from the drone near Munich, 213 m near Buenos Aires
-# - without that satellite it is 24 and 29 m to the east: the Earth turns while signals travel, for 70 ms, and that is left out (errors of clocks do not hide it)
-# - corrected, it is right near Munich; near Buenos Aires it stays where it was, as a line of the .MRK whose latitude or longitude is negative is passed over: south of the equator, and
-#   west of Greenwich, no mark is left
+# A survey drone of DJI leaves pseudoranges and orbits (RINEX 3, .OBS and .NAV), and where its camera was (RTK, .MRK). gnssroute makes a trajectory of the
+# pseudoranges, and corrects it with the .MRK. The drone hovers; pseudoranges are what GPS gives without any error of clocks, air or noise. Once it is near
+# Munich, once near Buenos Aires. Guess: the trajectory is where the drone is, to the centimetre, corrected or not. Seen with gnssroute 0.1.1 on 2026-11-30,
+# without a word:
+# - of ten epochs, one a second, five are there: reading satellites goes on until the next one begins, which is the first of the NEXT epoch. That epoch is
+#   lost, and its satellite counts with the one before, a second too late: 162 m from the drone near Munich, 213 m near Buenos Aires
+# - without that satellite it is 24 and 29 m to the east: the Earth turns while signals travel, for 70 ms, and that is left out
+# - corrected, it is right near Munich; near Buenos Aires it stays where it was, as a line of the .MRK whose latitude or longitude is negative is passed over:
+#   south of the equator, and west of Greenwich, no mark is left
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT

@@ -1,11 +1,13 @@
 #!/usr/bin/env bash
-# A file of Waymo's motion dataset (scenarios, of 91 states, ten a second) has two scenarios. In the first a car follows a lane, 30 m above the sea; a pedestrian and a lorry of 12 m are near.
-# The left boundary of the lane is two painted lines, one after the other, as Waymo's maps have them. It is converted with humex, which measures how vehicles behave.
-# Guess: two scenarios; sizes and heights as they are; a boundary along all of the lane; 10 Hz. Seen with humex 0.2.3 and humex-converter-waymo 0.2.0 on 2026-11-30, without a word:
+# A file of Waymo's motion dataset (scenarios, of 91 states, ten a second) has two scenarios. In the first a car follows a lane, 30 m above the sea; a
+# pedestrian and a lorry of 12 m are near. The left boundary of the lane is two painted lines, one after the other, as Waymo's maps have them. It is converted
+# with humex, which measures how vehicles behave. Guess: two scenarios; sizes and heights as they are; a boundary along all of the lane; 10 Hz. Seen with
+# humex 0.2.3 and humex-converter-waymo 0.2.0 on 2026-11-30, without a word:
 # - one scenario: the first. Waymo's files have hundreds
 # - the pedestrian, the lorry and the car are each 4.5 x 2 x 1.8 m
 # - what moves is at height 0, and boundaries are; the middle of the lane is at 30 m
-# - of two lines that are the left boundary the last is there alone, so that the first half of the lane has none, in an array that begins 50 m later than the right one and the middle
+# - of two lines that are the left boundary the last is there alone, so that the first half of the lane has none, in an array that begins 50 m later than the
+#   right one and the middle
 # - 10.11 Hz: 91 states in 9.0 s
 set -euo pipefail
 folder=$(mktemp -d)

@@ -1,9 +1,11 @@
 #!/usr/bin/env bash
-# A Hesai XT32 turns ten times a second, 600 rpm. Three revolutions of it, 2000 firings each, as packets of UDP in PandarScan messages, one message a revolution, become clouds
-# with hydra4. When was each point measured, and how many clouds are there? In a second recording each firing has two returns, a window at 5 m and the wall behind it at 20 m.
-# Guess: each point within the 0.1 s of its revolution, at the UTC of its packet; three clouds; both returns. Seen with hydra4 0.2.0 on 2026-11-30, without a word:
-# - the times of blocks in a packet, microseconds in the manual of the lidar, are added as SECONDS: the points of one revolution of 0.1 s have times over 350.1 s. Only those of the last
-#   of eight blocks are near the truth, 3.28 s late; sorted by time, revolutions are interleaved. (Its other lidar, OT128, has microseconds)
+# A Hesai XT32 turns ten times a second, 600 rpm. Three revolutions of it, 2000 firings each, as packets of UDP in PandarScan messages, one message a
+# revolution, become clouds with hydra4. When was each point measured, and how many clouds are there? In a second recording each firing has two returns, a
+# window at 5 m and the wall behind it at 20 m. Guess: each point within the 0.1 s of its revolution, at the UTC of its packet; three clouds; both returns.
+# Seen with hydra4 0.2.0 on 2026-11-30, without a word:
+# - the times of blocks in a packet, microseconds in the manual of the lidar, are added as SECONDS: the points of one revolution of 0.1 s have times over
+#   350.1 s. Only those of the last of eight blocks are near the truth, 3.28 s late; sorted by time, revolutions are interleaved. (Its other lidar, OT128, has
+#   microseconds)
 # - UTC of the packet is taken for the time of the machine: with TZ=Europe/Berlin all is an hour earlier
 # - two clouds: the last revolution only comes out when a next one begins
 # - of two returns the FIRST block of each pair is there, here the window; the wall is nowhere, and no parameter brings it back

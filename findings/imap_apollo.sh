@@ -1,10 +1,12 @@
 #!/usr/bin/env bash
-# A road in OpenDRIVE leads 500 m north and then, in a bend, 300 m on. It rises by 1 % from 500 m above the sea; in town, for 500 m, 50 km/h are allowed, then 100. Its coordinates are of a transverse
-# Mercator around its begin, at 48.1 degrees north, 11.5 east, as converters of maps and simulators choose it. It becomes a map of Apollo with imap_box_up, with heights (`-z 1`).
-# Guess: the same road on the Earth, by the projection that the map names; heights as they are; 13.9 and 27.8 m/s. Seen with imap-box-up 0.0.6 on 2026-11-30, without a word:
-# - Apollo's map is in UTM, and the begin is put there; but all else is only added, while north of UTM is 1.9 degrees off the road's: after 500 m it is 16 m to the east
-# - the straight road is at height 0; the bend begins at 500 m, not at 505, as its own length is taken for that from the begin of the road.
-#   So lanes of 500 and 300 m have lengths of 708 and 802 m, with the step between
+# A road in OpenDRIVE leads 500 m north and then, in a bend, 300 m on. It rises by 1 % from 500 m above the sea; in town, for 500 m, 50 km/h are allowed, then
+# 100. Its coordinates are of a transverse Mercator around its begin, at 48.1 degrees north, 11.5 east, as converters of maps and simulators choose it. It
+# becomes a map of Apollo with imap_box_up, with heights (`-z 1`). Guess: the same road on the Earth, by the projection that the map names; heights as they
+# are; 13.9 and 27.8 m/s. Seen with imap-box-up 0.0.6 on 2026-11-30, without a word:
+# - Apollo's map is in UTM, and the begin is put there; but all else is only added, while north of UTM is 1.9 degrees off the road's: after 500 m it is 16 m
+#   to the east
+# - the straight road is at height 0; the bend begins at 500 m, not at 505, as its own length is taken for that from the begin of the road. So lanes of 500
+#   and 300 m have lengths of 708 and 802 m, with the step between
 # - 50 km/h throughout: only the first <type> of a road counts
 # - where lanes are divided, at 500 m, both have a point more: each is a metre longer than it is
 set -euo pipefail

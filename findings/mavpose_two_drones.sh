@@ -1,8 +1,9 @@
 #!/usr/bin/env bash
-# A ground station logs two drones that hover 1.1 km apart (.tlog of MAVLink): each sends its position ten times a second, and its autopilot and the controller of its gimbal (another component of the same
-# drone) send an attitude, of which the camera looks 90 degrees to the right. mavpose makes tables of it. Guess: a table for each drone, or a column that says whose a row is.
-# Seen with mavpose 0.4.0 (pymavlink 2.4.50) on 2026-11-30, without a word: one table for both, without a column of system or component. Row by row the drone is at the one place and
-# at the other, 1.1 km away within a millisecond, and attitudes of drones and cameras are mixed; the numbers of rows are the sums, and nothing in the table tells which is which
+# A ground station logs two drones that hover 1.1 km apart (.tlog of MAVLink): each sends its position ten times a second, and its autopilot and the
+# controller of its gimbal (another component of the same drone) send an attitude, of which the camera looks 90 degrees to the right. mavpose makes tables of
+# it. Guess: a table for each drone, or a column that says whose a row is. Seen with mavpose 0.4.0 (pymavlink 2.4.50) on 2026-11-30, without a word: one table
+# for both, without a column of system or component. Row by row the drone is at the one place and at the other, 1.1 km away within a millisecond, and
+# attitudes of drones and cameras are mixed; the numbers of rows are the sums, and nothing in the table tells which is which
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT

@@ -1,9 +1,10 @@
 #!/usr/bin/env bash
-# Episodes of an arm are MCAP files of FlatBuffers, by mcap-data-loader, which reads them for training: the position of a joint 100 times a second, 2.0 rad throughout, and the gripper's opening ten times. Its
-# mean and standard deviation, by which a policy's inputs are normalised, come from `statistics()`; its samples, one for each time that all topics have been seen, from `iter_message_samples`.
-# Guess: 2.0 and 0 rad; a hundred samples. Seen with mcap-data-loader 0.3.5 on 2026-11-30, without a word:
-# - mean 0.2, standard deviation 0.6, of n = 1000: the SUM is of the samples, of which there are as many as messages of the slowest topic, and is divided by the messages of each topic.
-#   Minimum and maximum are of the samples alone, too: a peak of 3.0 between two of them is not there
+# Episodes of an arm are MCAP files of FlatBuffers, by mcap-data-loader, which reads them for training: the position of a joint 100 times a second, 2.0 rad
+# throughout, and the gripper's opening ten times. Its mean and standard deviation, by which a policy's inputs are normalised, come from `statistics()`; its
+# samples, one for each time that all topics have been seen, from `iter_message_samples`. Guess: 2.0 and 0 rad; a hundred samples. Seen with mcap-data-loader
+# 0.3.5 on 2026-11-30, without a word:
+# - mean 0.2, standard deviation 0.6, of n = 1000: the SUM is of the samples, of which there are as many as messages of the slowest topic, and is divided by
+#   the messages of each topic. Minimum and maximum are of the samples alone, too: a peak of 3.0 between two of them is not there
 # - `list(iter_message_samples(...))` is a hundred times the LAST sample: each is the same dictionary, emptied for the next
 set -euo pipefail
 folder=$(mktemp -d)

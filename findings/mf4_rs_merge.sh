@@ -1,8 +1,9 @@
 #!/usr/bin/env bash
-# A logger writes a file (MDF 4) for each 10 s of a drive, with the time of its begin in its head and times from 0 on; a minute later it writes another. They are joined with mf4-rs (`merge_files`), and
-# with asammdf (`MDF.concatenate`). When is the first sample of the second file, after the first of the first? Guess: after 60 s, in both.
-# Seen with mf4-rs 3.7.0 and asammdf 8.8.28 on 2026-11-30, without a word: asammdf, after 60 s. mf4-rs: after 0 s. Its file has the begin of the first, and the times as they were, 0 to 9.99 s
-# twice: the time goes back by 10 s in the middle, sorting mixes both drives, and a cut of seconds 2 to 4 (`cut_mdf_by_time`) has those of both
+# A logger writes a file (MDF 4) for each 10 s of a drive, with the time of its begin in its head and times from 0 on; a minute later it writes another. They
+# are joined with mf4-rs (`merge_files`), and with asammdf (`MDF.concatenate`). When is the first sample of the second file, after the first of the first?
+# Guess: after 60 s, in both. Seen with mf4-rs 3.7.0 and asammdf 8.8.28 on 2026-11-30, without a word: asammdf, after 60 s. mf4-rs: after 0 s. Its file has
+# the begin of the first, and the times as they were, 0 to 9.99 s twice: the time goes back by 10 s in the middle, sorting mixes both drives, and a cut of
+# seconds 2 to 4 (`cut_mdf_by_time`) has those of both
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT

@@ -1,8 +1,10 @@
 #!/usr/bin/env bash
-# A robot publishes its goals with Cyclone DDS: a number, the joint that it is for, which is @optional, and a speed. They are recorded as they are (CDR, with the IDL as schema, as MCAP keeps it for DDS), and read
-# in a web page with @foxglove/omgidl-serialization, whose list of what it cannot do does not name it. Guess: the joint, or none; or an error.
-# Seen with @foxglove/omgidl-serialization 1.0.3, @foxglove/omgidl-parser 1.1.0 and cyclonedds 11.0.1 on 2026-11-30, without a word:
-# - XCDR2: the byte which says whether there is a joint is taken for the joint, and the joint for the speed: joint 3 at 1.5 m/s is joint 1 at 4e-45 m/s. Without a joint it is joint 0
+# A robot publishes its goals with Cyclone DDS: a number, the joint that it is for, which is @optional, and a speed. They are recorded as they are (CDR, with
+# the IDL as schema, as MCAP keeps it for DDS), and read in a web page with @foxglove/omgidl-serialization, whose list of what it cannot do does not name it.
+# Guess: the joint, or none; or an error. Seen with @foxglove/omgidl-serialization 1.0.3, @foxglove/omgidl-parser 1.1.0 and cyclonedds 11.0.1 on 2026-11-30,
+# without a word:
+# - XCDR2: the byte which says whether there is a joint is taken for the joint, and the joint for the speed: joint 3 at 1.5 m/s is joint 1 at 4e-45 m/s.
+#   Without a joint it is joint 0
 # - XCDR1: joint 556801 at 1e-45 m/s, with a joint or without: the header of the field is taken for its value
 set -euo pipefail
 folder=$(mktemp -d)

@@ -1,8 +1,9 @@
 #!/usr/bin/env bash
-# A boat's drive of January, over midnight, is replayed from its sentences: RMC, with the date, and GGA, with the height, ten times a second. @signalk/nmea0183-signalk, the parser of Signal K, makes
-# deltas of them, each with a timestamp. Of when are they? Guess: of the times of the sentences, to the tenth; GGA has no date, and takes that of RMC, or has none.
-# Seen with @signalk/nmea0183-signalk 3.20.1 of npm on 2026-11-30, without a word:
-# - RMC: as guessed. GGA, GLL and GNS: on the day on which they are PARSED, years later, though the RMC of the same fix came before: `navigation.position` jumps between the drive and today
+# A boat's drive of January, over midnight, is replayed from its sentences: RMC, with the date, and GGA, with the height, ten times a second.
+# @signalk/nmea0183-signalk, the parser of Signal K, makes deltas of them, each with a timestamp. Of when are they? Guess: of the times of the sentences, to
+# the tenth; GGA has no date, and takes that of RMC, or has none. Seen with @signalk/nmea0183-signalk 3.20.1 of npm on 2026-11-30, without a word:
+# - RMC: as guessed. GGA, GLL and GNS: on the day on which they are PARSED, years later, though the RMC of the same fix came before: `navigation.position`
+#   jumps between the drive and today
 # - GGA, GLL and GNS have whole seconds: ten heights of a second have one time; RMC, parsed by the same package, has its tenths
 # - live, a GGA of 23:59:59.9 that is parsed 0.15 s later (the clock is set to that) is of the day that has just begun, 24 h ahead
 set -euo pipefail

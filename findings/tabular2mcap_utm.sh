@@ -1,12 +1,12 @@
 #!/usr/bin/env bash
-# A drive of 1 km due north, as a CSV (time in nanoseconds, latitude, longitude, speed), and the video of its camera, ten pictures a second, become an MCAP with tabular2mcap, whose
-# templates offer `latlon_to_utm`. Guess: UTM, to the centimetre, or metres from the first fix; the times of the CSV; a video whose messages have the times of their pictures.
-# Seen with tabular2mcap 0.1.12 (av 15.1.0) on 2026-11-30, without a word:
-# - `latlon_to_utm` knows no zone: x is the longitude in metres of the row's OWN latitude, so that the drive north at 11.5 degrees east goes 149 m west, and turns by 8.5 degrees.
-#   In UTM it goes 32 m west, as the grid has it there; the x is that of no zone (856608 m for 686483 m)
+# A drive of 1 km due north, as a CSV (time in nanoseconds, latitude, longitude, speed), and the video of its camera, ten pictures a second, become an MCAP
+# with tabular2mcap, whose templates offer `latlon_to_utm`. Guess: UTM, to the centimetre, or metres from the first fix; the times of the CSV; a video whose
+# messages have the times of their pictures. Seen with tabular2mcap 0.1.12 (av 15.1.0) on 2026-11-30, without a word:
+# - `latlon_to_utm` knows no zone: x is the longitude in metres of the row's OWN latitude, so that the drive north at 11.5 degrees east goes 149 m west, and
+#   turns by 8.5 degrees. In UTM it goes 32 m west, as the grid has it there; the x is that of no zone (856608 m for 686483 m)
 # - times lose their nanoseconds, up to 128, where all columns are numbers (a row is then float64); with one column of text they are exact
-# - the video (H.264) has B frames, which foxglove.CompressedVideo rules out: messages are in the order of the decoder, and have the times of the pictures in THEIR order. Whoever
-#   decodes message by message has the picture of 0 s at 0.2 s, and so on: two late throughout, and the last two never come
+# - the video (H.264) has B frames, which foxglove.CompressedVideo rules out: messages are in the order of the decoder, and have the times of the pictures in
+#   THEIR order. Whoever decodes message by message has the picture of 0 s at 0.2 s, and so on: two late throughout, and the last two never come
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT

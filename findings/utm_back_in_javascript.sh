@@ -1,8 +1,9 @@
 #!/usr/bin/env bash
-# Fixes of a drive are turned into UTM and back, in a web page (utm of npm) and in Python (utm), whose code is the same, as the former was made of the latter. How far from a fix is what comes back?
-# Guess: less than a millimetre, as in Python. Seen with utm 1.1.1 of npm and utm 0.9.0 in Python on 2026-11-30, without a word: Python, below a millimetre. npm: in the middle of a
-# zone, too, but at its border 0.5 m east or west in Mumbai (19 degrees north), 0.3 m in Cape Town, 0.1 m in Munich, away from the middle. The way there is right in both to a
-# millimetre, so that the error is in `toLatLon`; a strict range of eastings does not show it
+# Fixes of a drive are turned into UTM and back, in a web page (utm of npm) and in Python (utm), whose code is the same, as the former was made of the latter.
+# How far from a fix is what comes back? Guess: less than a millimetre, as in Python. Seen with utm 1.1.1 of npm and utm 0.9.0 in Python on 2026-11-30,
+# without a word: Python, below a millimetre. npm: in the middle of a zone, too, but at its border 0.5 m east or west in Mumbai (19 degrees north), 0.3 m in
+# Cape Town, 0.1 m in Munich, away from the middle. The way there is right in both to a millimetre, so that the error is in `toLatLon`; a strict range of
+# eastings does not show it
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
