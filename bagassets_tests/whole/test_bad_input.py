@@ -402,7 +402,7 @@ class TestChanges:
         reported = sentence(project, "good.mcap")
         assert str(path) in reported
         assert ("was it removed?" if how == "vanishes" else "changed while it was read") in reported
-        earlier = ("inventory", "calibration", "ego_poses", "annotations")
+        earlier = ("inventory", "calibration", "ego_poses", "annotations", "track")
         self.check_nothing_recorded(project, but=() if when == "inventory" else earlier)
         # As soon as it is complete, it is built.
         monkeypatch.undo()
