@@ -40,7 +40,9 @@ __all__ = ["crash_table"]
 
 _CODE = "bagassets_tests.crash_project"  # imported when it is needed, as it imports Dagster
 _failing_reads: Any = import_module("bagassets_tests.failing_reads")
-_PARTS = ("crash", "failure", "read", "history")
+_NAMES = {
+    "crash": "crashes", "failure": "changes of files that fail once", "read": "reads that fail once", "history": "histories",
+}  # fmt: skip
 _EACH = 25
 
 Answer = dict[str, Any]
@@ -52,7 +54,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--share", type=float, default=1.0, help="share of all that is tried, by chance")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--only", choices=_PARTS, help="only this part")
+    parser.add_argument("--only", choices=_NAMES, help="only this part")
     parser.add_argument(
         "--command", help="only crashes and failures of this one; with --json, the other figures there stay"
     )
@@ -95,7 +97,9 @@ def main() -> int:
         "problems": found.problems,
     }  # fmt: skip
     if options.command and options.json:
-        results = _with_again(json.loads(options.json.read_text("utf-8")), results, options.command)
+        results = _with_again(
+            json.loads(options.json.read_text("utf-8")), results, options.command, options.only
+        )
     if options.json:
         options.json.write_text(json.dumps(results, indent=1) + "\n", "utf-8")
     print(crash_table(results))
@@ -254,21 +258,22 @@ def _answer(what: tuple[str, str], one: object, problem: str, is_equal: bool = F
     return {"what": what, "one": str(one), "problem": problem, "is_equal": is_equal}
 
 
-def _with_again(before: dict[str, Any], found: dict[str, Any], command: str) -> dict[str, Any]:
-    """Return results in which those of one command are newer than the rest."""
-    rows = [row for row in before["tried"] if row[1] != command] + found["tried"]
-    problems = [one for one in before["problems"] if f", {command}: " not in one] + found["problems"]
-    again = {**before.get("again", {}), command: {"date": found["date"], "commit": found["commit"]}}
-    return {**before, "tried": sorted(rows), "problems": problems, "again": again}
+def _with_again(
+    before: dict[str, Any], found: dict[str, Any], command: str, part: str | None
+) -> dict[str, Any]:
+    """Return results in which those of one command, or of one part of it, are newer than the rest."""
+    rows = [row for row in before["tried"] if row[1] != command or part not in (None, row[0])]
+    about = f"{part or ''}, {command}: "
+    problems = [one for one in before["problems"] if about not in one] + found["problems"]
+    name = f"{command} ({_NAMES[part]})" if part else command
+    again = {**before.get("again", {}), name: {"date": found["date"], "commit": found["commit"]}}
+    return {**before, "tried": sorted(rows + found["tried"]), "problems": problems, "again": again}
 
 
 def crash_table(found: dict[str, Any]) -> str:
     """Return the results as a table in Markdown, and where they are from."""
-    names = {
-        "crash": "crashes", "failure": "changes of files that fail once", "read": "reads that fail once", "history": "histories",
-    }  # fmt: skip
     rows = [
-        (f"{names.get(part, part)}: {command}", tried, good, *(equal or [0]))
+        (f"{_NAMES.get(part, part)}: {command}", tried, good, *(equal or [0]))
         for part, command, tried, good, *equal in found["tried"]
     ]
     share = "all there are" if found["share"] == 1 else f"{100 * found['share']:g} % of all, by chance"
