@@ -251,9 +251,10 @@ def uses_of(
     boxes = "boxes, too; the recipe has it as a comment"
     commands = "commands, by its name; if the robot follows them, describe them in `signals`, and add them to `action`"
     left = {
-        name: commands for name, topic in summary.topics.items() if topic.count and sounds_commanded(topic)
-    }
-    left = (left if signals else {}) | dict.fromkeys(annotations, boxes)
+        name: commands
+        for name, topic in summary.topics.items()
+        if signals and topic.count and sounds_commanded(topic)
+    } | dict.fromkeys(annotations, boxes)
     uses += [
         TopicUse(topic, "left out" if name in left else "not needed", left.get(name, ""))
         for name, topic in summary.topics.items()

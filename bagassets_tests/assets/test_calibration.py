@@ -419,13 +419,13 @@ class TestIntrinsics:
     def test_a_calibration_that_changes_after_it_was_repeated(self, tmp_path):
         again = [("/cam/camera_info", CAMERA_INFO, T0 + n, camera_info(T0 + n)) for n in range(3)]
         later = ("/cam/camera_info", CAMERA_INFO, T0 + S, camera_info(T0 + S, d=(0.1, 0.0, 0.0, 0.0, 0.0)))
-        with pytest.raises(CalibrationError, match=r"camera_info changes at 2023-11-14T22:13:21.000Z;"):
+        with pytest.raises(CalibrationError, match=r"camera_info changes at 2023-11-14T22:13:21\.000Z;"):
             Calibrated(tmp_path, rig({}), STATIC, IMAGES, *again, later)
 
     def test_a_calibration_that_changes(self, tmp_path):
         later = ("/cam/camera_info", CAMERA_INFO, T0 + S, camera_info(T0 + S, k=(401.0, 410.0, 320.0, 240.0)))
         with pytest.raises(
-            CalibrationError, match=r"calibration on /cam/camera_info changes at 2023-11-14T22:13:21.000Z;"
+            CalibrationError, match=r"calibration on /cam/camera_info changes at 2023-11-14T22:13:21\.000Z;"
         ):
             Calibrated(tmp_path, rig({}), STATIC, IMAGES, LENS, later)
 

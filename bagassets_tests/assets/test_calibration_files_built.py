@@ -208,4 +208,6 @@ class TestSampleWorld:
             self.made(folder, "wide", CAM_FRONT_LEFT={"intrinsics": {"file": "wide.ost.yaml"}})
         (output,) = {str(error) for error in caught.value.errors.values() if "wide.ost.yaml" in str(error)}
         assert "but the calibration in wide.ost.yaml is for 2000x" in output
-        assert "; name the calibration of these images in `intrinsics`, or, if" in output
+        assert output.endswith(
+            "; name the calibration of these images in `intrinsics`, or, if the size of images changes there, split the recording."
+        )

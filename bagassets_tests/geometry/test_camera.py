@@ -215,7 +215,7 @@ def test_an_image_of_another_size_is_refused():
     image = np.zeros((240, 320), np.uint8)
     with pytest.raises(
         CalibrationError,
-        match=r"CAM \(/cam\): the image at 2023-11-14T22:13:20.007Z is 320x240, but the calibration is for 640x480; correct .*, or, if the size of images changes there, split",
+        match=r"CAM \(/cam\): the image at 2023-11-14T22:13:20\.007Z is 320x240, but the calibration is for 640x480; correct .*, or, if the size of images changes there, split",
     ):
         made.make(ImageReading(1_700_000_000_007_000_000, "cam", image, None, "mono8"))
 

@@ -39,6 +39,7 @@ def drawn(draw, *arguments):
 made = {
     "applyColorMap": [cv2.applyColorMap(grey, cv2.COLORMAP_TURBO)],
     "circle": drawn(cv2.circle, (90, 80), 33, (255, 9, 99), 3, cv2.LINE_AA),
+    "copyMakeBorder": [cv2.copyMakeBorder(colour, 0, 2, 0, 1, cv2.BORDER_REPLICATE)],
     "cvtColor": [
         *(cv2.cvtColor(one, getattr(cv2, f"COLOR_Bayer{order}2BGR"))
           for one in (grey, wide) for order in ("BG", "GB", "RG", "GR")),

@@ -95,14 +95,14 @@ def scaled_to(image: Image, width: int) -> Image:
     """Return a picture scaled to a width, its sides in proportion.
 
     It is first averaged over squares of whole pixels, for which those at the right and lower edge are repeated, and then
-    interpolated. Averages over parts of pixels, as of `cv2.INTER_AREA`, are rounded otherwise on arm64 than on x86-64.
+    interpolated. Averages over parts of pixels, as of `cv2.INTER_AREA`, are rounded differently on arm64.
     """
     height, factor = max(1, round(image.shape[0] * width / image.shape[1])), image.shape[1] // width
     if factor > 1:
-        rows, columns = (-(-size // factor) for size in image.shape[:2])
-        missing = [(0, rows * factor - image.shape[0]), (0, columns * factor - image.shape[1])]
-        whole = np.pad(image, [*missing, *[(0, 0)] * (image.ndim - 2)], mode="edge")
-        image = np.asarray(cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA))
+        below, beside = (-size % factor for size in image.shape[:2])
+        whole = cv2.copyMakeBorder(image, 0, below, 0, beside, cv2.BORDER_REPLICATE)
+        size = whole.shape[1] // factor, whole.shape[0] // factor
+        image = np.asarray(cv2.resize(whole, size, interpolation=cv2.INTER_AREA))
     if (image.shape[1], image.shape[0]) == (width, height):
         return image
     return np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_LINEAR))
