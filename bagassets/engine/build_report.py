@@ -210,8 +210,10 @@ class BuildReport:
 
     def as_json(self) -> JsonObject:
         """Return the report as JSON, without the plan."""
-        value = asdict(replace(self, plan=None))
+        # `asdict` takes its time for each outcome, and there may be thousands.
+        value = asdict(replace(self, plan=None, outcomes={}))
         del value["plan"]
+        value["outcomes"] = {key: dict(vars(one)) for key, one in self.outcomes.items()}
         for one in (value, *value["outcomes"].values()):
             one["seconds"] = round(one["seconds"], 3)
         value["dataset"] = {

@@ -3,8 +3,8 @@
 A build that finds nothing to do notes the fingerprints taken before it planned, the artifacts and datasets that it
 rests on, and what to print. The next one checks, in this order: the last build ran to its end, in this boot of the
 machine; code, recipe and the files that it names; what its paths resolve to; other files; Dagster's records; everything
-below the bag root; the artifacts; the datasets. Where there are many artifacts, a second process checks the last two
-meanwhile. If anything differs, the build plans in full. So this can be slow, but not wrong.
+below the bag root; the datasets; the artifacts. Where there are many artifacts, a second process checks them meanwhile.
+If anything differs, the build plans in full. So this can be slow, but not wrong.
 """
 
 import json
@@ -139,16 +139,16 @@ def _decide(recipe: str) -> list[str]:
     artifacts, root = cache.get(_ARTIFACTS, "")[0], places["artifacts"]
     total = len(artifacts) // SIZE
 
-    def check_made() -> None:
+    def check_artifacts() -> None:
         if not are_unchanged(root, artifacts, groups_to_check(settled["folders"], folders_of(root), total)):
             raise PlanNeeded(f"{root}: an artifact has changed")
-        for dataset in settled["published"]:
-            Publication(state, dataset).check()
 
-    with _checked_beside(check_made, is_long=total >= _WORTH_A_FORK):
+    with _checked_beside(check_artifacts, is_long=total >= _WORTH_A_FORK):
         for before, (name, now) in zip(settled["marks"], fingerprints_of(places, project), strict=True):
             if before != now:
                 raise PlanNeeded(f"{name} changed")
+        for dataset in settled["published"]:
+            Publication(state, dataset).check()
     return settled["lines"]
 
 
@@ -177,7 +177,7 @@ def _checked_beside(check: Callable[[], None], *, is_long: bool) -> Iterator[Non
         os.waitpid(child, 0)
         raise
     if os.waitpid(child, 0)[1]:
-        raise PlanNeeded("an artifact or a dataset has changed")
+        raise PlanNeeded("an artifact has changed")
 
 
 def fingerprints_of(places: Places, project: str, tree: list[str] | None = None) -> Iterator[tuple[str, str]]:
