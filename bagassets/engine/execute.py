@@ -123,10 +123,9 @@ def _make_batch(graph: Graph, batch: Sequence[AnyAsset], threads: int) -> list[N
         with span(asset.name):
             node = graph.node(asset.name)
             _make(graph, node)
-            if not node.is_cached:
-                for hidden in asset.along:
-                    # An error here is not reported: it recurs, and is, where the hidden asset is read.
-                    _make(graph, graph.node(hidden.name))
+            for hidden in asset.along:
+                # An error here is not reported: it recurs, and is, where the hidden asset is read.
+                _make(graph, graph.node(hidden.name))
         return [node]
     nodes = [graph.node(asset.name) for asset in batch]
     channels = [part for node in nodes for part in node.parts if part.is_open]

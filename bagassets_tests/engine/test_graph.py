@@ -272,6 +272,14 @@ def test_a_recording_that_takes_no_part_has_an_inventory_only(project, ran):
     assert not ran
 
 
+def test_what_is_made_along_is_made_with_one_that_is_there_already(project, ran):
+    # Without boxes, the annotations of all recordings are one artifact; their tracks differ.
+    executed(project(step("boxes", ran, INVENTORY)))
+    boxes = step("boxes", ran, INVENTORY, along=(step("track", ran, INVENTORY),))
+    executed(project(boxes))
+    assert ran == {"boxes": 1, "track": 1}
+
+
 def test_what_is_made_along_is_made_once_and_never_shown(project, ran):
     track = step("track", ran, INVENTORY)
     pictures = step("pictures", ran, INVENTORY, along=(track,))
