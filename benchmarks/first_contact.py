@@ -22,7 +22,7 @@ from typing import Any
 import yaml
 
 from bagassets.base.quantities import count_text
-from benchmarks.common import ROOT, markdown
+from benchmarks.common import ROOT, machine, markdown
 
 __all__ = ["first_contact_table"]
 
@@ -176,17 +176,18 @@ def main() -> None:
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as name:
         folder = Path(name)
-        found = [
+        tried = [
             _tried(one, options.repositories or folder, folder / str(n)) for n, one in enumerate(RECORDINGS)
         ]
+    found = {"machine": machine(), "recordings": tried}
     options.json.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     print(first_contact_table(found))
 
 
-def first_contact_table(found: list[dict[str, Any]]) -> str:
+def first_contact_table(found: dict[str, Any]) -> str:
     """Return a table of all recordings."""
     rows = []
-    for one in found:
+    for one in found["recordings"]:
         made = one["made"]
         result = one["why"]
         if made:
