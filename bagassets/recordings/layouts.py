@@ -39,6 +39,8 @@ CHANGED_IN_HUMBLE = frozenset({"shape_msgs/msg/SolidPrimitive", "visualization_m
 
 _IDL_TEXT = re.compile(r"//[^\n]*|/\*.*?\*/|\"(?:\\\\.|[^\"\\\\])*\"", re.DOTALL)
 _OPERATOR = re.compile(r"<<|\*")
+# What the parser does not take, but ROS does: carriage returns of Windows, and ROS 1's constants named in lower case.
+_UNPARSED = re.compile(r"(?m)\r$|^[ \t]*[\w/]+[ \t]+(?![A-Z][A-Z0-9]*(_[A-Z0-9]+)*[ \t]*=)\w+[ \t]*=.*")
 # Bags list a type and the types that it includes in sections headed like this.
 _IDL_SECTION = re.compile(r"^=+\r?\nIDL: .*$", re.MULTILINE)
 
@@ -204,8 +206,7 @@ class Choice:
         """
         if len(self.layouts) == 1:
             return self.layouts[0].decode(data)
-        order = sorted(range(len(self.layouts)), key=lambda number: self._misfits[number])
-        for number in order:
+        for number in sorted(range(len(self.layouts)), key=self._misfits.__getitem__):
             try:
                 return self.layouts[number].decode(data)
             except DecodeError as err:
@@ -265,8 +266,7 @@ def _layouts(
                 candidates.append(types)
         layouts = tuple(Layout(msgtype, serialization, types) for types in candidates)
         for layout in layouts[:1]:
-            _ = layout.store  # the others are compiled only if this one does not fit
-            _ = layout.digest
+            _ = layout.store, layout.digest  # the others are compiled only if this one does not fit
     except (MemoryError, BagAssetsError):
         raise
     except Exception as err:  # noqa: BLE001  (a bad definition costs its topic, nothing more)
@@ -389,8 +389,7 @@ def _plain(description: object) -> object:
 
 def _parsed(definition: Definition, msgtype: str) -> Types:
     if definition.format == "msg":
-        # The parser does not take the carriage returns of files from Windows, which ROS does.
-        return get_types_from_msg(definition.text.replace("\r\n", "\n"), msgtype)
+        return get_types_from_msg(_UNPARSED.sub("", definition.text), msgtype)
     if _OPERATOR.search(_IDL_TEXT.sub("", definition.text)):
         raise ValueError("it computes")
     types: Typesdict = {}
@@ -415,7 +414,8 @@ def _message_files(files: FolderListing) -> Types:
     for path, _, _ in files:
         package = path.parent.parent.name if path.parent.name == "msg" else path.parent.name
         try:
-            types |= get_types_from_msg(path.read_text(encoding="utf-8"), f"{package}/msg/{path.stem}")
+            text = _UNPARSED.sub("", path.read_text(encoding="utf-8"))
+            types |= get_types_from_msg(text, f"{package}/msg/{path.stem}")
         except Exception as err:  # as in `_layouts`
             raise RecordingError(
                 f"{path}: expected a message definition, but {_definition_problem(err)}; correct the file."

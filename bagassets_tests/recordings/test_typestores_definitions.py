@@ -215,6 +215,29 @@ def test_line_ends_of_windows_mean_nothing_in_either_language(definition):
     assert read.best.digest == expected.best.digest
 
 
+@pytest.mark.parametrize(
+    "constants",
+    [
+        "uint8 idle = 0\nuint8 hover = 1\n",
+        "uint8 Idle=0\n\tuint8  Take_Off=1 # up\n",
+        "string s=a = b\nbool _A=1\n",
+    ],
+)
+def test_constants_may_have_names_in_lower_case_as_ros_1_has_them(tmp_path, constants):
+    plain, values = digest_with(tmp_path, "plain", "float32 first\nfloat32 second\n")
+    named, others = digest_with(tmp_path, "named", f"{constants}float32 first\n{constants}float32 second\n")
+    assert (named, others) == (plain, values)
+
+
+def test_a_definition_by_hand_may_have_such_constants_too(tmp_path):
+    path = tmp_path / "acme_msgs/msg/Mode.msg"
+    path.parent.mkdir(parents=True)
+    path.write_text("uint8 idle = 0\r\nuint8 mode\r\n")
+    read = choice_of("acme_msgs/msg/Mode", "ros1", None, [tmp_path])
+    assert isinstance(read, Choice), read
+    assert read.best.decode(b"\x07").mode == 7
+
+
 def test_constants_change_the_digest_because_decoders_may_read_them(tmp_path):
     one, _ = digest_with(tmp_path, "one", "uint8 MODE=1\nfloat32 first\nfloat32 second\n")
     two, _ = digest_with(tmp_path, "two", "uint8 MODE=2\nfloat32 first\nfloat32 second\n")

@@ -113,6 +113,15 @@ def latched_by_one(path):
     return path
 
 
+def named_in_lower_case(path):
+    """Write a ROS 1 bag whose type has constants that are named in lower case."""
+    with BagWriter(path) as writer:
+        definition, digest = "uint8 Idle=0\nuint8 Hover=1\nuint8 mode\n", "0" * 32
+        connection = writer.add_connection("/mode", "acme_msgs/msg/Mode", msgdef=definition, md5sum=digest)
+        writer.write(connection, 1, b"\x01")
+    return path
+
+
 def other(definition, data=HELLO, language="ros2msg", encoding="cdr"):
     """Return a topic of an own type."""
     return ("/own", "acme_msgs/msg/Own", language, definition, encoding, data)
@@ -178,6 +187,11 @@ ODD = [
         "a file that `metadata.yaml` lists twice",
         lambda path: edited(path, lambda bag: bag.update(relative_file_paths=["bag.db3", "bag.db3"])),
         6, None, 3, "a",
+    ),
+    Odd(
+        "a ROS 1 definition with constants in lower case (`uint8 Idle=0`)",
+        named_in_lower_case,
+        "Could not parse", None, 1, "a.bag",
     ),
     Odd("a ROS 1 topic that one of two nodes latches", latched_by_one, 2, None, 2, "a.bag"),
 ]  # fmt: skip
