@@ -11,7 +11,7 @@ from bagassets.recipe.model import CameraChannel, LidarChannel, RadarChannel, Re
 from bagassets.recipe.model_calibration import Intrinsics
 from bagassets.recipe.model_poses import FixedPose, NavSatSource, TfSource
 from bagassets.recipe.problems import Problem, value_at
-from bagassets.recipe.schema import closest, suggestion
+from bagassets.recipe.schema import suggestion
 
 _COEFFICIENTS = {"plumb_bob": (0, 4, 5), "rational_polynomial": (0, 8, 12, 14), "equidistant": (0, 4)}
 """Model -> possible numbers of distortion coefficients in OpenCV and ROS."""
@@ -138,9 +138,8 @@ def _scenes(recipe: Recipe) -> Iterator[Problem]:
     scenes = recipe.scenes
     channels = sorted({channel for rig in recipe.rigs for channel in rig.channels})
     if scenes.reference is not None and scenes.reference not in channels:
-        near = closest(scenes.reference, channels)
-        hint = f"did you mean {near}" if near else f"the channels are {', '.join(channels)}"
-        yield ("scenes", "reference"), f"no rig has the channel {scenes.reference}; {hint}"
+        hint = suggestion(scenes.reference, channels) or f"; the channels are {', '.join(channels)}"
+        yield ("scenes", "reference"), f"no rig has the channel {scenes.reference}{hint}"
     half_period_s = 0.5 / scenes.keyframe_hz
     if scenes.tolerance_s >= half_period_s:
         yield (
