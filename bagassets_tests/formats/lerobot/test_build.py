@@ -13,8 +13,6 @@ from bagassets_tests.arm_recordings import RECIPE, arm_messages, write_arm
 from bagassets_tests.in_process import build
 from bagassets_tests.recorded_bags import NOON_NS, text
 
-pytestmark = pytest.mark.xdist_group("lerobot_build")  # each continues what the one before has built
-
 
 @pytest.fixture(scope="module")
 def project(tmp_path_factory):
