@@ -27,7 +27,7 @@ def problems_in(recipe: Recipe, data: JsonObject) -> Iterator[Problem]:
     yield from _paths(recipe, data)
     yield from _globs(recipe)
     yield from _scenes(recipe)
-    yield from _shown_channels(recipe)
+    yield from _named_channels(recipe)
     for name, section in recipe.dataset_settings.items():
         for at, sentence in section.problems_in(recipe):
             yield (*section_at(name), *at), sentence
@@ -102,12 +102,17 @@ def _outputs(recipe: Recipe) -> Iterator[Problem]:
         taken.append((f"output of {name}", output, own))
 
 
-def _shown_channels(recipe: Recipe) -> Iterator[Problem]:
-    """Check that some rig has the channels of pictures."""
+def _named_channels(recipe: Recipe) -> Iterator[Problem]:
+    """Check that some rig has the channels of pictures and the signals of limits."""
     for kind, wanted in (("camera", recipe.preview.camera), ("lidar", recipe.preview.lidar)):
         known = recipe.channels(kind)
         if wanted is not None and wanted not in known:
             yield ("preview", kind), f"no rig has a {kind} {wanted}{suggestion(wanted, known)}"
+    signals = [name for rig in recipe.rigs for name in rig.signals]
+    for name in recipe.checks.signal_values.limits:
+        if name not in signals:
+            at = ("checks", "signal_values", "limits", name)
+            yield at, f"no rig has a signal {name}{suggestion(name, signals)}"
 
 
 def _globs(recipe: Recipe) -> Iterator[Problem]:

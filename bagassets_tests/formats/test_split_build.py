@@ -138,6 +138,23 @@ datasets:
         assert datasets == f"datasets: unknown: there is no recording night* {more}{keys}"
 
 
+def test_no_split_of_a_vision_dataset_is_empty_beside_recordings_too_short_for_sequences(
+    tmp_path, monkeypatch
+):
+    drives = [f"{name}.bag" for name in "abcdefgh"]
+    text = QUICK.replace("nuscenes: {{version: v1.0-test}}", "vision: {{frames: 8}}")
+    recipe_file = make_project(tmp_path, [], text=text)
+    for number, name in enumerate(drives):
+        write_drive(tmp_path / "bags" / name, "ros1", duration_s=(0.4 if number < 6 else 1.0) + 0.05 * number)
+    report, _ = build(recipe_file, monkeypatch)
+    assert report.succeeded
+    of_split = {
+        split: len(json.loads((tmp_path / f"dataset/vision/annotations/{split}.json").read_text()))
+        for split in ("train", "val")
+    }
+    assert min(of_split.values()) > 0, of_split
+
+
 def test_all_datasets_have_the_same_splits_even_if_one_lacks_a_recording(tmp_path):
     keys = [f"drive_{number}" for number in range(7)]
     inputs = DatasetInputs(
