@@ -164,7 +164,7 @@ def _section(asset: "AnyAsset", assets: "tuple[AnyAsset, ...]") -> str:
         "read by": _names(readers),
         "datasets made from it": _names([kind.name for kind in formats() if kind.part == asset.name]),
         "made with it": _names([one.name for one in asset.along]),
-        "one artifact per": "" if asset.extract is None else {"signals": "signal"}.get(asset.name, "channel"),
+        "one artifact per": "" if asset.extract is None else "channel" if asset.families else "signal",
         "parameters": parameters_of(asset),
         "decoder plug-ins": ", ".join(asset.families),
         "libraries": ", ".join(asset.libraries),
