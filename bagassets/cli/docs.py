@@ -127,8 +127,7 @@ def _walk(
     if isinstance(command, click.Group):
         context = click.Context(command, info_name=name, parent=parent)
         for child in command.list_commands(context):
-            found = command.get_command(context, child)
-            if found is not None:
+            if (found := command.get_command(context, child)) is not None:
                 yield from _walk(found, f"{name} {child}", context)
 
 
@@ -152,19 +151,8 @@ def parameters_of(asset: "AnyAsset") -> str:
     returned = get_type_hints(asset.params)["return"]
     owner = getattr(asset.params, "__self__", None)  # a classmethod of the parameters themselves
     kinds = [owner] if owner is not None else [*get_args(returned)] or [returned]
-    names = [name for kind in kinds for name in _fields_of(kind)]
-    return _names(list(dict.fromkeys(names)))
-
-
-def _fields_of(kind: object) -> list[str]:
-    """Return the names of the fields of a dataclass or of a recipe model."""
-    from dataclasses import fields, is_dataclass
-
-    from pydantic import BaseModel
-
-    if is_dataclass(kind):
-        return [one.name for one in fields(kind)]
-    return list(kind.model_fields) if isinstance(kind, type) and issubclass(kind, BaseModel) else []
+    fields = (getattr(kind, "__dataclass_fields__", getattr(kind, "model_fields", ())) for kind in kinds)
+    return _names([*dict.fromkeys(name for names in fields for name in names)])
 
 
 def _section(asset: "AnyAsset", assets: "tuple[AnyAsset, ...]") -> str:
@@ -176,15 +164,13 @@ def _section(asset: "AnyAsset", assets: "tuple[AnyAsset, ...]") -> str:
         "read by": _names(readers),
         "datasets made from it": _names([kind.name for kind in formats() if kind.part == asset.name]),
         "made with it": _names([one.name for one in asset.along]),
-        "one artifact per": "" if asset.extract is None else "channel",
+        "one artifact per": "" if asset.extract is None else "channel" if asset.families else "signal",
         "parameters": parameters_of(asset),
         "decoder plug-ins": ", ".join(asset.families),
         "libraries": ", ".join(asset.libraries),
         "version": str(asset.version),
         "what versions changed": "; ".join(f"{version} {text}" for version, text in asset.changes.items()),
-        "if it fails": "the recording still enters datasets that are not made from it"
-        if asset.optional
-        else "",
+        "if it fails": "the recording still enters datasets that are not made from it" * asset.optional,
     }
     table = "".join(f"| {name} | {value} |\n" for name, value in rows.items() if value)
     return f"\n## {asset.name}\n\n{asset.about}\n\n| | |\n|---|---|\n{table}"

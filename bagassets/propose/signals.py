@@ -203,8 +203,10 @@ def _fps(cameras: Mapping[str, float | None], signals: Mapping[str, float | None
     for rates, what in ((cameras, "the slowest camera"), (signals, "the slowest signal")):
         known = {rate: name for name, rate in rates.items() if rate}
         if known:
-            slowest = min(known)
-            return max(1, min(_MOST_FPS, round(slowest))), f"the rate of {what}, {known[slowest]}"
+            name, rate = known[min(known)], max(1, round(min(known)))
+            if rate > _MOST_FPS:
+                return _MOST_FPS, f"at most {_MOST_FPS}; {what}, {name}, has {rate} Hz"
+            return rate, f"the rate of {what}, {name}"
     return 30, "the recordings are too short to show a rate"
 
 

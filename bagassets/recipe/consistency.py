@@ -11,7 +11,7 @@ from bagassets.recipe.model import CameraChannel, LidarChannel, RadarChannel, Re
 from bagassets.recipe.model_calibration import Intrinsics
 from bagassets.recipe.model_poses import FixedPose, NavSatSource, TfSource
 from bagassets.recipe.problems import Problem, value_at
-from bagassets.recipe.schema import closest, suggestion
+from bagassets.recipe.schema import suggestion
 
 _COEFFICIENTS = {"plumb_bob": (0, 4, 5), "rational_polynomial": (0, 8, 12, 14), "equidistant": (0, 4)}
 """Model -> possible numbers of distortion coefficients in OpenCV and ROS."""
@@ -27,7 +27,7 @@ def problems_in(recipe: Recipe, data: JsonObject) -> Iterator[Problem]:
     yield from _paths(recipe, data)
     yield from _globs(recipe)
     yield from _scenes(recipe)
-    yield from _shown_channels(recipe)
+    yield from _named_channels(recipe)
     for name, section in recipe.dataset_settings.items():
         for at, sentence in section.problems_in(recipe):
             yield (*section_at(name), *at), sentence
@@ -102,12 +102,17 @@ def _outputs(recipe: Recipe) -> Iterator[Problem]:
         taken.append((f"output of {name}", output, own))
 
 
-def _shown_channels(recipe: Recipe) -> Iterator[Problem]:
-    """Check that some rig has the channels of pictures."""
+def _named_channels(recipe: Recipe) -> Iterator[Problem]:
+    """Check that some rig has the channels of pictures and the signals of limits."""
     for kind, wanted in (("camera", recipe.preview.camera), ("lidar", recipe.preview.lidar)):
         known = recipe.channels(kind)
         if wanted is not None and wanted not in known:
             yield ("preview", kind), f"no rig has a {kind} {wanted}{suggestion(wanted, known)}"
+    signals = [name for rig in recipe.rigs for name in rig.signals]
+    for name in recipe.checks.signal_values.limits:
+        if name not in signals:
+            at = ("checks", "signal_values", "limits", name)
+            yield at, f"no rig has a signal {name}{suggestion(name, signals)}"
 
 
 def _globs(recipe: Recipe) -> Iterator[Problem]:
@@ -138,9 +143,8 @@ def _scenes(recipe: Recipe) -> Iterator[Problem]:
     scenes = recipe.scenes
     channels = sorted({channel for rig in recipe.rigs for channel in rig.channels})
     if scenes.reference is not None and scenes.reference not in channels:
-        near = closest(scenes.reference, channels)
-        hint = f"did you mean {near}" if near else f"the channels are {', '.join(channels)}"
-        yield ("scenes", "reference"), f"no rig has the channel {scenes.reference}; {hint}"
+        hint = suggestion(scenes.reference, channels) or f"; the channels are {', '.join(channels)}"
+        yield ("scenes", "reference"), f"no rig has the channel {scenes.reference}{hint}"
     half_period_s = 0.5 / scenes.keyframe_hz
     if scenes.tolerance_s >= half_period_s:
         yield (

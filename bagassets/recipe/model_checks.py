@@ -16,12 +16,14 @@ _SEVERITY = "Severity of a finding: error, warn, or skip to disable the check."
 
 
 class Check(Model):
-    """A check without thresholds."""
+    """A check without thresholds, whose findings are errors."""
 
     severity: Severity = Field("error", description=_SEVERITY)
 
 
-class _Warning(Model):
+class WarningCheck(Model):
+    """A check without thresholds, whose findings are warnings."""
+
     severity: Severity = Field("warn", description=_SEVERITY)
 
 
@@ -56,14 +58,14 @@ class TopicLimits(Model):
         return self
 
 
-class TopicsCheck(_Warning):
+class TopicsCheck(WarningCheck):
     """Rates and pauses of topics: those of channels and poses, and those named here."""
 
     max_gap_s: float = Field(1.0, gt=0, description="Longest pause of any topic.")
     limits: dict[TopicName, TopicLimits] = Field(default_factory=dict, description="Topic -> its own limits.")
 
 
-class StampsCheck(_Warning):
+class StampsCheck(WarningCheck):
     """Header stamps go forward."""
 
     max_backward: int = Field(
@@ -91,7 +93,7 @@ class SignalLimits(Model):
         return self
 
 
-class SignalsCheck(_Warning):
+class SignalsCheck(WarningCheck):
     """Elements of signals have values all the time."""
 
     max_gap_s: float = Field(1.0, gt=0, description="Longest time without a value of an element.")
@@ -113,7 +115,7 @@ class PosesCheck(Check):
     max_speed_mps: float = Field(70.0, gt=0, description="A faster movement between two poses is a jump.")
 
 
-class SweepTimesCheck(_Warning):
+class SweepTimesCheck(WarningCheck):
     """Lidar clouds match best with the ego poses at their own stamps."""
 
     min_gain: float = Field(
@@ -124,7 +126,7 @@ class SweepTimesCheck(_Warning):
     )
 
 
-class CalibrationCheck(_Warning):
+class CalibrationCheck(WarningCheck):
     """Extrinsics and intrinsics are plausible for a vehicle with real lenses."""
 
     max_distance_m: float = Field(10.0, gt=0, description="Largest distance of a sensor from the ego frame.")
@@ -144,7 +146,7 @@ class CalibrationCheck(_Warning):
     )
 
 
-class BoxesCheck(_Warning):
+class BoxesCheck(WarningCheck):
     """Boxes were decoded, and are plausible for road users."""
 
     max_lost: float = Field(0.01, ge=0, le=1, description="Share of a source's boxes that may be lost.")
@@ -160,7 +162,7 @@ class Checks(Model):
     """Checks of finished assets, shown in Dagster per recording and for the dataset."""
 
     enabled: bool = Field(True, description="Run checks.")
-    recording_whole: Check = Field(Check(severity="warn"), description="Nothing of a recording is damaged.")
+    recording_whole: WarningCheck = Field(WarningCheck(), description="Nothing of a recording is damaged.")
     channels_present: ChannelsCheck = Field(
         ChannelsCheck(), description="Configured channels have messages and files."
     )
@@ -177,12 +179,12 @@ class Checks(Model):
     sweeps_timed: SweepTimesCheck = Field(
         SweepTimesCheck(), description="Lidar clouds match best with the ego poses at their own stamps."
     )
-    radar_velocities: Check = Field(
-        Check(severity="warn"), description="Radar targets that stand still have no velocity over ground."
+    radar_velocities: WarningCheck = Field(
+        WarningCheck(), description="Radar targets that stand still have no velocity over ground."
     )
-    scenes_made: Check = Field(Check(severity="warn"), description="A recording has at least one scene.")
-    keyframes_complete: Check = Field(
-        Check(severity="warn"),
+    scenes_made: WarningCheck = Field(WarningCheck(), description="A recording has at least one scene.")
+    keyframes_complete: WarningCheck = Field(
+        WarningCheck(),
         description="No keyframe was dropped because a channel is missing; no sample lacks a channel.",
     )
     references_intact: Check = Field(Check(), description="Tokens, chains and counts of the tables agree.")

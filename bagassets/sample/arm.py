@@ -107,14 +107,6 @@ class ArmTruth:
         return self.start_ns + _IMAGE_DELAY_NS + number * IMAGE_PERIOD_NS
 
 
-def number_in(image: NDArray[np.uint8]) -> int:
-    """Return the number that an image, (H, W, 3), of any camera shows."""
-    cell = image.shape[1] // _CELLS
-    strip = image[-_CELL_HEIGHT + 2 : -2].mean(axis=(0, 2))
-    lit = [strip[bit * cell + 2 : (bit + 1) * cell - 2].mean() > 128 for bit in range(_CELLS)]
-    return sum(1 << bit for bit, is_lit in enumerate(lit) if is_lit)
-
-
 def arm_events(truth: ArmTruth, duration_s: float) -> Iterator[Event]:
     """Yield all messages of a recording, in the order of their log times."""
     end_ns = truth.start_ns + round(duration_s * 1e9)

@@ -25,6 +25,7 @@ from bagassets.formats.format import Part
 from bagassets.formats.nuscenes.format import NUSCENES
 from bagassets.propose.project import dagster_home, write_project
 from bagassets.recipe import load_recipe
+from bagassets.recipe.model_datasets import NamedDataset
 from bagassets.store import collect as module
 from bagassets.store.action import Step
 from bagassets.store.collect import collect, find_garbage
@@ -369,7 +370,10 @@ class TestLocks:
         kept = recipe.state / "kept-locks" / "release" / "1.json"
         kept.parent.mkdir(parents=True)
         kept.write_text('{"bags": [{"artifacts": ["abc", "def"]}]}')
-        assert list(locks_of(recipe)) == [recipe.nuscenes.output / "v1.0-test" / "dataset.lock.json", kept]
+        output = recipe.nuscenes.output
+        review = NamedDataset(name="review", version="v1.0-review", output=output)
+        recipe = recipe.model_copy(update={"datasets": (review,)})
+        assert list(locks_of(recipe)) == [output / "v1.0-test" / "dataset.lock.json", kept]
         assert locked_artifacts(kept) == {"abc", "def"}
         assert made in locked_artifacts(next(locks_of(recipe)))
 

@@ -88,8 +88,11 @@ def test_other_reasons_are_left_to_the_check_that_knows_them(why):
 
 def test_another_format_names_its_section(why):
     vision = datasets_of(parse_recipe(QUICK.format(name="x", root="b") + "vision: {}\n", Path("r.yaml")))
-    said = why(SHORT, datasets=[vision["vision_dataset"]])
-    assert said == "vision: 0 scenes from 1 recording: its settings leave nothing of them (FILE:1: vision)."
+    some = [SHORT | {"channels": {"CAM_FRONT": {"images": number}}} for number in (20, 3)]
+    assert why(*some, datasets=[vision["vision_dataset"]]) == (
+        "vision: 0 scenes from 2 recordings: no camera has 25 images (vision.frames) in a row; the most that one has are 20 "
+        "(FILE:1: vision)."
+    )
 
 
 def test_a_dataset_with_a_single_scene_is_none_of_these(why):

@@ -232,7 +232,9 @@ class TestWhileItIsBuilt:
         assert len(bagassets.open_dataset(tmp_path / "nuscenes")) > 0
         other = folder.with_name("v1.1")
         leftover.rename(other)
-        with pytest.raises(DatasetError, match=r"with one version; there is v1\.0-test, v1\.1"):
+        with pytest.raises(
+            DatasetError, match=r"expected `version` to name one; there is v1\.0-test, v1\.1\.$"
+        ):
             bagassets.open_dataset(tmp_path / "nuscenes")
 
     def test_without_a_lock_nothing_of_bagassets_is_needed(self, build, tmp_path):

@@ -117,6 +117,44 @@ def test_no_split_of_a_dataset_is_empty_beside_recordings_too_short_for_scenes(t
     assert sorted(len(scenes) for scenes in splits.values()) == [1, 1], splits
 
 
+def test_names_of_no_recording_in_pins_and_named_datasets_are_told(tmp_path, monkeypatch):
+    """Else `val` would lack a recording, and a dataset be empty, without a word."""
+    named = """\
+splits: {pinned: {day/a.bag: val, b.bag: val, day__a.bag: train}}
+datasets:
+  - {name: known, recordings: ["day*", day__a.bag], scenes: [day__a.bag_000, "night*"]}
+  - {name: unknown, recordings: ["night*"], scenes: [c.bag_000]}
+"""
+    recipe_file = make_project(
+        tmp_path, ["day/a.bag"], text=QUICK + named.replace("{", "{{").replace("}", "}}")
+    )
+    for _ in range(2):  # the second has nothing to do
+        report, _ = build(recipe_file, monkeypatch)
+        assert report.succeeded
+        pins, datasets = (one.problem for one in report.remarks if one.check == "unknown_recordings")
+        more = "(nor what 1 more of its names stand for); "
+        assert pins == f"splits.pinned: there is no recording day/a.bag {more}did you mean day__a.bag?"
+        keys = "`bagassets status --all` lists the keys."
+        assert datasets == f"datasets: unknown: there is no recording night* {more}{keys}"
+
+
+def test_no_split_of_a_vision_dataset_is_empty_beside_recordings_too_short_for_sequences(
+    tmp_path, monkeypatch
+):
+    drives = [f"{name}.bag" for name in "abcdefgh"]
+    text = QUICK.replace("nuscenes: {{version: v1.0-test}}", "vision: {{frames: 8}}")
+    recipe_file = make_project(tmp_path, [], text=text)
+    for number, name in enumerate(drives):
+        write_drive(tmp_path / "bags" / name, "ros1", duration_s=(0.4 if number < 6 else 1.0) + 0.05 * number)
+    report, _ = build(recipe_file, monkeypatch)
+    assert report.succeeded
+    of_split = {
+        split: len(json.loads((tmp_path / f"dataset/vision/annotations/{split}.json").read_text()))
+        for split in ("train", "val")
+    }
+    assert min(of_split.values()) > 0, of_split
+
+
 def test_all_datasets_have_the_same_splits_even_if_one_lacks_a_recording(tmp_path):
     keys = [f"drive_{number}" for number in range(7)]
     inputs = DatasetInputs(

@@ -15,6 +15,8 @@ HOW_IT_DECIDES = (DOCS / "how-it-decides.md").read_text("utf-8")
 
 def test_docs_are_up_to_date():
     assert PAGE.read_text(encoding="utf-8") == asset_reference(), "docs/assets.md is out of date: make docs"
+    signals = asset_reference().split("## signals\n")[1].split("\n## ")[0]
+    assert "| one artifact per | signal |" in signals
 
 
 def test_every_asset_says_what_it_is():

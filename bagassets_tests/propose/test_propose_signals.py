@@ -1,5 +1,7 @@
 """What `init` proposes for robots without lidar: signals, and a LeRobot dataset of them and the cameras."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import yaml
@@ -181,6 +183,13 @@ def test_commands_without_header_and_episodes_by_a_flag(tmp_path):
     assert recipe["lerobot"]["features"]["action"] == {"signals": ["cmd_vel", "gripper_command"]}
     assert recipe["lerobot"]["episodes"] == {"signal": "episode_running"}
     assert "# task: " in proposal.text
+
+
+def test_fast_joints_are_sampled_and_the_recipe_says_how_fast_they_are(tmp_path):
+    messages = [replace(state(n, ("a", "b")), log_time_ns=NOON_NS + n * SECOND // 200) for n in range(100)]
+    proposal, recipe = proposed(write_ros1(tmp_path / "a.bag", messages))
+    assert recipe["lerobot"]["fps"] == 50
+    assert "fps: 50  # guess: at most 50; the slowest signal, joint_states, has 200 Hz\n" in proposal.text
 
 
 def test_a_car_with_lidar_is_no_arm(tmp_path):

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from bagassets.base.errors import RecipeError
 from bagassets.recipe import load_recipe, parse_recipe
+from bagassets.recipe.model_checks import Checks
 
 GOOD = """\
 name: yard
@@ -267,6 +268,13 @@ def test_scalars_without_the_surprises_of_yaml_1_1(tmp_path):
     assert recipe.scenes.keyframe_hz == 1.0
     assert recipe.rigs[0].annotations[0].categories == {"1": "car", "yes": "bus"}
     assert "found '010'" in refused(edited("quality: 80", "quality: 010"), tmp_path)[0]
+
+
+def test_a_check_that_is_named_without_fields_is_as_if_it_were_not():
+    """Then `bagassets docs recipe` says of each check what its severity is."""
+    for name, field in Checks.model_fields.items():
+        if name != "enabled":
+            assert field.default == type(field.default)(), name
 
 
 def test_byte_order_mark_and_windows_line_ends(tmp_path):

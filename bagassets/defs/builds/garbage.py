@@ -82,7 +82,7 @@ def locks_of(recipe: Recipe) -> Iterator[Path]:
             "or remove the section and copy the locks whose datasets must stay restorable to "
             f"{recipe.state / KEPT_LOCKS}."
         )
-    for folder in dataset_folders(recipe).values():
+    for folder in dict.fromkeys(dataset_folders(recipe).values()):
         yield from sorted(folder.glob(f"*/{LOCK}"))
     yield from sorted((recipe.state / KEPT_LOCKS).glob("**/*.json"))
 

@@ -16,13 +16,7 @@ from bagassets.defs.builds.made_ahead import making_ahead
 from bagassets.defs.builds.own_build import OwnBuild
 from bagassets.defs.builds.own_states import load_own
 from bagassets.defs.builds.pending_work import open_project
-from bagassets.defs.builds.report import (
-    checked_remarks,
-    left_over,
-    report_of,
-    standing_remarks,
-    warnings,
-)
+from bagassets.defs.builds.report import checked_remarks, left_over, report_of, standing_remarks, warnings
 from bagassets.defs.graph.dataset import write_report
 from bagassets.defs.records.projects import forget_other_prefixes, require_own_keys
 from bagassets.defs.runs.orphaned_runs import end_orphaned_runs

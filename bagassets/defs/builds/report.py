@@ -1,6 +1,8 @@
 """What a build reports: functions of the state before, the state now and the runs that ended in between."""
 
-from collections.abc import Iterable, Mapping
+import fnmatch
+from collections.abc import Iterable, Iterator, Mapping
+from itertools import chain
 from pathlib import Path
 
 from bagassets.base.fingerprints import recipe_fingerprint
@@ -12,7 +14,7 @@ from bagassets.defs.records.events import recordings_made
 from bagassets.defs.runs.run_pool import EndedRun
 from bagassets.engine.batches import DATASET
 from bagassets.engine.build_report import BagOutcome, BuildReport, Remark
-from bagassets.engine.plan import BagPlan
+from bagassets.engine.plan import BagPlan, Plan
 from bagassets.engine.splits import SplitShare, moves
 from bagassets.engine.targets import TO_MAKE
 from bagassets.formats.catalogue import problems_of
@@ -20,6 +22,7 @@ from bagassets.formats.checking import remarks_on_record
 from bagassets.formats.dataset_build import Dataset, dataset_folders, datasets_of, first_lock
 from bagassets.formats.emptiness import left_behind, why_empty
 from bagassets.recipe.model import Recipe
+from bagassets.recipe.schema import suggestion
 
 
 def report_of(build: BuildLoop, split_before: Mapping[str, str], *, interrupted: bool) -> BuildReport:
@@ -96,8 +99,23 @@ def standing_remarks(recipe: Recipe, before: PendingWork) -> tuple[Remark, ...]:
     left = warnings("left_behind", left_behind(recipe))
     keys = before.plan.bags.keys()
     doubts = (one for settings in recipe.dataset_settings.values() for one in settings.doubts(keys))
-    left = (*left, *warnings("unknown_recordings", doubts))
-    return (*packages, *left, *warnings("series", before.plan.asked.values()))
+    unknown = warnings("unknown_recordings", [*_names_of_none(recipe, before.plan), *doubts])
+    return (*packages, *left, *unknown, *warnings("series", before.plan.asked.values()))
+
+
+def _names_of_none(recipe: Recipe, plan: Plan) -> Iterator[str]:
+    """Yield a sentence about each field of the recipe that names recordings of which there are none."""
+    known = dict.fromkeys(chain(plan.bags, *plan.ties.former.values()))
+    fields: list[tuple[str, Iterable[str]]] = [("splits.pinned", recipe.splits.pinned)]
+    for one in recipe.datasets:
+        of_scenes = [name.rpartition("_")[0] for name in one.scenes if not set(name) & set("*?[")]
+        fields.append((f"datasets: {one.name}", [*one.recordings, *of_scenes]))
+    for field, names in fields:
+        unknown = [name for name in names if name not in known and not fnmatch.filter(known, name)]
+        if unknown:
+            more = f" (nor what {len(unknown) - 1} more of its names stand for)" if unknown[1:] else ""
+            hint = suggestion(unknown[0], [*known]) or "; `bagassets status --all` lists the keys."
+            yield f"{field}: there is no recording {unknown[0]}{more}{hint}"
 
 
 def left_over(build: BuildLoop, report: BuildReport) -> tuple[Remark, ...]:

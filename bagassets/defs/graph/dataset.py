@@ -20,14 +20,7 @@ from bagassets.defs.records.reporting import code_link, dataset_metadata, errors
 from bagassets.defs.records.workspace import Workspace
 from bagassets.engine.batches import DATASET
 from bagassets.engine.plan import AssetState, Plan
-from bagassets.engine.targets import (
-    NOTHING_TO_MAKE_IT_FROM,
-    TO_MAKE,
-    Evidence,
-    Read,
-    Target,
-    target_state,
-)
+from bagassets.engine.targets import NOTHING_TO_MAKE_IT_FROM, TO_MAKE, Evidence, Read, Target, target_state
 from bagassets.formats.catalogue import formats, formats_of, recording_assets
 from bagassets.formats.dataset_build import (
     Dataset,

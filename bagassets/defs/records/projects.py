@@ -55,8 +55,8 @@ def require_own_keys(instance: dg.DagsterInstance, prefix: tuple[str, ...], reci
         keys = f"key_prefix {'/'.join(prefix)!r}" if prefix else "no key_prefix"
         raise RecipeError(
             f"{recipe_file}: the project of {other} has the same asset keys ({keys}) in this Dagster instance, and each "
-            "would take the records of the other for its own; give one of them another prefix: "
-            "build_definitions(recipe, key_prefix=…)."
+            "would take the records of the other for its own; keep each recipe in a folder of its own, name another "
+            "`state` in one of them or, in a Dagster of yours, another prefix: build_definitions(recipe, key_prefix=…)."
         )
 
 

@@ -22,12 +22,7 @@ from bagassets.defs.records.workspace import Workspace
 from bagassets.engine.build_report import Event
 from bagassets.engine.first_pass import only_reader
 from bagassets.engine.plan import Recorded
-from bagassets.recordings.digest import (
-    RecordingDigest,
-    RecordingStat,
-    recording_digest,
-    recording_stat,
-)
+from bagassets.recordings.digest import RecordingDigest, RecordingStat, recording_digest, recording_stat
 from bagassets.recordings.model import RecordingFiles
 
 _SHOW_EVERY_S = 0.5

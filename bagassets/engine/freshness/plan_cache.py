@@ -17,13 +17,7 @@ from zlib import crc32
 
 from bagassets.base.cache import Cache, Changes
 from bagassets.base.fingerprints import PlanNeeded, Signature, digest_lines, signature
-from bagassets.engine.freshness.artifacts import (
-    ALL_GROUPS,
-    SIZE,
-    are_unchanged,
-    folders_of,
-    groups_to_check,
-)
+from bagassets.engine.freshness.artifacts import ALL_GROUPS, SIZE, are_unchanged, folders_of, groups_to_check
 
 Checked = Literal["all", "sample", "changed", "fewest"]
 _KIND, _FOLDERS = "recordings", "folders"

@@ -444,7 +444,8 @@ def _folder_of(path: Path, version: str | None) -> TableFolder:
         return TableFolder(path)
     below = _versions(path)
     if len(below) != 1:
-        raise DatasetError(f"{path}: expected a dataset with one version; {_offer(path)}")
+        expected = "`version` to name one" if below else "a dataset with one version"
+        raise DatasetError(f"{path}: expected {expected}; {_offer(path)}")
     return TableFolder(path / below[0])
 
 

@@ -10,6 +10,7 @@ The folder of a recording never changes under its name; the folder `annotations`
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 
 from bagassets.base.json_types import JsonObject
 from bagassets.engine.splits import SplitShare
@@ -27,6 +28,9 @@ from bagassets.formats.format import (
 from bagassets.formats.json_files import TABLE, Frame, framed, framed_row, rows_text
 from bagassets.formats.vision.recording_part import FILES, SEQUENCES, VISION_SEQUENCES
 from bagassets.formats.vision.settings import Vision
+from bagassets.recipe.format_settings import section_at
+from bagassets.recipe.load import where_in
+from bagassets.recipe.model import Recipe
 
 RECORDINGS = "recordings"
 ONE_FILE = "all"
@@ -96,9 +100,19 @@ def _links(entry: Entry) -> Iterator[Link]:
         yield Link(f"{folder}/{image['filename']}", image["artifact"], image["file"])
 
 
+def _why_empty(recordings: Sequence[Facts], recipe: Recipe, recipe_file: Path) -> str:
+    """Return why no camera has a sequence, as the end of a sentence."""
+    frames = (recipe.settings(Vision) or Vision()).frames
+    most = max((camera["images"] for facts in recordings for camera in facts["channels"].values()), default=0)
+    where = where_in(recipe_file, section_at(VISION.name))
+    return (
+        f"no camera has {frames} images (vision.frames) in a row; the most that one has are {most} ({where})"
+    )
+
+
 VISION = Format(
     name="vision",
-    version=2,
+    version=3,
     description=(
         "The vision dataset: image sequences in plain folders, merged annotation files and a manifest for each "
         "split, swapped in atomically."
@@ -113,5 +127,7 @@ VISION = Format(
     row=lambda facts: {"folder": facts["folder"]},
     duration_s=lambda facts: float(facts["duration_s"]),
     folder=lambda _: "annotations",
+    fills_split=lambda facts: bool(facts["sequences"]),
+    why_empty=_why_empty,
     places=UnitFolders(RECORDINGS, lambda entry: str(entry.row["folder"])),
 )

@@ -15,6 +15,7 @@ import numpy as np
 from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use, as_json, inlined
 from bagassets.assets.calibration import CALIBRATION
 from bagassets.assets.ego_poses import EGO_POSES
+from bagassets.assets.face import Face
 from bagassets.assets.frames import FRAMES
 from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.transform_logs import read_transforms
@@ -304,6 +305,7 @@ VISION_SEQUENCES = Asset(
     libraries=("pyarrow",),
     title="This recording's part of the vision dataset: image sequences with relative trajectories.",
     kinds=frozenset({"image", "json"}),
+    face=Face(counts={"sequences": lambda summary: summary.get("sequences")}),
     reads=(INVENTORY, CALIBRATION, EGO_POSES, FRAMES),
     enabled=lambda recipe: recipe.settings(Vision) is not None,
     optional=True,

@@ -12,12 +12,7 @@ from bagassets.recordings.database_file import Database
 from bagassets.recordings.mcap_file import McapFile
 from bagassets.recordings.model import METADATA
 from bagassets.recordings.recording import How
-from bagassets.recordings.rosbag2 import (
-    Rosbag2Recording,
-    compression_mode,
-    named_files,
-    read_metadata,
-)
+from bagassets.recordings.rosbag2 import Rosbag2Recording, compression_mode, named_files, read_metadata
 from bagassets.recordings.salvage.damage_map import END_UNKNOWN, Damage, Hole
 from bagassets.recordings.salvage.database_pages import SalvagedDatabase, TopicRow
 from bagassets.recordings.salvage.mcap_scan import SalvagedMcap

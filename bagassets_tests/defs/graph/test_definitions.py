@@ -117,11 +117,10 @@ def test_the_page_about_other_dagsters_can_be_followed_as_it_stands(tmp_path):
     merged, own = (
         text.replace("/data/", f"{tmp_path}/") for text in re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     )
-    there = {"dg": dg, "frames": dg.AssetSpec("frames")}
+    there = {"dg": dg}
     exec(own, there)
     exec(merged, there)
-    definitions = dg.Definitions.merge(there["defs"], dg.Definitions(assets=[there["sharpness"]]))
-    graph = definitions.resolve_asset_graph()
+    graph = there["defs"].resolve_asset_graph()
     north = graph.get(dg.AssetKey(["north", "frames"]))
     assert graph.get(dg.AssetKey("sharpness")).partitions_def == north.partitions_def
     assert graph.get(dg.AssetKey("sharpness")).parent_keys == {north.key}
