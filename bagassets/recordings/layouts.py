@@ -37,10 +37,15 @@ _TIME_NAMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
 # Standard types that had other fields before Humble, when bags had no definitions yet.
 CHANGED_IN_HUMBLE = frozenset({"shape_msgs/msg/SolidPrimitive", "visualization_msgs/msg/Marker"})
 
-_IDL_TEXT = re.compile(r"//[^\n]*|/\*.*?\*/|\"(?:\\\\.|[^\"\\\\])*\"", re.DOTALL)
+IDL_TEXT = re.compile(r"//[^\n]*|/\*.*?\*/|\"(?:\\\\.|[^\"\\\\])*\"", re.DOTALL)
+"""Comments and strings."""
 _OPERATOR = re.compile(r"<<|\*")
 # Bags list a type and the types that it includes in sections headed like this.
 _IDL_SECTION = re.compile(r"^=+\r?\nIDL: .*$", re.MULTILINE)
+
+# In the header of a message: big and little endian, and those of XCDR2, which aligns eight bytes otherwise, and nothing else.
+_PLAIN_CDR = frozenset({0, 1, 6, 7})
+_EXTENDED_CDR = "it is in extended CDR (XCDR2, or a list of parameters); record it in plain CDR (XCDR1)"
 
 _COMMON = (
     "sensor_msgs/msg/CameraInfo",
@@ -108,6 +113,9 @@ class Layout:
         Raises:
             DecodeError: the bytes do not fit.
         """
+        encoding = data[1] if self.serialization == "cdr" and len(data) > 1 else 0
+        if encoding not in _PLAIN_CDR:
+            raise DecodeError(_EXTENDED_CDR)
         decode = self.store.deserialize_ros1 if self.serialization == "ros1" else self.store.deserialize_cdr
         try:
             return cast("Message", decode(data, self.msgtype))
@@ -116,7 +124,9 @@ class Layout:
         except Exception as err:  # rosbags' generated code raises anything on bytes that do not fit
             end = None if self.serialization == "ros1" else padded_end(self.types, self.msgtype, data)
             if end is None or end >= len(data):
-                raise DecodeError(f"its bytes do not fit {self.msgtype}") from err
+                raise DecodeError(
+                    _EXTENDED_CDR if encoding > 1 else f"its bytes do not fit {self.msgtype}"
+                ) from err
         return self.decode(data[:end])
 
 
@@ -391,7 +401,7 @@ def _parsed(definition: Definition, msgtype: str) -> Types:
     if definition.format == "msg":
         # The parser does not take the carriage returns of files from Windows, which ROS does.
         return get_types_from_msg(definition.text.replace("\r\n", "\n"), msgtype)
-    if _OPERATOR.search(_IDL_TEXT.sub("", definition.text)):
+    if _OPERATOR.search(IDL_TEXT.sub("", definition.text)):
         raise ValueError("it computes")
     types: Typesdict = {}
     for section in _IDL_SECTION.split(definition.text):
