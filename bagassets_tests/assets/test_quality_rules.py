@@ -281,8 +281,10 @@ class TestChannels:
         channels = {name: {"counts": counts} for name in clocks}
         camera, radar = channels_complete(channels, 0.05, clocks.__getitem__).problems
         assert "`clock: header` for this channel (rigs[].channels.RADAR.clock)" in radar
-        assert "`clock: log` for this channel (rigs[].channels.CAM_FRONT.clock)" in camera
-        assert camera.endswith("; other channels keep their stamps")
+        assert camera.endswith(
+            "If these are separate readings, `clock: log` tells them apart by their log times: for this channel "
+            "(rigs[].channels.CAM_FRONT.clock), while others keep their stamps, or for all (clock), as where a simulation was restarted"
+        )
         assert radar.endswith("; other channels keep their stamps")
 
     def test_the_clock_is_that_of_the_channel_and_by_default_that_of_the_recipe(self):
