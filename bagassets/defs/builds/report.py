@@ -47,8 +47,7 @@ def report_of(build: BuildLoop, split_before: Mapping[str, str], *, interrupted:
         dataset = "stopped"
     else:
         recipe_file = Path(workspace.recipe_file)
-        asked = [one for asset, one in datasets.items() if asset in before.asked.datasets]
-        problem = problem or why_empty(recipe, recipe_file, workspace.store, asked)
+        problem = problem or why_empty(recipe, recipe_file, workspace.store, before.asked.datasets)
     return BuildReport(
         plan=now.plan,
         outcomes=_outcomes(build),
