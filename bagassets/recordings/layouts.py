@@ -124,9 +124,8 @@ class Layout:
         except Exception as err:  # rosbags' generated code raises anything on bytes that do not fit
             end = None if self.serialization == "ros1" else padded_end(self.types, self.msgtype, data)
             if end is None or end >= len(data):
-                raise DecodeError(
-                    _EXTENDED_CDR if encoding > 1 else f"its bytes do not fit {self.msgtype}"
-                ) from err
+                misfit = f"its bytes do not fit {self.msgtype}"
+                raise DecodeError(_EXTENDED_CDR if encoding > 1 else misfit) from err
         return self.decode(data[:end])
 
 

@@ -41,8 +41,7 @@ _ENCODINGS: Mapping[str, Serialization] = {
     "protobuf": "protobuf",
     "json": "json",
 }
-_OMG_IDL = "omgidl"
-_FORMATS = {"ros1msg": "msg", "ros2msg": "msg", "ros2idl": "idl", _OMG_IDL: "idl"}
+_FORMATS = {"ros1msg": "msg", "ros2msg": "msg", "ros2idl": "idl", "omgidl": "idl"}
 # Waiting messages in chunks that overlap in time; their places take a few hundred megabytes.
 _MOST_WAITING = 10_000_000
 _CHANNEL, _TIME_AT, _TIME_END = Struct("<H"), 6, 14
@@ -192,7 +191,7 @@ class McapRecording(FileRecording[McapFile]):
 def _type_of(channel: Channel, schema: Schema | None) -> str:
     if schema is None:
         return UNKNOWN
-    if schema.encoding == _OMG_IDL:
+    if schema.encoding == "omgidl":
         return schema.name.replace("::", "/")
     is_ros = channel.message_encoding not in {"protobuf", "json"}
     return normalise_msgtype(schema.name) if is_ros else foxglove_type(schema.name)
@@ -202,9 +201,8 @@ def _problem(channel: Channel, schema: Schema | None) -> str | None:
     """Return why the messages of a channel cannot be decoded, whatever they hold."""
     if channel.message_encoding not in _ENCODINGS:
         return f"its message encoding is '{channel.message_encoding}', not cdr, ros1, protobuf or json"
-    is_omg = (
-        schema is not None and schema.encoding == _OMG_IDL
-    )  # in IDL of ROS 2, the annotation changes nothing
+    # In the IDL of ROS 2 the annotation changes nothing.
+    is_omg = schema is not None and schema.encoding == "omgidl"
     if is_omg and "@optional" in IDL_TEXT.sub("", _definition(schema).text):
         return "its type has optional members (@optional), which are not read; record one without them"
     return None

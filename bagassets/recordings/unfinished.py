@@ -43,12 +43,8 @@ def reason(path: Path, status: os.stat_result) -> str:
             return f"unfinished, and {beside.name} lies beside it, which is taken"
         return _AT_WORK if 0 <= time.time() - status.st_mtime < _QUIET_S else ""
     if name.endswith((".db3.zstd", ".mcap.zstd")):
-        is_source = beside.exists()
-        return (
-            f"{beside.name} was being compressed into it, which is the recording"
-            if is_source
-            else _COMPRESSED
-        )
+        at_work = f"{beside.name} was being compressed into it, which is the recording"
+        return at_work if beside.exists() else _COMPRESSED
     if path.suffix in COMPRESSORS and beside.suffix in {".bag", ".mcap", ".db3"}:
         is_there = f"{beside.name} lies beside it, which is taken"
         return f"compressed as a whole; {is_there if beside.exists() else f'decompress it to {beside.name}'}"
