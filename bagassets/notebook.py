@@ -7,23 +7,19 @@ imported here.
 import json
 import os
 import re
-import shutil
 import sys
-import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from bagassets.base.errors import BagAssetsError, DatasetError, RecipeError
-from bagassets.base.interrupts import deferred_interrupts
+from bagassets.base.errors import BagAssetsError, RecipeError
 from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.cli.progress import LinesProgress, LiveProgress, SilentProgress
-from bagassets.cli.remote import InterruptedBuildError, end_servers, report_of_build
+from bagassets.cli.remote import InterruptedBuildError, report_of_build, scratch_folders
 from bagassets.cli.summary import counts_line
 from bagassets.engine.build_report import BuildOptions, BuildReport, Event, OwnOutcome, Remark, SummaryRow
 from bagassets.recipe.inline import parse_inline, write_inline
-from bagassets.recipe.model import Recipe
 from bagassets.recipe.yaml_text import read_yaml
 
 # What an inline recipe is called in errors, in the current folder: its paths are relative to that.
@@ -194,32 +190,7 @@ def _recipe_file(recipe: str | Path | Mapping[str, object], state: str | Path | 
     given = parse_inline(text, Path.cwd() / _INLINE)
     data, _ = read_yaml(text, Path.cwd() / _INLINE)
     if state is None and "state" not in data:
-        with _temporary(given) as (folder, store):
-            yield write_inline(given, folder, store)
+        with scratch_folders(given.output, parents=True) as (folder, beside):
+            yield write_inline(given, folder, given.store or beside)
         return
     yield write_inline(given, given.state if state is None else Path(state).absolute(), given.store)
-
-
-@contextmanager
-def _temporary(recipe: Recipe) -> Iterator[tuple[Path, Path]]:
-    """Make folders for state and store, and remove them in the end, with the server.
-
-    The store is on the file system of the dataset, whose files are links into it.
-    """
-    output = recipe.output
-    try:
-        output.parent.mkdir(parents=True, exist_ok=True)
-        store = Path(tempfile.mkdtemp(prefix=f".{output.name[:100]}.", dir=output.parent))
-    except OSError as err:
-        raise DatasetError(
-            f"{output}: the dataset cannot be written here ({err.strerror or err}); fix the permissions, or name another folder."
-        ) from err
-    # Databases and sockets work in the temporary folder, whatever file system the dataset goes to.
-    state = Path(tempfile.mkdtemp(prefix="bagassets-")).resolve()
-    try:
-        yield state, store if recipe.store is None else recipe.store
-    finally:
-        with deferred_interrupts():
-            end_servers(state)
-            shutil.rmtree(state, ignore_errors=True)
-            shutil.rmtree(store, ignore_errors=True)

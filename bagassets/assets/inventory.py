@@ -367,7 +367,7 @@ class _TopicProbe:
         """Why its messages cannot be decoded; None if one was decoded, or if there were none."""
         if self._fits or not self._misfits:
             return None
-        if "limits." in self._reason:
+        if not self._reason.startswith("its bytes do not fit"):
             return f"none of its messages can be decoded: {self._reason}"
         msgtype = self._topic.msgtype
         if self._topic.has_definition:

@@ -151,7 +151,6 @@ def _dry_run(recipe: Path, options: "BuildOptions", *, check: bool, as_json: boo
     from bagassets.defs.builds.pending_work import expected_moves, find_pending_work, open_project
     from bagassets.engine.made_again import made_again
     from bagassets.formats.checking import remarks_on_record
-    from bagassets.formats.dataset_build import datasets_of
     from bagassets.formats.emptiness import why_empty
 
     with planning_shown() as on_planned, open_project(recipe) as known_as:
@@ -164,8 +163,7 @@ def _dry_run(recipe: Path, options: "BuildOptions", *, check: bool, as_json: boo
         done = [pending.plan.bags[key] for key in sorted(pending.asked.chosen - pending.todo.keys())]
         remarks = tuple(remarks_on_record(workspace.assets, pending.plan.discovery, done))
         again = made_again(workspace.assets, pending.plan, pending.todo, options.jobs)
-        asked = [one for name, one in datasets_of(workspace.recipe).items() if name in pending.asked.datasets]
-        empty = why_empty(workspace.recipe, recipe, workspace.store, asked)
+        empty = why_empty(workspace.recipe, recipe, workspace.store, pending.asked.datasets)
     if as_json:
         echo_json(dry_run_json(pending, surveyed, moved, remarks))
     else:

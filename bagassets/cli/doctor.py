@@ -40,7 +40,7 @@ Exit status: 0 the recording is sound; 3 it is damaged, and can be read in part 
 def doctor(recording: Path, copy: Path | None, as_json: bool) -> None:
     """Say what is wrong with a recording, where, what can be saved, and what to do next.
 
-    PATH is a .bag, .bag.active, .mcap or .db3 file, one of these packed by zstd, or a ROS 2 bag folder. It is read completely,
+    PATH is a .bag, .bag.active, .mcap or .db3 file, one of these compressed with zstd, or a ROS 2 bag folder. It is read completely,
     and never written to.
     """
     from bagassets.recordings.salvage.examine import examine, mend

@@ -3,15 +3,17 @@
 A new server imports Dagster once, for all builds until it ends; if the build ran in this process, both would import it.
 """
 
+import shutil
+import tempfile
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bagassets.base import errors
-from bagassets.base.errors import BagAssetsError
+from bagassets.base.errors import BagAssetsError, DatasetError
 from bagassets.base.fingerprints import PlanNeeded
 from bagassets.base.interrupts import deferred_interrupts
 from bagassets.base.json_types import JsonObject
@@ -123,6 +125,37 @@ def end_servers(state: Path) -> None:
         if time.monotonic() > deadline:
             return
         time.sleep(_POLL_S)
+
+
+@contextmanager
+def scratch_folders(output: Path, *, parents: bool = False) -> Iterator[tuple[Path, Path]]:
+    """Make a state folder, and one beside an output, with links into it; remove both in the end, with the server.
+
+    Args:
+        output: where the dataset goes.
+        parents: make the folders that it lies in, which stay.
+
+    Raises:
+        DatasetError: nothing can be written beside the output.
+    """
+    try:
+        if parents:
+            output.parent.mkdir(parents=True, exist_ok=True)
+        beside = Path(tempfile.mkdtemp(prefix=f".{output.name[:100]}.", dir=output.parent))
+    except OSError as err:
+        raise DatasetError(
+            f"{output.parent}: the dataset cannot be written here ({err.strerror or err}); make the folder, fix its "
+            "permissions, or name another place."
+        ) from err
+    # Databases and sockets work in the temporary folder, whatever file system the dataset goes to.
+    state = Path(tempfile.mkdtemp(prefix="bagassets-")).resolve()
+    try:
+        yield state, beside
+    finally:
+        with deferred_interrupts():  # a second Ctrl-C must not keep them from being removed
+            end_servers(state)
+            shutil.rmtree(state, ignore_errors=True)
+            shutil.rmtree(beside, ignore_errors=True)
 
 
 def _is_up(files: ServerFiles) -> bool:

@@ -4,7 +4,6 @@ import json
 import os
 import shutil
 import signal
-import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -12,7 +11,7 @@ from pathlib import Path
 
 from bagassets.base.errors import DatasetError
 from bagassets.base.files import replacing
-from bagassets.cli.remote import end_servers
+from bagassets.cli.remote import scratch_folders
 from bagassets.formats.format import AnyFormat
 from bagassets.formats.guard import GUARD
 from bagassets.recipe.format_settings import OUR_FORMATS
@@ -69,26 +68,11 @@ def throw_away_project(recipe: Recipe, bags: Bags, kind: AnyFormat, out: Path) -
     Raises:
         DatasetError: nothing can be written beside `out`.
     """
-    try:
-        beside = Path(tempfile.mkdtemp(prefix=f".{out.name[:100]}.", dir=out.parent))
-    except OSError as err:
-        raise DatasetError(
-            f"{out.parent}: the dataset cannot be written here ({err.strerror or err}); make the folder, fix its "
-            "permissions, or name another place."
-        ) from err
-    # Databases and sockets work in the temporary folder, whatever file system the dataset goes to.
-    state = Path(tempfile.mkdtemp(prefix="bagassets-convert-")).resolve()
-    try:
+    with scratch_folders(out) as (state, beside):
         project = ThrowAwayProject(state / "recipe.yaml", beside / "dataset", beside / "store")
         own = _own_recipe(recipe, bags, kind, project, state)
         project.recipe_file.write_text(json.dumps(own, ensure_ascii=False), encoding="utf-8")
         yield project
-    finally:
-        # A second Ctrl-C must not keep this from being removed.
-        with signals_handled(signal.SIG_IGN, signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-            end_servers(state)
-            shutil.rmtree(state, ignore_errors=True)
-            shutil.rmtree(beside, ignore_errors=True)
 
 
 def _own_recipe(

@@ -62,6 +62,8 @@ def decode_image(message: Message) -> ImageReading:
     width, height, step = int(message.width), int(message.height), int(message.step)
     data = byte_array(message.data)
     row_bytes = width * layout.channels * layout.bytes_per_channel
+    if step == 0 and len(data) == height * row_bytes:  # several drivers leave it zero
+        step = row_bytes
     if not width or not height or step < row_bytes or len(data) < (height - 1) * step + row_bytes:
         raise DecodeError(
             f"an image of {width}x{height} in {encoding} with step {step} does not fit {len(data)} bytes"

@@ -12,18 +12,21 @@ and byte order. The result has x, y, z in metres, intensity and ring:
 Per-point times are described in `bagassets.decode.point_times`.
 """
 
+import zlib
 from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
+import zstandard
 from numpy.typing import NDArray
 
 from bagassets.base.errors import DecodeError
-from bagassets.decode.compressed_cloud import cloud_data
-from bagassets.decode.fields import Column, head, pose_of
+from bagassets.decode.fields import Column, byte_array, head, pose_of
 from bagassets.decode.model import CloudReading
 from bagassets.decode.point_times import Moment, PointClock, point_times_ns, recorded_times, survey
 from bagassets.geometry.se3 import SE3, rotate
+from bagassets.recordings.damage import DamageError
+from bagassets.recordings.decompress import TooLargeError, decompress, decompress_zlib
 from bagassets.recordings.model import Message
 
 POINT_CLOUDS = (
@@ -44,6 +47,13 @@ _TYPES = dict(enumerate(("i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8", "i8", "
 # foxglove.NumericType
 _FOXGLOVE_TYPES = dict(enumerate(("u1", "i1", "u2", "i2", "u4", "i4", "f4", "f8"), start=1))
 
+_MOST_BYTES = 1 << 28  # of a cloud: sixteen times what 128 lasers with 2048 points of 64 bytes take
+# Others than these lose something, so what is in a dataset would not be what the sensor measured.
+_LOSSY = {
+    "draco": "Draco moves points, and drops those that are equal",
+    "cloudini": "Cloudini rounds numbers",
+}
+
 
 def point_fields(cloud: Message) -> dict[str, Column]:
     """Return field name in lower case -> (height, width) view of the values, without copies.
@@ -53,9 +63,9 @@ def point_fields(cloud: Message) -> dict[str, Column]:
     zero, or give it in points.
 
     Raises:
-        DecodeError: sizes contradict each other, a field lies outside its point, or see `cloud_data`.
+        DecodeError: sizes contradict each other, a field lies outside its point, or see `_cloud_data`.
     """
-    data = cloud_data(cloud)
+    data = _cloud_data(cloud)
     if hasattr(cloud, "point_stride"):
         step = int(cloud.point_stride)
         height, width = 1, len(data) // max(1, step)
@@ -213,3 +223,34 @@ def _fill(
     column[:] = values
     if values.dtype.kind == "f":
         column[~np.isfinite(column)] = default
+
+
+def _cloud_data(cloud: Message) -> NDArray[np.uint8]:
+    """Return the data of a cloud (N,), as they were before a transport compressed them.
+
+    Args:
+        cloud: a `PointCloud2`, or a `CompressedPointCloud2` of zlib_point_cloud_transport or zstd_point_cloud_transport.
+
+    Raises:
+        DecodeError: they are compressed in another way, damaged, or larger than the cloud says.
+    """
+    if not hasattr(cloud, "compressed_data"):
+        return byte_array(cloud.data)
+    row_bytes = max(int(cloud.row_step), int(cloud.width) * int(cloud.point_step))
+    most_bytes = min(int(cloud.height) * row_bytes, _MOST_BYTES)
+    packed, way = byte_array(cloud.compressed_data).tobytes(), str(cloud.format)
+    try:
+        if way == "zlib":
+            return np.frombuffer(decompress_zlib(packed, most_bytes), np.uint8)
+        if way == "zstd":
+            return np.frombuffer(decompress(packed, way, most_bytes), np.uint8)
+    except TooLargeError:
+        raise DecodeError(
+            "its data unpack to more than height, width and point_step say, or than any lidar sends"
+        ) from None
+    except (DamageError, zlib.error, zstandard.ZstdError):
+        raise DecodeError(f"its data are damaged: they do not unpack with {way}") from None
+    losses = next((why for name, why in _LOSSY.items() if way.startswith(name)), "nothing is known about it")
+    raise DecodeError(
+        f"its data are compressed in a way that is not read ({losses}); record the cloud itself, or with zstd or zlib"
+    )

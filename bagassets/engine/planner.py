@@ -5,6 +5,7 @@ files on disk; it runs nothing. Recordings that have not changed since the last 
 thousands of them can be planned.
 """
 
+import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -93,13 +94,15 @@ def _bag_state(
         why = "size and time unchanged, but the file was touched since"
     else:
         why = "size or time changed"
+    refused = [path for path, _ in stats if digest is None and not os.access(path, os.R_OK)]
+    but = f", but {refused[0]} cannot be read; correct its permissions" if refused else ""
     if recorded is None:
-        return digest, stat, AssetState("missing", "new recording", digest)
+        return digest, stat, AssetState("missing", f"new recording{but}", digest)
     if digest == recorded.data_version:
         return digest, stat, AssetState("record-only", "touched, content unchanged", digest)
     differing = _differing_parts(recording, recorded.stat, stat)
     changed = f"content changed: {differing}" if differing else "content changed"
-    reason = f"{differing or why}; its content has to be read" if digest is None else changed
+    reason = f"{differing or why}; its content has to be read{but}" if digest is None else changed
     return digest, stat, AssetState("stale", reason, digest)
 
 

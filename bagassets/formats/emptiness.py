@@ -1,11 +1,11 @@
 """Datasets that hold nothing, although there are recordings, or that nothing asks for any more, and the way out."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 from bagassets.base.quantities import count_text
 from bagassets.engine.freshness.published import Publication
-from bagassets.formats.dataset_build import Dataset
+from bagassets.formats.dataset_build import datasets_of
 from bagassets.formats.format import FACTS
 from bagassets.recipe.format_settings import DEFAULT_FORMAT, section_at
 from bagassets.recipe.load import where_in
@@ -13,7 +13,7 @@ from bagassets.recipe.model import Recipe
 from bagassets.store.store import Store
 
 
-def why_empty(recipe: Recipe, recipe_file: Path, store: Store, datasets: Iterable[Dataset]) -> str:
+def why_empty(recipe: Recipe, recipe_file: Path, store: Store, assets: Collection[str]) -> str:
     """Return a sentence about each dataset on disk that has recordings, and nothing of them; "" if there is none.
 
     A named dataset may be empty: its conditions say so.
@@ -22,14 +22,14 @@ def why_empty(recipe: Recipe, recipe_file: Path, store: Store, datasets: Iterabl
         recipe: the recipe.
         recipe_file: where it is.
         store: has the artifacts.
-        datasets: those to look at.
+        assets: those of the datasets to look at.
 
     Raises:
         DatasetError: a lock cannot be read.
     """
     sentences = []
-    for dataset in datasets:
-        if dataset.selection is not None:
+    for asset, dataset in datasets_of(recipe).items():
+        if asset not in assets or dataset.selection is not None:
             continue
         lock = dataset.lock
         bags = () if lock is None else tuple(lock.bags.values())

@@ -10,11 +10,6 @@ Modality = Literal["camera", "lidar", "radar"]
 PREFIX: dict[str, str] = {"camera": "CAM", "lidar": "LIDAR", "radar": "RADAR"}
 
 
-def word_list(text: str) -> tuple[str, ...]:
-    """Return the words of a text, in order."""
-    return tuple(text.split())
-
-
 def word_set(text: str) -> frozenset[str]:
     """Return the words of a text."""
     return frozenset(text.split())
@@ -121,7 +116,7 @@ def direction(*names: str) -> str:
 
 
 def channel_name(
-    modality: Modality, topic: str, frames: Iterable[str], taken: Collection[str], alone: bool
+    modality: Modality, topic: str, frames: Iterable[str], taken: Collection[str], alone: bool, is_arm: bool
 ) -> tuple[str, str]:
     """Return the canonical channel of a sensor, and a phrase that says how it was found.
 
@@ -131,18 +126,19 @@ def channel_name(
         frames: its frames.
         taken: channels that other sensors have.
         alone: it is the only sensor of its kind.
+        is_arm: the robot has no front, so that the name of its only camera says more.
     """
     prefix = PREFIX[modality]
     side = direction(sensor_of(topic), *frames)
+    own = [word for word in tokens(sensor_of(topic)) if word not in _VAGUE]
     if modality == "lidar" and "LIDAR_TOP" not in taken:
         # The devkit's renderers and evaluation look for this name.
         return "LIDAR_TOP", "the main lidar; the nuScenes devkit insists on this name"
     if side:
         name, reason = f"{prefix}_{side}", "from the name of its topic or frame"
-    elif alone:
+    elif alone and not (is_arm and own):
         name, reason = f"{prefix}_FRONT", f"the only {modality}, so it is taken to look ahead"
     else:
-        own = [word for word in tokens(sensor_of(topic)) if word not in _VAGUE]
         name = f"{prefix}_{'_'.join(own) or 'A'}".upper()
         reason = "from the name of its topic, which does not tell where it looks"
     return free_name(name, taken, "_"), reason

@@ -94,12 +94,6 @@ def propose_rig(
     """
     summary = group.summary
     sensors, left_out = find_sensors(summary)
-    channels: dict[str, Sensor] = {}
-    reasons: dict[str, str] = {}
-    for sensor in sensors:
-        alone = sum(other.modality == sensor.modality for other in sensors) == 1
-        name, reason = channel_name(sensor.modality, sensor.topic.name, sensor.topic.frames, channels, alone)
-        channels[name], reasons[name] = sensor, reason
     ego = propose_ego_frame(summary, sensors, odometry_of(summary))
     urdf: TopicUse | None = None
     description = next((topic for topic in summary.topics.values() if urdfs and topic.urdf), None)
@@ -117,15 +111,15 @@ def propose_rig(
                 urdf = TopicUse(
                     description, "left out", "a URDF that places no sensor; a comment in the recipe"
                 )
-    return RigProposal(
+    rig = RigProposal(
         name=_rig_name(match, taken, next(iter(summary.robots), "")),
         match=match,
         recordings=group.recordings,
         ego=ego,
         clock=_clock(sensors),
         pose=propose_pose(summary, ego.name, group.pose_sources or None),
-        channels=channels,
-        reasons=reasons,
+        channels={},
+        reasons={},
         annotations=boxes_in(summary),
         left_out=left_out,
         summary=summary,
@@ -134,6 +128,12 @@ def propose_rig(
         if all(one.modality == "camera" for one in sensors)
         else (),
     )
+    for sensor in sensors:
+        alone = sum(other.modality == sensor.modality for other in sensors) == 1
+        topic, taken = sensor.topic, rig.channels
+        name, reason = channel_name(sensor.modality, topic.name, topic.frames, taken, alone, rig.is_arm)
+        rig.channels[name], rig.reasons[name] = sensor, reason
+    return rig
 
 
 def _described(summary: RecordingSummary, urdf: str) -> RecordingSummary:

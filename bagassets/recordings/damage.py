@@ -19,6 +19,7 @@ _ADVICE = {
 NO_RECORDING = (
     "it is no recording, or lost its first bytes: remove it, name it in bags.exclude, or copy it again"
 )
+NOTHING = "a copy or a recorder stopped before it wrote anything: copy it again from where it was recorded, or remove it"
 MISNAMED = "whatever its name says"
 # How files of each kind begin.
 _BEGINNINGS = {
@@ -58,7 +59,7 @@ def advice_for(path: Path) -> str:
 
 def without_advice(sentence: str) -> str:
     """Return an error about a recording without what it says to do."""
-    for advice in (*_ADVICE.values(), NO_RECORDING):
+    for advice in (*_ADVICE.values(), NO_RECORDING, NOTHING):
         sentence = sentence.replace(f"; {advice}.", ".")
     return sentence
 

@@ -37,12 +37,17 @@ _TIME_NAMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
 # Standard types that had other fields before Humble, when bags had no definitions yet.
 CHANGED_IN_HUMBLE = frozenset({"shape_msgs/msg/SolidPrimitive", "visualization_msgs/msg/Marker"})
 
-_IDL_TEXT = re.compile(r"//[^\n]*|/\*.*?\*/|\"(?:\\\\.|[^\"\\\\])*\"", re.DOTALL)
+IDL_TEXT = re.compile(r"//[^\n]*|/\*.*?\*/|\"(?:\\\\.|[^\"\\\\])*\"", re.DOTALL)
+"""Comments and strings."""
 _OPERATOR = re.compile(r"<<|\*")
 # What the parser does not take, but ROS does: carriage returns of Windows, and ROS 1's constants named in lower case.
 _UNPARSED = re.compile(r"(?m)\r$|^[ \t]*[\w/]+[ \t]+(?![A-Z][A-Z0-9]*(_[A-Z0-9]+)*[ \t]*=)\w+[ \t]*=.*")
 # Bags list a type and the types that it includes in sections headed like this.
 _IDL_SECTION = re.compile(r"^=+\r?\nIDL: .*$", re.MULTILINE)
+
+# In the header of a message: big and little endian, and those of XCDR2, which aligns eight bytes otherwise, and nothing else.
+_PLAIN_CDR = frozenset({0, 1, 6, 7})
+_EXTENDED_CDR = "it is in extended CDR (XCDR2, or a list of parameters); record it in plain CDR (XCDR1)"
 
 _COMMON = (
     "sensor_msgs/msg/CameraInfo",
@@ -110,6 +115,9 @@ class Layout:
         Raises:
             DecodeError: the bytes do not fit.
         """
+        encoding = data[1] if self.serialization == "cdr" and len(data) > 1 else 0
+        if encoding not in _PLAIN_CDR:
+            raise DecodeError(_EXTENDED_CDR)
         decode = self.store.deserialize_ros1 if self.serialization == "ros1" else self.store.deserialize_cdr
         try:
             return cast("Message", decode(data, self.msgtype))
@@ -118,7 +126,8 @@ class Layout:
         except Exception as err:  # rosbags' generated code raises anything on bytes that do not fit
             end = None if self.serialization == "ros1" else padded_end(self.types, self.msgtype, data)
             if end is None or end >= len(data):
-                raise DecodeError(f"its bytes do not fit {self.msgtype}") from err
+                misfit = f"its bytes do not fit {self.msgtype}"
+                raise DecodeError(_EXTENDED_CDR if encoding > 1 else misfit) from err
         return self.decode(data[:end])
 
 
@@ -390,7 +399,7 @@ def _plain(description: object) -> object:
 def _parsed(definition: Definition, msgtype: str) -> Types:
     if definition.format == "msg":
         return get_types_from_msg(_UNPARSED.sub("", definition.text), msgtype)
-    if _OPERATOR.search(_IDL_TEXT.sub("", definition.text)):
+    if _OPERATOR.search(IDL_TEXT.sub("", definition.text)):
         raise ValueError("it computes")
     types: Typesdict = {}
     for section in _IDL_SECTION.split(definition.text):

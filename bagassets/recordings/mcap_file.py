@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from bagassets.recipe.model import Limits
 from bagassets.recordings.chunks import LatestChunks, detached
 from bagassets.recordings.damage import DamageError
+from bagassets.recordings.layouts import IDL_TEXT
 from bagassets.recordings.mcap_chunk import (
     MESSAGE_HEADER,
     Place,
@@ -95,9 +96,7 @@ class McapFile:
                 counts.get(channel.id, 0),
                 _definition(schema),
                 _ENCODINGS.get(channel.message_encoding, "cdr"),
-                None
-                if channel.message_encoding in _ENCODINGS
-                else f"its message encoding is '{channel.message_encoding}', not cdr, ros1, protobuf or json",
+                _problem(channel, schema),
                 is_transient_local(channel.metadata.get("offered_qos_profiles", "")),
             )
             for channel in self._index.channels.values()
@@ -192,8 +191,21 @@ class McapRecording(FileRecording[McapFile]):
 def _type_of(channel: Channel, schema: Schema | None) -> str:
     if schema is None:
         return UNKNOWN
+    if schema.encoding == "omgidl":
+        return schema.name.replace("::", "/")
     is_ros = channel.message_encoding not in {"protobuf", "json"}
     return normalise_msgtype(schema.name) if is_ros else foxglove_type(schema.name)
+
+
+def _problem(channel: Channel, schema: Schema | None) -> str | None:
+    """Return why the messages of a channel cannot be decoded, whatever they hold."""
+    if channel.message_encoding not in _ENCODINGS:
+        return f"its message encoding is '{channel.message_encoding}', not cdr, ros1, protobuf or json"
+    # In the IDL of ROS 2 the annotation changes nothing.
+    is_omg = schema is not None and schema.encoding == "omgidl"
+    if is_omg and "@optional" in IDL_TEXT.sub("", _definition(schema).text):
+        return "its type has optional members (@optional), which are not read; record one without them"
+    return None
 
 
 def _definition(schema: Schema | None) -> Definition:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from bagassets.base.errors import BagAssetsError, RecordingError
 from bagassets.recipe.model import Limits
-from bagassets.recordings.damage import advice_for, refuse_pointer, unreadable
+from bagassets.recordings.damage import NOTHING, refuse_pointer, unreadable
 from bagassets.recordings.database_file import Database
 from bagassets.recordings.mcap_file import McapFile, McapRecording
 from bagassets.recordings.model import OnRead, RecordingFiles
@@ -40,7 +40,7 @@ def open_recording(
     if not path.exists():
         raise RecordingError(f"{path}: no such file; it was removed or renamed.")
     if path.is_file() and path.stat().st_size == 0:
-        raise RecordingError(f"{path}: the file is empty; {advice_for(path)}.")
+        raise RecordingError(f"{path}: the file is empty; {NOTHING}.")
     try:
         if path.is_dir():
             return Rosbag2Recording(path, how)

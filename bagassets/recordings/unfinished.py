@@ -1,6 +1,6 @@
-"""What recorders leave that were stopped: bags without an index, files that were being packed, logs without a database.
+"""What recorders leave that were stopped: bags without an index, files that were being compressed, logs without a database.
 
-Recordings that somebody has packed are listed with them: they are no recordings either, and should not go unnoticed.
+Recordings that somebody has compressed are listed with them: they are no recordings either, and should not go unnoticed.
 """
 
 import os
@@ -9,9 +9,9 @@ from pathlib import Path
 
 from bagassets.recordings.join_parts import FOR_NOW
 
-PACKERS = frozenset({".zstd", ".zst", ".gz", ".xz", ".bz2", ".lz4"})
-"""Suffixes that programs give to what they pack; `.zstd` is that of recorders, too."""
-SUFFIXES = frozenset({".active", ".db3-wal", ".db3-journal", *PACKERS})
+COMPRESSORS = frozenset({".zstd", ".zst", ".gz", ".xz", ".bz2", ".lz4"})
+"""Suffixes that programs give to what they compress; `.zstd` is that of recorders, too."""
+SUFFIXES = frozenset({".active", ".db3-wal", ".db3-journal", *COMPRESSORS})
 """Of files that may be left."""
 
 _BAG = ".bag.active"
@@ -19,8 +19,8 @@ _BAG = ".bag.active"
 _QUIET_S = 600.0
 _HEADER_BYTES = 32  # of a log that holds nothing
 _AT_WORK = f"{FOR_NOW} (it has grown within the last ten minutes, so its recorder may be at work); later it is taken as a recording"
-_PACKED = (
-    "packed by a recorder that wrote no metadata.yaml, so it may be half-written; `bagassets doctor` says what is in it, and "
+_COMPRESSED = (
+    "compressed by a recorder that wrote no metadata.yaml, so it may be half-written; `bagassets doctor` says what is in it, and "
     "`--write` makes a bag of that"
 )
 
@@ -43,11 +43,11 @@ def reason(path: Path, status: os.stat_result) -> str:
             return f"unfinished, and {beside.name} lies beside it, which is taken"
         return _AT_WORK if 0 <= time.time() - status.st_mtime < _QUIET_S else ""
     if name.endswith((".db3.zstd", ".mcap.zstd")):
-        is_source = beside.exists()
-        return f"{beside.name} was being packed into it, which is the recording" if is_source else _PACKED
-    if path.suffix in PACKERS and beside.suffix in {".bag", ".mcap", ".db3"}:
+        at_work = f"{beside.name} was being compressed into it, which is the recording"
+        return at_work if beside.exists() else _COMPRESSED
+    if path.suffix in COMPRESSORS and beside.suffix in {".bag", ".mcap", ".db3"}:
         is_there = f"{beside.name} lies beside it, which is taken"
-        return f"packed as a whole; {is_there if beside.exists() else f'unpack it to {beside.name}'}"
+        return f"compressed as a whole; {is_there if beside.exists() else f'decompress it to {beside.name}'}"
     if path.suffix not in {".db3-wal", ".db3-journal"} or status.st_size <= _HEADER_BYTES:
         return ""
     database = path.with_name(name.rpartition("-")[0])

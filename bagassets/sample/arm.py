@@ -143,10 +143,11 @@ def _texts(truth: ArmTruth, duration_s: float) -> Iterator[Event]:
             (end_s, EPISODE, "end"),
         ):
             log_time_ns = truth.start_ns + round(time_s * 1e9)
-            yield Event(log_time_ns, topic, _TEXT, partial(_text, text))
+            yield Event(log_time_ns, topic, _TEXT, partial(said, text))
 
 
-def _text(text: str, messages: Messages) -> Message:
+def said(text: str, messages: Messages) -> Message:
+    """Return `std_msgs/String`."""
     return messages.make("std_msgs/String", text)
 
 

@@ -1,9 +1,10 @@
 """What real recordings of arms do and the sample arm does not."""
 
 from collections.abc import Callable, Iterator
+from functools import partial
 
 from bagassets.recordings.model import Message
-from bagassets.sample.arm import CAMERAS, COMMANDS, ELEMENTS, STATE_PERIOD_NS, STATES, TASK, ArmTruth
+from bagassets.sample.arm import CAMERAS, COMMANDS, ELEMENTS, STATE_PERIOD_NS, STATES, TASK, ArmTruth, said
 from bagassets.sample.messages import Messages
 from bagassets.sample.oddities import edited, with_fields
 from bagassets.sample.schedule import Event
@@ -65,12 +66,8 @@ def _task_changes(events: Iterator[Event], _truth: ArmTruth) -> Iterator[Event]:
             yield waiting.pop(0)
         yield one
         if one.topic == TASK:
-            said = Event(one.log_time_ns + round(LATE_S * 1e9), TASK, one.msgtype, _other_task)
-            waiting.append(said)
-
-
-def _other_task(messages: Messages) -> Message:
-    return messages.make("std_msgs/String", OTHER_TASK)
+            log_time_ns = one.log_time_ns + round(LATE_S * 1e9)
+            waiting.append(Event(log_time_ns, TASK, one.msgtype, partial(said, OTHER_TASK)))
 
 
 ARM_ODDITIES: dict[str, ArmOddity] = {

@@ -211,7 +211,7 @@ def test_unfinished_files_are_examined_by_their_names(tmp_path, sound):
     cut.write_bytes(packed.read_bytes()[:-2000])
     status, output = doctor(cut, "--write", tmp_path / "copy")
     assert status == 3, output
-    assert "it is packed by zstd" in output
+    assert "it is compressed with zstd" in output
     assert "it is cut off: of " in output
     assert (
         "What to do next\n  Builds take no such file; `--write COPY` makes a ROS 2 bag folder of what can be read, which"
@@ -304,5 +304,5 @@ def test_of_a_bag_that_somebody_has_packed_is_said_to_unpack_it(tmp_path, sound,
     path = tmp_path / "a.bag.gz"
     path.write_bytes(gzip.compress(sound["ros1"].read_bytes()))
     more = [str(tmp_path / "out")] if command == ["convert"] else []
-    with pytest.raises(RecordingError, match=r"packed as a whole; unpack it to a\.bag"):
+    with pytest.raises(RecordingError, match=r"compressed as a whole; decompress it to a\.bag"):
         CliRunner().invoke(root, [*command, str(path), *more], catch_exceptions=False)

@@ -111,6 +111,20 @@ def test_the_padding_of_the_last_row_may_be_left_out(encoding):
         decode_image(short)
 
 
+@pytest.mark.parametrize("encoding", ["rgb8", "mono16"])
+def test_a_step_that_was_left_zero_is_that_of_rows_without_gaps(encoding):
+    wide = 3 if encoding == "rgb8" else 2
+    rows = np.arange(4 * 6 * wide, dtype=np.uint8).reshape(4, 6, wide)
+    whole, zero = image(encoding, rows), image(encoding, rows)
+    zero.step = 0
+    np.testing.assert_array_equal(decode_image(zero).pixels, decode_image(whole).pixels)
+    zero.data = np.append(
+        zero.data, np.zeros(4, np.uint8)
+    )  # rows with gaps, of which nothing tells the length
+    with pytest.raises(DecodeError, match="with step 0 does not fit"):
+        decode_image(zero)
+
+
 @pytest.mark.parametrize(("field", "value"), [("width", 0), ("height", 0), ("step", 17)])
 def test_an_image_without_width_height_or_room_for_a_row_is_refused(field, value):
     message = image("rgb8", np.zeros((4, 6, 3), np.uint8))

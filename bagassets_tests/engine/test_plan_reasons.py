@@ -1,5 +1,6 @@
 """Why an asset is in its state, in the words that `bagassets status` prints."""
 
+import os
 import shutil
 
 import pytest
@@ -33,6 +34,12 @@ def recipe(made):
     text = made.read_text()
     yield made
     made.write_text(text)
+
+
+def refuse(file, monkeypatch):
+    """Deny access to a file; its mode would not stop tests that run as root."""
+    access = os.access
+    monkeypatch.setattr(os, "access", lambda path, mode: path != file and access(path, mode))
 
 
 def output(recipe, **options):
@@ -165,10 +172,28 @@ def test_a_new_recording_was_never_made(recipe):
     assert plan.assets["bag"].reason.startswith("new recording")
 
 
-def test_a_recording_that_was_touched_has_to_be_read(recipe):
+def test_a_new_recording_that_cannot_be_read(recipe, monkeypatch):
+    """As `build` will say."""
+    other = recipe.parent / "bags" / "b.bag"
+    shutil.copy(recipe.parent / "bags" / KEY, other)
+    other.write_bytes(other.read_bytes() + b"\0")  # its digest is not on record
+    refuse(other, monkeypatch)
+    plan = survey(recipe).plan
+    other.unlink()
+    assert plan.bags["b.bag"].assets["bag"].reason == (
+        f"new recording, but {other} cannot be read; correct its permissions"
+    )
+    assert plan.bags[KEY].assets["bag"].state == "fresh"
+
+
+def test_a_recording_that_was_touched_has_to_be_read(recipe, monkeypatch):
     """The last one here: even with its old time the file is doubted from now on."""
     (recipe.parent / "bags" / KEY).touch()
     why = "size or time changed; its content has to be read"
     states = output(recipe)
     assert states.pop("bag") == ("stale", why)
     assert set(states.values()) == {("unknown", f"waits for bag — {why}")}
+    path = recipe.parent / "bags" / KEY
+    refuse(path, monkeypatch)
+    why += f", but {path} cannot be read; correct its permissions"
+    assert output(recipe)["bag"] == ("stale", why)

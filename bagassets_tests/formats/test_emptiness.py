@@ -1,7 +1,6 @@
 """A dataset that has nothing of its recordings is no success: the build ends with the reason and the way out."""
 
 import json
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -9,9 +8,8 @@ import pytest
 from bagassets.assets.quality.scene_rules import scenes_made, too_short_s
 from bagassets.engine.freshness.decide import nothing_to_do
 from bagassets.formats import dataset_build
-from bagassets.formats.dataset_build import datasets_of
 from bagassets.formats.emptiness import why_empty
-from bagassets.recipe import load_recipe, parse_recipe
+from bagassets.recipe import load_recipe
 from bagassets_tests.in_process import QUICK, build, make_project
 from bagassets_tests.small_drive import write_drive
 
@@ -55,7 +53,7 @@ def why(tmp_path, monkeypatch):
     recipe_file = tmp_path / "recipe.yaml"
     recipe_file.write_text(QUICK.format(name="x", root="bags").replace("scenes: {min_length_s: 0.5}\n", ""))
 
-    def said(*found, datasets=None):
+    def said(*found, assets=("nuscenes_dataset",), more=""):
         bags = {
             str(number): SimpleNamespace(
                 artifact=one, counts={"scenes": one["counts"]["scenes"], "samples": 0}
@@ -64,9 +62,9 @@ def why(tmp_path, monkeypatch):
         }
         monkeypatch.setattr(dataset_build, "read_lock", lambda _: SimpleNamespace(bags=bags))
         store = SimpleNamespace(artifact=lambda one: SimpleNamespace(read_json=lambda _: one))
-        recipe = load_recipe(recipe_file)
-        asked = datasets_of(recipe).values() if datasets is None else datasets
-        return why_empty(recipe, recipe_file, store, asked).replace(str(recipe_file), "FILE")
+        recipe_file.write_text(recipe_file.read_text() + more)
+        said = why_empty(load_recipe(recipe_file), recipe_file, store, assets)
+        return said.replace(str(recipe_file), "FILE")
 
     return said
 
@@ -87,18 +85,17 @@ def test_other_reasons_are_left_to_the_check_that_knows_them(why):
 
 
 def test_another_format_names_its_section(why):
-    vision = datasets_of(parse_recipe(QUICK.format(name="x", root="b") + "vision: {}\n", Path("r.yaml")))
     some = [SHORT | {"channels": {"CAM_FRONT": {"images": number}}} for number in (20, 3)]
-    assert why(*some, datasets=[vision["vision_dataset"]]) == (
+    assert why(*some, assets={"vision_dataset"}, more="vision: {}\n") == (
         "vision: 0 scenes from 2 recordings: no camera has 25 images (vision.frames) in a row; the most that one has are 20 "
-        "(FILE:1: vision)."
+        "(FILE:11: vision)."
     )
 
 
 def test_a_dataset_with_a_single_scene_is_none_of_these(why):
     assert why(SHORT, SHORT, LONG, DROPPED) == ""
     assert why() == ""
-    assert why(SHORT, datasets=()) == ""
+    assert why(SHORT, assets=()) == ""
 
 
 @pytest.mark.parametrize("found", [SHORT, DROPPED, NO_POSES, LONG, facts()], ids=str)

@@ -106,6 +106,7 @@ def test_same_recordings_in_any_order_give_the_same_text():
         (["/cam_fl/image", "/cam_rr/image"], ["CAM_FRONT_LEFT", "CAM_BACK_RIGHT"]),
         (["/sensing/camera/frontright/image_raw"], ["CAM_FRONT_RIGHT"]),
         (["/camera/image_raw"], ["CAM_FRONT"]),
+        (["/zed/image_raw"], ["CAM_FRONT"]),
         (
             ["/t265/fisheye1/image_raw", "/t265/fisheye2/image_raw"],
             ["CAM_T265_FISHEYE1", "CAM_T265_FISHEYE2"],

@@ -192,6 +192,26 @@ def test_fast_joints_are_sampled_and_the_recipe_says_how_fast_they_are(tmp_path)
     assert "fps: 50  # guess: at most 50; the slowest signal, joint_states, has 200 Hz\n" in proposal.text
 
 
+def image(number, topic):
+    def make(store):
+        data = np.zeros(12, np.uint8)
+        return store.types[kind](header(store, stamp_ns, "cam"), 2, 2, "rgb8", 0, 6, data)
+
+    stamp_ns, kind = NOON_NS + number * SECOND // 50, "sensor_msgs/msg/Image"
+    return Message(topic, kind, stamp_ns, make)
+
+
+@pytest.mark.parametrize(
+    ("topic", "name"), [("/wrist_cam/image_raw", "wrist"), ("/camera/color/image_raw", "front")]
+)
+def test_the_only_camera_of_an_arm_keeps_its_name(tmp_path, topic, name):
+    """Vehicles have a front; what an arm sees is named after where its camera is, if the topic says that."""
+    messages = [make(n) for n in range(20) for make in (lambda n: image(n, topic), lambda n: state(n, "ab"))]
+    _, recipe = proposed(write_ros1(tmp_path / "a.bag", messages))
+    camera = {"camera": f"CAM_{name.upper()}", "at": "nearest"}
+    assert recipe["lerobot"]["features"][f"observation.images.{name}"] == camera
+
+
 def test_a_car_with_lidar_is_no_arm(tmp_path):
     write_recordings([Target(tmp_path / "a.bag", "ros1")], duration_s=0.3)
     _, recipe = proposed(tmp_path / "a.bag")

@@ -391,7 +391,7 @@ class TestUnfinished:
         told = dict(discovery.excluded)
         assert sorted(told) == ["a_0.db3.zstd", "b.mcap.zstd", "c.db3-wal"]
         assert "bagassets doctor" in told["a_0.db3.zstd"]
-        assert told["b.mcap.zstd"] == "b.mcap was being packed into it, which is the recording"
+        assert told["b.mcap.zstd"] == "b.mcap was being compressed into it, which is the recording"
         assert told["c.db3-wal"].startswith("the last messages of c.db3, which is not here")
 
     def test_recordings_that_somebody_has_packed_are_listed(self, tmp_path):
@@ -399,10 +399,10 @@ class TestUnfinished:
         discovery = discover(Bags(root=tmp_path))
         assert list(discovery.recordings) == ["b.mcap"]
         assert dict(discovery.excluded) == {
-            "a.bag.zst": "packed as a whole; unpack it to a.bag",
-            "b.mcap.gz": "packed as a whole; b.mcap lies beside it, which is taken",
-            "c.bag.zstd": "packed as a whole; unpack it to c.bag",
-            "d.db3.xz": "packed as a whole; unpack it to d.db3",
+            "a.bag.zst": "compressed as a whole; decompress it to a.bag",
+            "b.mcap.gz": "compressed as a whole; b.mcap lies beside it, which is taken",
+            "c.bag.zstd": "compressed as a whole; decompress it to c.bag",
+            "d.db3.xz": "compressed as a whole; decompress it to d.db3",
         }
 
     def test_the_last_part_of_a_drive_may_be_unfinished(self, tmp_path):

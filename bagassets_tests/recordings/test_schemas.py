@@ -135,6 +135,60 @@ def test_what_cannot_be_read_costs_its_topic_and_is_named(tmp_path, store_of):
     assert sum("cannot be decoded" in note for note in value["notes"]) == 4
 
 
+GOAL_IDL = "module robot { @final struct Goal { long number; @optional long joint; float speed; }; };"
+STATE_IDL = """module robot { // no @optional members
+    struct State { long number; double speed; string name; };
+};"""
+# {7, 1.5, "ab"}, as Cyclone DDS writes it.
+STATE = "0001 0000 07000000 00000000 000000000000f83f 03000000 616200"
+EXTENDED = "it is in extended CDR (XCDR2, or a list of parameters); record it in plain CDR (XCDR1)"
+
+
+def dds(topic, name, idl, data):
+    return (topic, name, "omgidl", idl.encode(), "cdr", [bytes.fromhex(data)])
+
+
+def test_omg_idl_has_names_of_any_depth(tmp_path):
+    deep = f"module acme {{ {STATE_IDL} }};"
+    path = write(
+        tmp_path / "a.mcap",
+        dds("/a", "robot::State", STATE_IDL, STATE),
+        dds("/b", "acme::robot::State", deep, STATE),
+    )
+    found = messages(path)
+    assert {(one.number, one.speed, one.name) for one in found.values()} == {(7, 1.5, "ab")}
+    with open_recording(path) as recording:
+        assert {topic.msgtype for topic in recording.topics.values()} == {"robot/State", "acme/robot/State"}
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        "0007 0000 07000000 000000000000f83f 03000000 616200",
+        "0009 0000 13000000 07000000 000000000000f83f 03000000 616200",
+        "0009 0000 0c000000 07000000 000000000000f83f",  # as long as what is expected
+        "000b 0000 1f000000 00000020 07000000 01000030 000000000000f83f 02000050 03000000 616200",
+    ],
+    ids=["plain", "appendable", "of the same length", "mutable"],
+)
+def test_extended_cdr_is_named(tmp_path, store_of, data):
+    idl = STATE_IDL if data.endswith("616200") else STATE_IDL.replace("string name; ", "")
+    value, _ = store_of(write(tmp_path / "a.mcap", dds("/a", "robot::State", idl, data)))
+    (topic,) = value["topics"]
+    assert topic["problem"] == f"none of its messages can be decoded: {EXTENDED}"
+
+
+def test_optional_members_of_omg_idl_are_refused(tmp_path):
+    """Without a joint, this has the length of a goal with one."""
+    path = write(
+        tmp_path / "a.mcap", dds("/a", "robot::Goal", GOAL_IDL, "0007 0000 07000000 00000000 0000c03f")
+    )
+    with open_recording(path) as recording:
+        assert recording.topics["/a"].problem == (
+            "its type has optional members (@optional), which are not read; record one without them"
+        )
+
+
 @pytest.fixture
 def store_of(tmp_path):
     """Make the inventory of a recording; return it, and what is in its pack."""

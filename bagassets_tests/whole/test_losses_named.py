@@ -6,7 +6,7 @@ import pytest
 from rosbags.rosbag2 import Writer
 
 from bagassets_tests.in_process import QUICK, run_command
-from bagassets_tests.small_drive import LATENCY_NS, STORE2, messages
+from bagassets_tests.small_drive import LATENCY_NS, START_NS, STORE2, messages, write_drive
 
 pytestmark = [pytest.mark.xdist_group("losses_named"), pytest.mark.once]
 
@@ -41,8 +41,8 @@ def project(tmp_path_factory):
 
 TOLD = (
     "error drive: CAM_FRONT: 34 of 39 messages (87%) were lost because of duplicate stamps. If these are separate "
-    "readings, `clock: log` for this channel (rigs[].channels.CAM_FRONT.clock) tells them apart by their log times; "
-    "other channels keep their stamps (frames_complete)"
+    "readings, `clock: log` tells them apart by their log times: for this channel (rigs[].channels.CAM_FRONT.clock), while "
+    "others keep their stamps, or for all (clock), as where a simulation was restarted (frames_complete)"
 )
 
 
@@ -93,3 +93,25 @@ def test_the_way_out_leads_out(project):
         assert output["summary"][0]["images"] == 39
     finally:
         (project / "recipe.yaml").write_text(text)
+
+
+def test_the_way_out_of_a_restarted_simulation_is_for_all(tmp_path):
+    """A camera on another clock than the poses has none."""
+
+    def restart(_topic, _number, message, log_ns):
+        simulated_ns = 10**6 + (log_ns - LATENCY_NS - START_NS) % (2 * 10**9)
+        for part in getattr(message, "transforms", [message]):
+            part.header.stamp.sec, part.header.stamp.nanosec = divmod(simulated_ns, 10**9)
+        return [(log_ns, message)]
+
+    (tmp_path / "bags").mkdir()
+    write_drive(tmp_path / "bags" / "drive", "ros2", 4.0, change=restart)
+    text = QUICK.format(name="restarted", root="bags")
+    (tmp_path / "recipe.yaml").write_text(text)
+    assert "or for all (clock), as where a simulation was restarted" in run(tmp_path, "build").stdout
+    (tmp_path / "recipe.yaml").write_text(text.replace("modality: camera,", "modality: camera, clock: log,"))
+    assert "CAM_FRONT: 39 of 39 readings have no ego pose" in run(tmp_path, "build").stdout
+    (tmp_path / "recipe.yaml").write_text(f"clock: log\n{text}")
+    output = json.loads(run(tmp_path, "build", "--json").stdout)
+    assert output["remarks"] == []
+    assert output["summary"][0]["images"] == 39

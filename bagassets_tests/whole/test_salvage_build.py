@@ -244,7 +244,7 @@ def test_a_whole_build_tells_of_the_damage_everywhere(tmp_path, drives, monkeypa
     assert found == {"cut.bag": False, "torn": False, "whole.mcap": True}
     status = CliRunner().invoke(root, ["status", "--recipe", str(tmp_path / "recipe.yaml")]).output
     assert "gone.db3-wal: left out: the last messages of gone.db3" in status
-    assert "half.db3.zstd: left out: packed by a recorder" in status
+    assert "half.db3.zstd: left out: compressed by a recorder" in status
     page = tmp_path / "report.html"
     CliRunner().invoke(root, ["report", "--recipe", str(tmp_path / "recipe.yaml"), "--output", str(page)])
     assert "lost, in damaged parts of the recording" in page.read_text()

@@ -70,12 +70,12 @@ def _advice(name: str, reason: str, clock: Clock) -> str:
     field = f"for this channel (rigs[].channels.{name}.clock)"
     if reason == _DUPLICATE and clock == "header":
         return (
-            f"If these are separate readings, `clock: log` {field} tells them apart by their log times; "
-            "other channels keep their stamps"
+            f"If these are separate readings, `clock: log` tells them apart by their log times: {field}, while others keep their "
+            "stamps, or for all (clock), as where a simulation was restarted"
         )
     if reason == _DUPLICATE:
         return (
-            "They were logged in the same microsecond; if their header stamps differ, use `clock: header` "
+            "They have the same log times; if their header stamps differ, use `clock: header` "
             f"{field}; other channels keep their stamps"
         )
     return "If that is acceptable, raise limits.reported_losses in the recipe; else repair the recording or remove the channel"

@@ -25,8 +25,8 @@ class Finding:
 
     @property
     def sentences(self) -> list[str]:
-        """All sentences, problems first."""
-        return [*self.problems, *self.warnings]
+        """All sentences, problems first; warnings beside them say that they are no more than that."""
+        return [*self.problems, *(f"warning: {one}" if self.problems else one for one in self.warnings)]
 
     @property
     def passed(self) -> bool:

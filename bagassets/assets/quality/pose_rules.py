@@ -38,9 +38,7 @@ def poses_cover_sensors(
                 f"{name}: {without} of {len(stamps)} readings {lack} at {clock(first)}; a share of {check.min_share:g} is expected to have one"
             )
     problems = [*_overlaps(trajectory), *problems, *_jumps(trajectory, check)]
-    lost = list(losses)
-    # Lost poses may be why readings have none, and are no problem by themselves.
-    return Finding([*lost, *problems] if problems else [], {"with_pose": shares}, [] if problems else lost)
+    return Finding(problems, {"with_pose": shares}, list(losses))
 
 
 def poses_complete(counts: JsonMapping, what: str, max_lost: float) -> Iterator[str]:

@@ -1,15 +1,16 @@
 """What a build reports: functions of the state before, the state now and the runs that ended in between."""
 
 import fnmatch
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from itertools import chain
 from pathlib import Path
+
+import dagster as dg
 
 from bagassets.base.fingerprints import recipe_fingerprint
 from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.defs.builds.loop import BuildLoop
 from bagassets.defs.builds.pending_work import PendingWork
-from bagassets.defs.graph.check_records import remarks_of_runs
 from bagassets.defs.records.events import recordings_made
 from bagassets.defs.runs.run_pool import EndedRun
 from bagassets.engine.batches import DATASET
@@ -50,8 +51,7 @@ def report_of(build: BuildLoop, split_before: Mapping[str, str], *, interrupted:
         dataset = "stopped"
     else:
         recipe_file = Path(workspace.recipe_file)
-        asked = [one for asset, one in datasets.items() if asset in before.asked.datasets]
-        problem = problem or why_empty(recipe, recipe_file, workspace.store, asked)
+        problem = problem or why_empty(recipe, recipe_file, workspace.store, before.asked.datasets)
     return BuildReport(
         plan=now.plan,
         outcomes=_outcomes(build),
@@ -129,6 +129,22 @@ def left_over(build: BuildLoop, report: BuildReport) -> tuple[Remark, ...]:
     why = "it came, changed or went while this was built; build again"
     came = sorted({*build.now.todo, *build.now.leaving} - told)
     return tuple(Remark(key, "warn", "left_over", why) for key in came)
+
+
+def remarks_of_runs(instance: dg.DagsterInstance, run_ids: Collection[str]) -> list[Remark]:
+    """Return the findings of the asset checks in some runs; empty ids are of recordings that had none."""
+    remarks = []
+    for run_id in sorted(filter(None, run_ids)):
+        for entry in instance.all_logs(run_id, of_type=dg.DagsterEventType.ASSET_CHECK_EVALUATION):
+            found = entry.asset_check_evaluation
+            if found is not None and not found.passed:
+                # Users' own checks need not count their problems.
+                number = found.metadata.get("problems")
+                more = 0 if number is None else int(str(number.value)) - 1
+                said = (found.description or "") + (f" (and {more} more)" if more > 0 else "")
+                weight = found.severity.value.lower()
+                remarks.append(Remark(found.partition or "", weight, found.check_name, said))
+    return sorted(remarks, key=lambda remark: remark.key)
 
 
 def checked_remarks(build: BuildLoop) -> list[Remark]:

@@ -79,12 +79,12 @@ def examine(path: Path) -> Examined:
     lacks_metadata = path.is_dir() and not (path / METADATA).exists()
     if lacks_metadata:
         _refuse_folder_of_recordings(path)
-    if path.suffix in unfinished.PACKERS - {ZSTD} and (reason := unfinished.reason(path, path.stat())):
+    if path.suffix in unfinished.COMPRESSORS - {ZSTD} and (reason := unfinished.reason(path, path.stat())):
         raise RecordingError(f"{path}: {reason}, and ask about that.")
     behind = [*_behind_end(path)]
     try:
         if path.suffix == ZSTD:
-            packed = "it is packed by zstd, and builds read such files in ROS 2 bag folders only"
+            packed = "it is compressed with zstd, and builds read such files in ROS 2 bag folders only"
             raise RecordingError(f"{path}: {packed}.")  # noqa: TRY301  (as if that were tried)
         with open_recording(path) as recording:
             counts, missing = _read(recording)

@@ -10,8 +10,8 @@ import pytest
 from bagassets.assets.quality.evidence import Evidence
 from bagassets.base.errors import StoreError
 from bagassets.defs.builds import pending_work
+from bagassets.defs.builds.report import remarks_of_runs
 from bagassets.defs.graph import dataset
-from bagassets.defs.graph.check_records import remarks_of_runs
 from bagassets.defs.graph.location import build_definitions
 from bagassets.defs.records.artifact_files import page_file
 from bagassets.defs.records.instance_plan import plan_instance
