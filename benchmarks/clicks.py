@@ -123,6 +123,8 @@ def main() -> None:
     found: dict[str, Any] = {"now": _count(Path(sys.executable).with_name("bagassets"))}
     if options.before is not None:
         found["before"] = _count(options.before.absolute())
+    elif options.json is not None and options.json.exists():  # a version that is out does not change
+        found |= {"before": json.loads(options.json.read_text("utf-8")).get("before")}
     print(clicks_table(found))
     if options.json is not None:
         options.json.write_text(json.dumps({"machine": machine(), **found}, indent=1) + "\n", "utf-8")
