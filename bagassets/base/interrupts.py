@@ -2,7 +2,7 @@
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
@@ -49,3 +49,15 @@ def deferred_interrupts() -> Iterator[Interrupt]:
     finally:
         for number in deferred:
             signal.signal(number, signal.default_int_handler)
+
+
+@contextmanager
+def signals_handled(how: Callable[..., object] | signal.Handlers, *numbers: signal.Signals) -> Iterator[None]:
+    """Have signals handled by something else meanwhile; in another thread than the main one, nothing is changed."""
+    is_main = threading.current_thread() is threading.main_thread()
+    before = {number: signal.signal(number, how) for number in numbers if is_main}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -222,10 +222,11 @@ def _write_beside(path: Path, text: str) -> None:
 
 def _build(recipe: "Recipe", bags: "Bags", kind: "AnyFormat", out: Path, text: str) -> int:
     """Build the dataset, move it to `out`, and return the exit status."""
+    from bagassets.base.interrupts import signals_handled
     from bagassets.cli.build import build_with_progress
     from bagassets.cli.remote import InterruptedBuildError
     from bagassets.cli.summary import print_remarks, summary_console
-    from bagassets.cli.throw_away import signals_handled, throw_away_project
+    from bagassets.cli.throw_away import throw_away_project
     from bagassets.engine.build_report import BuildOptions, BuildReport, SummaryRow
     from bagassets.formats.dataset_lock import read_lock
 

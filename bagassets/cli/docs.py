@@ -170,7 +170,9 @@ def _section(asset: "AnyAsset", assets: "tuple[AnyAsset, ...]") -> str:
         "libraries": ", ".join(asset.libraries),
         "version": str(asset.version),
         "what versions changed": "; ".join(f"{version} {text}" for version, text in asset.changes.items()),
-        "if it fails": "the recording still enters datasets that are not made from it" * asset.optional,
+        "if it fails": "the recording still enters datasets that are not made from it"
+        if asset.optional
+        else "",
     }
     table = "".join(f"| {name} | {value} |\n" for name, value in rows.items() if value)
     return f"\n## {asset.name}\n\n{asset.about}\n\n| | |\n|---|---|\n{table}"

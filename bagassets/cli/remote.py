@@ -4,6 +4,7 @@ A new server imports Dagster once, for all builds until it ends; if the build ra
 """
 
 import shutil
+import signal
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -15,7 +16,7 @@ from typing import TYPE_CHECKING
 from bagassets.base import errors
 from bagassets.base.errors import BagAssetsError, DatasetError
 from bagassets.base.fingerprints import PlanNeeded
-from bagassets.base.interrupts import deferred_interrupts
+from bagassets.base.interrupts import deferred_interrupts, signals_handled
 from bagassets.base.json_types import JsonObject
 from bagassets.base.lock_files import is_locked
 from bagassets.base.trace import span
@@ -152,7 +153,8 @@ def scratch_folders(output: Path, *, parents: bool = False) -> Iterator[tuple[Pa
     try:
         yield state, beside
     finally:
-        with deferred_interrupts():  # a second Ctrl-C must not keep them from being removed
+        # A second Ctrl-C must not keep them from being removed.
+        with signals_handled(signal.SIG_IGN, signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             end_servers(state)
             shutil.rmtree(state, ignore_errors=True)
             shutil.rmtree(beside, ignore_errors=True)

@@ -3,8 +3,7 @@
 import json
 import os
 import shutil
-import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -96,16 +95,3 @@ def _make_own(path: Path) -> None:
         with replacing(path) as copy:
             shutil.copyfile(path, copy)
     path.chmod(path.stat().st_mode | 0o200)
-
-
-@contextmanager
-def signals_handled(
-    how: "Callable[..., object] | signal.Handlers", *numbers: signal.Signals
-) -> Iterator[None]:
-    """Have signals handled by something else meanwhile."""
-    before = {number: signal.signal(number, how) for number in numbers}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
