@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # A recorder writes the pictures of a camera to an MP4 with their times, by x264 as it is set up: ten a second by day, one a second by night. So that a crash leaves what was
-# written until then, the MP4 is fragmented (`movflags`). When is each picture? Guess: at its time, as without fragments,
-# or at least as far from the first as it was; how a file is laid out is not when a picture is shown.
+# written until then, the MP4 is fragmented (`movflags`). When is each picture? Guess: at its time, as without fragments: how a file is laid out is not when
+# a picture is shown.
 # Seen with PyAV 18.1.0 (FFmpeg in its wheel) on 2026-11-30, without a word: all pictures are late by two of the camera's, 0.2 s by day, 2 s by night, with
 # `frag_keyframe`, alone or with `empty_moov`. What takes the delay of B-frames back, an edit list, is written before it is known; so no reader can tell, and a
 # camera without B-frames, or with another codec, is not late. `negative_cts_offsets`, which is to do without an edit list, changes nothing here.

@@ -3,8 +3,8 @@
 # them: CuboidIOU, CuboidPrecision and CuboidRecall, with an overlap of 0.5 as the limit. In a cuboid, dimensions are "length (x), width (y), and height (z)", turned by yaw.
 # Guess: overlaps of 8/12 and 1.5/3.5; so the first is right by all of them, the second by none.
 # Seen with scale-nucleus 0.22.3 on 2026-11-30, without a word: the overlaps are these, 0.67 and 0.43, whichever way the lorry heads. But by precision and recall it is the
-# other way round, 0 for the first and 1 for the second: there boxes are turned by a quarter more, so that the lorry lies across its heading. Errors
-# ahead are judged as those to the side, and a car that is twice as long as wide, as most are, is found or missed for the wrong ones
+# other way round, 0 for the first and 1 for the second: there boxes are turned by a quarter more, so that the lorry lies across its heading, and errors
+# ahead are judged as those to the side
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT

@@ -3,7 +3,7 @@
 # standard type. Who reads it? Guess: everyone, since constants are not in the bytes of a message; perhaps a reader of ROS 2 forbids the names.
 # Seen with rosbags 0.11.9, mcap 1.6.0, mcap-ros1-support 0.9.0 and @foxglove/rosmsg 5.0.5 on 2026-11-30: rosbags refuses the whole bag, the standard topic, too. As
 # `uint8 Idle=0` it "could not parse"; as `uint8 Idle = 0`, with spaces, it takes the constant for a FIELD, whose default is text that begins with "=", and
-# so has a wrong hash of the type, which it reports. The other two read the messages
+# so has a wrong hash of the type, which it reports. The other two read the messages. (Names of packages in upper case, which ROS 1 allows, too, it refuses likewise)
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
@@ -23,7 +23,7 @@ from mcap.writer import Writer as McapWriter
 from mcap_ros1.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.rosbag1 import Writer as BagWriter
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
 CONSTANTS, FIELDS = ("uint8 Idle{}0", "uint8 Take_Off{}1"), ("uint8 mode", "uint8 battery", "string target")
 MESSAGE = struct.pack("<BBI", 1, 80, 2) + b"up"
@@ -78,6 +78,12 @@ for equals in ("=", " = "):
 assert refused["="].startswith("Could not parse") and "hash mismatch" in refused[" = "], refused
 store = get_typestore(Stores.ROS1_NOETIC)
 store.register(get_types_from_msg(definition, "drone_msgs/msg/Command"))
+try:
+    get_types_from_msg("AcmeRobot/Mode mode\n", "drone_msgs/msg/Command")
+except TypesysError as error:
+    assert "Could not parse" in str(error)
+else:
+    raise SystemExit("rosbags takes packages in upper case now")
 fields = [name for name, _ in store.fielddefs["drone_msgs/msg/Command"][1]]
 print("fields, by rosbags:", fields)
 assert fields == ["Idle", "Take_Off", "mode", "battery", "target"]

@@ -11,14 +11,15 @@ from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache, partial
 from pathlib import Path
 from threading import Lock
-from typing import Literal, cast
+from typing import cast
 
 from rosbags.interfaces import CDRDeser, Msgdef, Nodetype
 from rosbags.interfaces.typing import Constdefs, Fielddefs, Typesdict
 from rosbags.serde.cdr import generate_deserialize_cdr
 from rosbags.serde.ros1 import generate_deserialize_ros1
 from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
-from rosbags.typesys.base import normalize_fieldname
+from rosbags.typesys.base import make_typesdict, normalize_fieldname
+from rosbags.typesys.msg import MSGParser
 from rosbags.typesys.store import Typestore
 
 from bagassets.base.errors import BagAssetsError, DecodeError, RecordingError
@@ -40,8 +41,6 @@ CHANGED_IN_HUMBLE = frozenset({"shape_msgs/msg/SolidPrimitive", "visualization_m
 IDL_TEXT = re.compile(r"//[^\n]*|/\*.*?\*/|\"(?:\\\\.|[^\"\\\\])*\"", re.DOTALL)
 """Comments and strings."""
 _OPERATOR = re.compile(r"<<|\*")
-# What the parser does not take, but ROS does: carriage returns of Windows, and ROS 1's constants named in lower case.
-_UNPARSED = re.compile(r"(?m)\r$|^[ \t]*[\w/]+[ \t]+(?![A-Z][A-Z0-9]*(_[A-Z0-9]+)*[ \t]*=)\w+[ \t]*=.*")
 # Bags list a type and the types that it includes in sections headed like this.
 _IDL_SECTION = re.compile(r"^=+\r?\nIDL: .*$", re.MULTILINE)
 
@@ -105,9 +104,8 @@ class Layout:
     @property
     def text(self) -> str:
         """The definition as ROS writes it, with `MSG:` sections for nested types."""
-        version: Literal[1, 2] = 1 if self.serialization == "ros1" else 2
-        text, _ = self.store.generate_msgdef(self.msgtype, ros_version=version)
-        return text
+        ros1 = self.serialization == "ros1"
+        return self.store.generate_msgdef(self.msgtype, ros_version=1 if ros1 else 2)[0]
 
     def decode(self, data: bytes | memoryview) -> Message:
         """Return the message object.
@@ -291,10 +289,8 @@ def _definition_problem(err: Exception) -> str:
     """Return what is wrong with a definition, since messages of libraries are for programmers."""
     if isinstance(err, RecursionError):
         return "its types contain each other without end"
-    if isinstance(err, ValueError) and not isinstance(err, UnicodeError):
-        text = str(err)
-        if "contains itself" in text or text.startswith("an array of"):
-            return text
+    if isinstance(err, ValueError) and ("contains itself" in str(err) or str(err).startswith("an array of")):
+        return str(err)
     if isinstance(err, TypesysError):
         lines = str(err).splitlines()
         if lines and lines[0].startswith("Could not parse") and len(lines) > 2 and lines[2].isdigit():
@@ -315,17 +311,14 @@ def _lookup_orders(
     settled = msgtype in own or msgtype in by_hand
     # If the type itself is given, only the types that it refers to are looked up, in their newest version.
     versions = known_versions(package)[: 1 if settled else None] or ({},)
-    standards = (
-        ("ros1",) if serialization == "ros1" else ("humble",) if msgtype in own else ("humble", "galactic")
-    )
+    standards = ["ros1"] if serialization == "ros1" else ["humble", "galactic"][: 1 if msgtype in own else 2]
     for version in versions:
         for standard in standards:
             yield (own.get, by_hand.get, version.get, _newest_known, _times().get, _standard(standard))
 
 
 def _newest_known(name: str) -> tuple[Constdefs, Fielddefs] | None:
-    versions = known_versions(name.partition("/")[0])
-    return versions[0].get(name) if versions else None
+    return next(iter(known_versions(name.partition("/")[0])), {}).get(name)
 
 
 def _standard(name: str) -> Lookup:
@@ -396,9 +389,15 @@ def _plain(description: object) -> object:
     return [_plain(part) for part in description] if isinstance(description, tuple) else description
 
 
+class _Parser(MSGParser):
+    ConstantName = PackageName = MSGParser.MixedSnake  # as ROS 1 allows
+
+
 def _parsed(definition: Definition, msgtype: str) -> Types:
     if definition.format == "msg":
-        return get_types_from_msg(_UNPARSED.sub("", definition.text), msgtype)
+        # The parser does not take the carriage returns of files from Windows, which ROS does.
+        text = f"MSG: {msgtype}\n{definition.text}".replace("\r\n", "\n")
+        return make_typesdict(_Parser(text).specification())
     if _OPERATOR.search(IDL_TEXT.sub("", definition.text)):
         raise ValueError("it computes")
     types: Typesdict = {}
@@ -423,8 +422,8 @@ def _message_files(files: FolderListing) -> Types:
     for path, _, _ in files:
         package = path.parent.parent.name if path.parent.name == "msg" else path.parent.name
         try:
-            text = _UNPARSED.sub("", path.read_text(encoding="utf-8"))
-            types |= get_types_from_msg(text, f"{package}/msg/{path.stem}")
+            definition = Definition("msg", path.read_text(encoding="utf-8"))
+            types |= _parsed(definition, f"{package}/msg/{path.stem}")
         except Exception as err:  # as in `_layouts`
             raise RecordingError(
                 f"{path}: expected a message definition, but {_definition_problem(err)}; correct the file."

@@ -217,16 +217,20 @@ def test_line_ends_of_windows_mean_nothing_in_either_language(definition):
 
 @pytest.mark.parametrize(
     "constants",
-    [
-        "uint8 idle = 0\nuint8 hover = 1\n",
-        "uint8 Idle=0\n\tuint8  Take_Off=1 # up\n",
-        "string s=a = b\nbool _A=1\n",
-    ],
+    ["uint8 idle = 3\nuint8 hover = 1\n", "uint8 idle=3\n\tuint8  Take_Off=1 # up\nbool A__B=1\n"],
 )
 def test_constants_may_have_names_in_lower_case_as_ros_1_has_them(tmp_path, constants):
     plain, values = digest_with(tmp_path, "plain", "float32 first\nfloat32 second\n")
-    named, others = digest_with(tmp_path, "named", f"{constants}float32 first\n{constants}float32 second\n")
-    assert (named, others) == (plain, values)
+    named, messages = digest_of(tmp_path, "named", f"float32 first\n{constants}float32 second\n")
+    assert ([message.first for message in messages], messages[0].idle) == (values, 3)
+    assert named != plain
+
+
+def test_packages_may_have_names_in_upper_case_as_ros_1_has_them():
+    text = f"AcmeRobot/Inner inner\n{RULE}MSG: AcmeRobot/Inner\nOther other\n{RULE}MSG: AcmeRobot/Other\nuint8 x\n"
+    read = choice_of("AcmeRobot/msg/Outer", "ros1", Definition("msg", text), [])
+    assert isinstance(read, Choice), read
+    assert read.best.decode(b"\x07").inner.other.x == 7
 
 
 def test_a_definition_by_hand_may_have_such_constants_too(tmp_path):
