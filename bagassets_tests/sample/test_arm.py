@@ -32,19 +32,12 @@ from bagassets.sample.arm_oddities import ARM_ODDITIES, CHANGE_AFTER_S, LATE_S, 
 from bagassets.sample.drive import Target, drive_start_ns, write_arm_recordings
 from bagassets.sample.recipe import arm_recipe
 from bagassets.store.store import Store
+from bagassets_tests.arm_recordings import number_in
 
 pytestmark = pytest.mark.once
 
 NAMES = {"ros1": "arm.bag", "ros2": "arm", "mcap": "arm.mcap", "foxglove": "arm.mcap"}
 DURATION_S = 2.5
-
-
-def number_in(image):
-    """The number that an image of any camera shows, as 16 patches below it."""
-    patches = np.split(
-        image[-6:-2].mean(axis=(0, 2)), range(image.shape[1] // 16, image.shape[1], image.shape[1] // 16)
-    )
-    return sum(1 << bit for bit, patch in enumerate(patches[:16]) if patch[2:-2].mean() > 128)
 
 
 @pytest.fixture(scope="module")
