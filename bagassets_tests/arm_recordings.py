@@ -112,11 +112,3 @@ def join(recipe, parts, *, suspects=None, splits=None):
         splits=splits or Splits(shares={"train": 1.0}),
         suspects=suspects,
     )
-
-
-def number_in(image):
-    """The number that an image of any camera shows, as 16 patches below it."""
-    patches = np.split(
-        image[-6:-2].mean(axis=(0, 2)), range(image.shape[1] // 16, image.shape[1], image.shape[1] // 16)
-    )
-    return sum(1 << bit for bit, patch in enumerate(patches[:16]) if patch[2:-2].mean() > 128)

@@ -4,6 +4,8 @@ import json
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from bagassets.formats.assembly import assemble
 from bagassets.formats.format import Part
 from bagassets.formats.nuscenes.format import NUSCENES
@@ -76,3 +78,11 @@ def object_ids(truth, channel, stamp_ns):
     model = truth.cameras[channel].model.undistorted()
     view = CameraView(truth.world, replace(truth.cameras[channel], model=model))
     return view.hits(truth.seconds(stamp_ns)).thing.reshape(model.height, model.width)
+
+
+def number_in(image):
+    """The number that an image of any camera of the sample arm shows, as 16 patches below it."""
+    patches = np.split(
+        image[-6:-2].mean(axis=(0, 2)), range(image.shape[1] // 16, image.shape[1], image.shape[1] // 16)
+    )
+    return sum(1 << bit for bit, patch in enumerate(patches[:16]) if patch[2:-2].mean() > 128)

@@ -34,6 +34,7 @@ __all__ = [
     "LIDAR_TOPIC",
     "seconds_of",
     "tas_recipe",
+    "with_short_scenes",
     "write_jpeg_project",
     "write_tas_drive",
 ]
@@ -107,11 +108,12 @@ def write_tas_drive(
 def tas_recipe(root: Path, output: str = "nuscenes") -> str:
     """Return the recipe of such drives."""
     text = sample_recipe(root=str(root), output=output, throughput=True)
-    return (
-        text.replace(_SCANS, LIDAR_TOPIC)
-        .replace("settle_s: 2", "settle_s: 0")
-        .replace("  length_s: 20\n", f"  length_s: 20\n  min_length_s: {_LEAST_SCENE_S}\n")
-    )
+    return with_short_scenes(text.replace(_SCANS, LIDAR_TOPIC).replace("settle_s: 2", "settle_s: 0"))
+
+
+def with_short_scenes(recipe: str) -> str:
+    """Return a sample recipe that has scenes of recordings of a fraction of a second, too."""
+    return recipe.replace("  length_s: 20\n", f"  length_s: 20\n  min_length_s: {_LEAST_SCENE_S}\n")
 
 
 def write_jpeg_project(folder: Path, size: float) -> Path:

@@ -32,11 +32,12 @@ from bagassets.sample.drive import Target, write_recordings
 from bagassets.sample.recipe import sample_recipe
 from bagassets_tests.postgres_server import Postgres, running_postgres, use_postgres
 from benchmarks.common import machine
+from benchmarks.drives import with_short_scenes
 from benchmarks.resources import Used, run_watched
 
 __all__ = ["small_table"]
 
-_DURATION_S, _LEAST_SCENE_S = 0.5, 0.2
+_DURATION_S = 0.5
 _WARM = 2  # recordings made before the clock is looked at
 _OTHER_SEEDS = 1000  # of recordings that have changed
 _LONG_FEWER = 200  # recordings of the smaller project that a long build is compared with
@@ -143,8 +144,7 @@ def _write_recording(path: Path, seed: int) -> None:
 
 def _project(folder: Path, recordings: Path) -> Path:
     shutil.rmtree(folder, ignore_errors=True)
-    recipe = sample_recipe(root=str(recordings))
-    write_project(folder, recipe.replace("\nscenes:\n", f"\nscenes:\n  min_length_s: {_LEAST_SCENE_S}\n"))
+    write_project(folder, with_short_scenes(sample_recipe(root=str(recordings))))
     return folder / "recipe.yaml"
 
 

@@ -151,8 +151,19 @@ def parameters_of(asset: "AnyAsset") -> str:
     returned = get_type_hints(asset.params)["return"]
     owner = getattr(asset.params, "__self__", None)  # a classmethod of the parameters themselves
     kinds = [owner] if owner is not None else [*get_args(returned)] or [returned]
-    fields = (getattr(kind, "__dataclass_fields__", getattr(kind, "model_fields", ())) for kind in kinds)
-    return _names([*dict.fromkeys(name for names in fields for name in names)])
+    names = [name for kind in kinds for name in _fields_of(kind)]
+    return _names(list(dict.fromkeys(names)))
+
+
+def _fields_of(kind: object) -> list[str]:
+    """Return the names of the fields of a dataclass or of a recipe model."""
+    from dataclasses import fields, is_dataclass
+
+    from pydantic import BaseModel
+
+    if is_dataclass(kind):
+        return [one.name for one in fields(kind)]
+    return list(kind.model_fields) if isinstance(kind, type) and issubclass(kind, BaseModel) else []
 
 
 def _section(asset: "AnyAsset", assets: "tuple[AnyAsset, ...]") -> str:

@@ -9,27 +9,15 @@ from bagassets.decode.registry import types_of
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.tf_tree import Edge as TfEdge
 from bagassets.geometry.tf_tree import TfTree
-from bagassets.propose.naming import tokens
+from bagassets.propose.naming import tokens, word_list
 from bagassets.propose.sensors import Sensor
 from bagassets.propose.summary import Edge, RecordingSummary, TopicSummary
 
 _GLOBAL_FRAMES = ("map", "world", "odom", "earth", "local", "global", "enu", "utm")
-_EGO_FRAMES = [
-    "base_link",
-    "base_footprint",
-    "ego_vehicle",
-    "ego",
-    "vehicle",
-    "vehicle_link",
-    "base",
-    "base_frame",
-    "base_stabilized",
-    "chassis",
-    "chassis_link",
-    "body",
-    "body_link",
-    "car",
-]
+_EGO_FRAMES = word_list(
+    "base_link base_footprint ego_vehicle ego vehicle vehicle_link base base_frame base_stabilized chassis "
+    "chassis_link body body_link car"
+)
 _USUAL = _EGO_FRAMES[0]
 # How much of the measured acceleration must point along one axis to call that axis vertical: tilts up to 45 degrees.
 _VERTICAL = 0.7

@@ -10,6 +10,11 @@ Modality = Literal["camera", "lidar", "radar"]
 PREFIX: dict[str, str] = {"camera": "CAM", "lidar": "LIDAR", "radar": "RADAR"}
 
 
+def word_list(text: str) -> tuple[str, ...]:
+    """Return the words of a text, in order."""
+    return tuple(text.split())
+
+
 def word_set(text: str) -> frozenset[str]:
     """Return the words of a text."""
     return frozenset(text.split())

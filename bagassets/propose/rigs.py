@@ -130,8 +130,8 @@ def propose_rig(
     )
     for sensor in sensors:
         alone = sum(other.modality == sensor.modality for other in sensors) == 1
-        topic, taken = sensor.topic, rig.channels
-        name, reason = channel_name(sensor.modality, topic.name, topic.frames, taken, alone, rig.is_arm)
+        topic, named = sensor.topic, rig.channels
+        name, reason = channel_name(sensor.modality, topic.name, topic.frames, named, alone, rig.is_arm)
         rig.channels[name], rig.reasons[name] = sensor, reason
     return rig
 

@@ -273,7 +273,8 @@ def _layouts(
                 candidates.append(types)
         layouts = tuple(Layout(msgtype, serialization, types) for types in candidates)
         for layout in layouts[:1]:
-            _ = layout.store, layout.digest  # the others are compiled only if this one does not fit
+            _ = layout.store  # the others are compiled only if this one does not fit
+            _ = layout.digest
     except (MemoryError, BagAssetsError):
         raise
     except Exception as err:  # noqa: BLE001  (a bad definition costs its topic, nothing more)
@@ -289,8 +290,10 @@ def _definition_problem(err: Exception) -> str:
     """Return what is wrong with a definition, since messages of libraries are for programmers."""
     if isinstance(err, RecursionError):
         return "its types contain each other without end"
-    if isinstance(err, ValueError) and ("contains itself" in str(err) or str(err).startswith("an array of")):
-        return str(err)
+    if isinstance(err, ValueError) and not isinstance(err, UnicodeError):
+        text = str(err)
+        if "contains itself" in text or text.startswith("an array of"):
+            return text
     if isinstance(err, TypesysError):
         lines = str(err).splitlines()
         if lines and lines[0].startswith("Could not parse") and len(lines) > 2 and lines[2].isdigit():
@@ -311,14 +314,17 @@ def _lookup_orders(
     settled = msgtype in own or msgtype in by_hand
     # If the type itself is given, only the types that it refers to are looked up, in their newest version.
     versions = known_versions(package)[: 1 if settled else None] or ({},)
-    standards = ["ros1"] if serialization == "ros1" else ["humble", "galactic"][: 1 if msgtype in own else 2]
+    standards = (
+        ("ros1",) if serialization == "ros1" else ("humble",) if msgtype in own else ("humble", "galactic")
+    )
     for version in versions:
         for standard in standards:
             yield (own.get, by_hand.get, version.get, _newest_known, _times().get, _standard(standard))
 
 
 def _newest_known(name: str) -> tuple[Constdefs, Fielddefs] | None:
-    return next(iter(known_versions(name.partition("/")[0])), {}).get(name)
+    versions = known_versions(name.partition("/")[0])
+    return versions[0].get(name) if versions else None
 
 
 def _standard(name: str) -> Lookup:

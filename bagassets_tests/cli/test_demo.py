@@ -12,7 +12,7 @@ import pytest
 from bagassets import open_dataset
 from bagassets.sample.arm import LEAD_S, ArmTruth
 from bagassets.sample.drive import drive_start_ns
-from bagassets_tests.arm_recordings import number_in
+from bagassets_tests.sample_drives import number_in
 
 pytestmark = [pytest.mark.xdist_group("demo"), pytest.mark.once]
 

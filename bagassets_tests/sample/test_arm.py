@@ -32,7 +32,7 @@ from bagassets.sample.arm_oddities import ARM_ODDITIES, CHANGE_AFTER_S, LATE_S, 
 from bagassets.sample.drive import Target, drive_start_ns, write_arm_recordings
 from bagassets.sample.recipe import arm_recipe
 from bagassets.store.store import Store
-from bagassets_tests.arm_recordings import number_in
+from bagassets_tests.sample_drives import number_in
 
 pytestmark = pytest.mark.once
 

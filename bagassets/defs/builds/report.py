@@ -25,6 +25,10 @@ from bagassets.formats.emptiness import left_behind, why_empty
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.schema import suggestion
 
+_WILDCARDS = frozenset(
+    "*?["
+)  # there may be thousands of names, and thousands of recordings to compare each of these with
+
 
 def report_of(build: BuildLoop, split_before: Mapping[str, str], *, interrupted: bool) -> BuildReport:
     """Return the report of a build, without the user's own assets, and with the remarks on what its runs have made.
@@ -108,10 +112,14 @@ def _names_of_none(recipe: Recipe, plan: Plan) -> Iterator[str]:
     known = dict.fromkeys(chain(plan.bags, *plan.ties.former.values()))
     fields: list[tuple[str, Iterable[str]]] = [("splits.pinned", recipe.splits.pinned)]
     for one in recipe.datasets:
-        of_scenes = [name.rpartition("_")[0] for name in one.scenes if not set(name) & set("*?[")]
+        of_scenes = [name.rpartition("_")[0] for name in one.scenes if not set(name) & _WILDCARDS]
         fields.append((f"datasets: {one.name}", [*one.recordings, *of_scenes]))
     for field, names in fields:
-        unknown = [name for name in names if name not in known and not fnmatch.filter(known, name)]
+        unknown = [
+            name
+            for name in names
+            if name not in known and not (set(name) & _WILDCARDS and fnmatch.filter(known, name))
+        ]
         if unknown:
             more = f" (nor what {len(unknown) - 1} more of its names stand for)" if unknown[1:] else ""
             hint = suggestion(unknown[0], [*known]) or "; `bagassets status --all` lists the keys."
