@@ -209,8 +209,8 @@ def test_a_recipe_without_the_dataset_is_refused(tmp_path, drive, capsys):
 
 @pytest.mark.parametrize(("number", "moment"), [(signal.SIGINT, "starting"), (signal.SIGTERM, "start    ")])
 def test_an_interrupt_leaves_nothing_behind(tmp_path, temporary, number, moment):
-    """While the server starts, and while it builds."""
-    drive = write_drive(tmp_path / "bags" / "drive.bag", "ros1", 10.0)
+    """While the server starts, and while it builds, which takes a second, so that the signal is in time."""
+    drive = write_drive(tmp_path / "bags" / "drive.bag", "ros1", 200.0)
     process = subprocess.Popen(
         [sys.executable, "-m", "bagassets", "convert", str(drive), str(tmp_path / "out")],
         stdout=subprocess.DEVNULL,
@@ -221,7 +221,7 @@ def test_an_interrupt_leaves_nothing_behind(tmp_path, temporary, number, moment)
     )
     if moment == "starting":
         eventually(lambda: list(temporary.glob("*/forkserver/*.lock")), "a server that starts", 300)
-    else:  # at once, as a build takes a moment only
+    else:
         assert any(moment in line for line in process.stderr)
     process.send_signal(number)
     _, said = process.communicate(timeout=90)
