@@ -220,8 +220,8 @@ class HashedAlong:
                 return
         self._asked[path] = position
         hashed = self._thread.submit(self._hash, path, position, data)
-        hasher = self._hashers.get(path)
-        if hasher is not None and position > hasher.position + _MOST_BEHIND_BYTES:
+        hasher = self._hashers.get(path)  # none until the thread has run for the first time
+        if position > (0 if hasher is None else hasher.position) + _MOST_BEHIND_BYTES:
             hashed.result()
 
     def finish(self) -> RecordingDigest:

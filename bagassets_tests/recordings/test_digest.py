@@ -2,8 +2,9 @@ import json
 import os
 import random
 import sqlite3
+import threading
 import time
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import closing
 
 import pytest
@@ -15,6 +16,7 @@ from bagassets.base.errors import ChangedWhileReadError, RecordingError, StoreEr
 from bagassets.recordings import digest as module
 from bagassets.recordings import digest_record
 from bagassets.recordings.digest import (
+    HashedAlong,
     RecordingStat,
     assert_unchanged,
     hash_file,
@@ -492,6 +494,27 @@ def test_a_file_is_hashed_in_whichever_order_it_is_followed(tmp_path_factory, si
                 hasher.follow(begin)
         assert hasher.position <= size
         assert hasher.finish() == digest_bytes(content)
+
+
+def test_a_reader_is_not_far_ahead_even_of_a_thread_that_has_hashed_nothing_yet(
+    bag, no_attributes, monkeypatch
+):
+    """A busy machine may start the thread late; the bound held from its first block on only."""
+    monkeypatch.setattr(module, "_MOST_BEHIND_BYTES", 3)
+    may_start, submitted = threading.Event(), ThreadPoolExecutor.submit
+
+    def submit(self, hash_, *args):
+        submitted(self, may_start.wait, 30)
+        return submitted(self, hash_, *args)
+
+    monkeypatch.setattr(ThreadPoolExecutor, "submit", submit)
+    monkeypatch.setattr(module, "_FOLLOW_BYTES", 1)
+    with HashedAlong(bag) as hashed:
+        hashed.follow(bag.path, 3, b"")
+        threading.Timer(0.2, may_start.set).start()
+        hashed.follow(bag.path, 4, b"")
+        assert may_start.is_set()
+        assert hashed.finish().digest == recording_digest(bag).digest
 
 
 def test_bytes_that_are_handed_over_are_not_read_again(tmp_path):
