@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from bagassets.base.errors import CalibrationError
+from bagassets.base.quantities import span_text
 from bagassets.decode.registry import types_of
 from bagassets.geometry.urdf import urdf_edges
 from bagassets.propose.frames import EgoFrame, connected, propose_ego_frame
@@ -14,9 +15,11 @@ from bagassets.propose.naming import channel_name, free_name, tokens, word_set
 from bagassets.propose.poses import PoseProposal, odometry_of, propose_pose
 from bagassets.propose.sensors import Sensor, find_sensors
 from bagassets.propose.signals import SignalProposal, find_signals, said_in, sounds_commanded
-from bagassets.propose.summary import USES, RecordingSummary, TopicUse, transform_topics
+from bagassets.propose.summary import USES, RecordingSummary, TopicSummary, TopicUse, transform_topics
 
 _LARGE_OFFSET_S = 1.0
+# Poses may be computed seconds after what they are of was measured.
+_LATE_POSE_S = 10.0
 # From a reading to its log; longer, the clock of the stamps may not be that of the log.
 _LATENCY_S = 0.25
 _MARKERS = "visualization_msgs/"  # for whatever somebody wants to see in three dimensions, seldom for boxes
@@ -111,22 +114,23 @@ def propose_rig(
                 urdf = TopicUse(
                     description, "left out", "a URDF that places no sensor; a comment in the recipe"
                 )
+    pose = propose_pose(summary, ego.name, group.pose_sources or None)
+    has_only_cameras = all(one.modality == "camera" for one in sensors)
+    signals = find_signals(summary, cameras=bool(sensors)) if has_only_cameras else ()
     rig = RigProposal(
         name=_rig_name(match, taken, next(iter(summary.robots), "")),
         match=match,
         recordings=group.recordings,
         ego=ego,
-        clock=_clock(sensors),
-        pose=propose_pose(summary, ego.name, group.pose_sources or None),
+        clock=_clock(sensors, signals, summary.topics.get(pose.fields.get("topic", ""))),
+        pose=pose,
         channels={},
         reasons={},
         annotations=boxes_in(summary),
         left_out=left_out,
         summary=summary,
         urdf=urdf,
-        signals=find_signals(summary, cameras=bool(sensors))
-        if all(one.modality == "camera" for one in sensors)
-        else (),
+        signals=signals,
     )
     for sensor in sensors:
         alone = sum(other.modality == sensor.modality for other in sensors) == 1
@@ -176,25 +180,35 @@ def boxes_in(summary: RecordingSummary) -> list[str]:
     return [topic.name for topic in topics]
 
 
-def _clock(sensors: Sequence[Sensor]) -> ClockProposal:
+def _clock(
+    sensors: Sequence[Sensor], signals: Sequence[SignalProposal], poses: TopicSummary | None
+) -> ClockProposal:
+    """Propose the time by which sensors, signals and poses fit together."""
     topics = [sensor.topic for sensor in sensors]
     unset = sorted(topic.name for topic in topics if topic.unstamped)
     offsets = {topic.name: topic.offset_s for topic in topics if topic.offset_s is not None}
     # Sensors with stamps keep them beside one without, if the log has nearly the same time.
     if unset and not (offsets and all(0 <= offset_s <= _LATENCY_S for offset_s in offsets.values())):
         return ClockProposal("log", f"header stamps of {', '.join(unset[:3])} are zero")
+    offsets |= {one.topic.name: one.topic.offset_s for one in signals if one.topic.offset_s is not None}
     if not offsets:
         return ClockProposal("header")
-    apart_s = max(offsets.values()) - min(offsets.values())
+    late_s = None if poses is None else poses.offset_s
+    if poses and late_s is not None and min(abs(late_s - one) for one in offsets.values()) > _LATE_POSE_S:
+        offsets[poses.name] = late_s
+    latest, earliest = max(offsets, key=offsets.__getitem__), min(offsets, key=offsets.__getitem__)
+    apart_s = offsets[latest] - offsets[earliest]
     if apart_s > _LARGE_OFFSET_S:
-        return ClockProposal("log", f"header stamps of the sensors are up to {apart_s:.1f} s apart")
+        return ClockProposal(
+            "log", f"header stamps of {earliest} and {latest} are {span_text(apart_s)} apart"
+        )
     name, offset_s = max(offsets.items(), key=lambda entry: abs(entry[1]))
     if abs(offset_s) <= _LARGE_OFFSET_S:
         return ClockProposal("header")
     side = "after" if offset_s > 0 else "before"
     return ClockProposal(
         "header",
-        f"the sensors' header stamps agree, though {name} was logged {abs(offset_s):.1f} s {side} its stamp; "
+        f"the header stamps agree, though {name} was logged {abs(offset_s):.1f} s {side} its stamp; "
         "`log` is the other choice",
     )
 

@@ -212,6 +212,19 @@ def test_the_only_camera_of_an_arm_keeps_its_name(tmp_path, topic, name):
     assert recipe["lerobot"]["features"][f"observation.images.{name}"] == camera
 
 
+@pytest.mark.parametrize(("ahead_s", "clock"), [(0.5, "header"), (640_413, "log")])
+def test_a_computer_whose_clock_is_days_ahead_of_that_of_the_cameras(tmp_path, ahead_s, clock):
+    """Joints and images by header stamps would never meet; no episode would have both."""
+    messages = [image(n, "/wrist/image_raw") for n in range(20)]
+    for n in range(20):
+        ahead = state(n + int(ahead_s * 50), ("a", "b"))
+        messages.append(replace(ahead, log_time_ns=messages[n].log_time_ns))
+    proposal, recipe = proposed(write_ros1(tmp_path / "a.bag", messages))
+    assert recipe["clock"] == clock
+    said = "header stamps of /joint_states and /wrist/image_raw are 177:53:33 h apart"
+    assert (said in " ".join(proposal.text.replace("#", "").split())) == (clock == "log")
+
+
 def test_a_car_with_lidar_is_no_arm(tmp_path):
     write_recordings([Target(tmp_path / "a.bag", "ros1")], duration_s=0.3)
     _, recipe = proposed(tmp_path / "a.bag")
