@@ -248,7 +248,9 @@ def _build(recipe: "Recipe", bags: "Bags", kind: "AnyFormat", out: Path, text: s
                 for entry in () if lock is None else lock.value["bags"]:
                     counts |= entry["counts"]
                 if not any(counts.values()):
-                    problem = f"{rows[0].recording}: its dataset would be empty; it may be too short, see the recipe."
+                    is_told = any(remark.severity == "error" for remark in report.remarks)
+                    why = "the errors above say why" if is_told else "it may be too short, see the recipe"
+                    problem = f"{rows[0].recording}: its dataset would be empty; {why}."
             if problem is not None:
                 echo_lines(f"error: {problem}", err=True)
                 return ExitStatus.FAILED

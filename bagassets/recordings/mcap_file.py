@@ -95,7 +95,7 @@ class McapFile:
                 _type_of(channel, schema),
                 counts.get(channel.id, 0),
                 _definition(schema),
-                _ENCODINGS.get(channel.message_encoding, "cdr"),
+                _serialization(channel, schema),
                 _problem(channel, schema),
                 is_transient_local(channel.metadata.get("offered_qos_profiles", "")),
             )
@@ -195,6 +195,12 @@ def _type_of(channel: Channel, schema: Schema | None) -> str:
         return schema.name.replace("::", "/")
     is_ros = channel.message_encoding not in {"protobuf", "json"}
     return normalise_msgtype(schema.name) if is_ros else foxglove_type(schema.name)
+
+
+def _serialization(channel: Channel, schema: Schema | None) -> Serialization:
+    # Robocodec copies messages of ROS 1 with their schemas, and says `cdr` of them.
+    is_ros1 = schema is not None and schema.encoding == "ros1msg" and channel.message_encoding == "cdr"
+    return "ros1" if is_ros1 else _ENCODINGS.get(channel.message_encoding, "cdr")
 
 
 def _problem(channel: Channel, schema: Schema | None) -> str | None:

@@ -58,6 +58,26 @@ def test_messages_of_an_mcap_that_were_written_late_come_in_order(tmp_path, chun
     )  # stable: those of one time as they were written
 
 
+def test_the_schema_says_how_messages_are_encoded_where_a_converter_said_cdr_of_all(tmp_path):
+    path, stamp_ns = tmp_path / "a.mcap", START_NS + 5
+    definition = STORE1.generate_msgdef("std_msgs/msg/Header", ros_version=1)[0].encode()
+    stamp = STORE1.types["builtin_interfaces/msg/Time"](*divmod(stamp_ns, 10**9))
+    head = STORE1.types["std_msgs/msg/Header"](198157, stamp, "arm")
+    with path.open("wb") as stream:
+        writer = McapWriter(stream)
+        writer.start()
+        schema = writer.register_schema("std_msgs/Header", "ros1msg", definition)
+        channel = writer.register_channel("/head", "cdr", schema)
+        writer.add_message(
+            channel, stamp_ns, bytes(STORE1.serialize_ros1(head, "std_msgs/msg/Header")), stamp_ns
+        )
+        writer.finish()
+    with open_recording(path) as recording:
+        (message,) = recording.messages(["/head"])
+        decoded = recording.decode(message)
+    assert (decoded.stamp.sec, decoded.stamp.nanosec, decoded.frame_id) == (*divmod(stamp_ns, 10**9), "arm")
+
+
 def test_headers_are_read_without_decoding(drive):
     with open_recording(drive) as recording:
         for message in recording.messages(TOPICS):
