@@ -129,6 +129,8 @@ def check_points(message: Message, most_points: int) -> None:
             points = int(cloud.width) * int(cloud.height)
         elif hasattr(cloud, "point_num"):
             points = int(cloud.point_num)
+        elif hasattr(cloud, "channels"):
+            points = len(cloud.points)
         elif hasattr(cloud, "point_stride"):
             points = len(cloud.data) // max(1, int(cloud.point_stride))
         else:

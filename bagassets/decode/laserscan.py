@@ -1,5 +1,6 @@
-"""`sensor_msgs/LaserScan` and `foxglove.LaserScan`: a flat cloud in the plane of the sensor."""
+"""`sensor_msgs/LaserScan`, `MultiEchoLaserScan` and `foxglove.LaserScan`: a flat cloud in the plane of the sensor."""
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -21,10 +22,10 @@ _LONGEST_IN_SCANS = 1.5
 def decode_laserscan(
     message: Message, header_stamp_is: Moment | None = None, _stamp_is: Moment = "end"
 ) -> CloudReading:
-    """Return the rays that hit something, as points with z = 0 and ring 0.
+    """Return the rays that hit something, as points with z = 0 and ring 0; each echo of a ray is one.
 
     Rays that are not finite, or outside `range_min` to `range_max`, are no measurements by the
-    definition of the message; they are dropped and counted. Ray i was measured
+    definition of the message; they are dropped and counted, as are rays without any echo. Ray i was measured
     `i * time_increment` after the first one, whose time the header stamp is by definition; `header_stamp_is` may
     say otherwise. Without an increment, as in scans made from depth images, all rays were measured at
     once; and so they count if the rays would take longer than `scan_time`, the time from scan to scan, allows.
@@ -33,40 +34,53 @@ def decode_laserscan(
         DecodeError: angles or intensities do not fit the ranges.
     """
     stamp, frame_id = head(message)
-    ranges = np.asarray(message.ranges, dtype=np.float64)
-    intensities = np.asarray(message.intensities, dtype=np.float32)
+    ranges, rays = _echoes(message.ranges)
+    intensities = _echoes(message.intensities)[0].astype(np.float32)
+    number = len(message.ranges)
     if len(intensities) not in (0, len(ranges)):
         raise DecodeError("it has another number of intensities than of ranges")
     if hasattr(message, "start_angle"):  # Foxglove's has neither limits nor times
         angle_min = float(message.start_angle)
-        angle_increment = (float(message.end_angle) - angle_min) / max(1, len(ranges) - 1)
+        angle_increment = (float(message.end_angle) - angle_min) / max(1, number - 1)
         range_min, range_max, times = np.nextafter(0.0, 1.0), np.inf, (0.0, 0.0)
     else:
         angle_min, angle_increment = float(message.angle_min), float(message.angle_increment)
         range_min, range_max = message.range_min, message.range_max
         times = float(message.time_increment), float(message.scan_time)
+    without_echo = number - len(np.unique(rays))
     if not np.isfinite([angle_min, angle_increment]).all():
         raise DecodeError("its angles are not finite")
     with np.errstate(invalid="ignore"):
         hit = np.isfinite(ranges) & (ranges >= range_min) & (ranges <= range_max)
-    sines, cosines = _directions(angle_min, angle_increment, len(ranges))
+    sines, cosines = _directions(angle_min, angle_increment, number)
+    rays = rays[hit]
     points = np.zeros((int(hit.sum()), 5), dtype=np.float32)
-    points[:, 0] = ranges[hit] * cosines[hit]
-    points[:, 1] = ranges[hit] * sines[hit]
+    points[:, 0] = ranges[hit] * cosines[rays]
+    points[:, 1] = ranges[hit] * sines[rays]
     points[:, 3] = NO_INTENSITY
     if len(intensities):
         points[:, 3] = np.where(np.isfinite(intensities), intensities, np.float32(NO_INTENSITY))[hit]
     if hasattr(message, "pose"):
         place(points, pose_of(message.pose))
-    offsets = _ray_offsets_ns(*times, len(ranges), header_stamp_is)
+    offsets = _ray_offsets_ns(*times, number, header_stamp_is)
     times_ns = None if offsets is None else stamp + offsets
     return CloudReading(
         stamp_ns=stamp,
         frame_id=frame_id,
         points=points,
-        times_ns=None if times_ns is None else times_ns[hit],
-        dropped=len(ranges) - len(points),
+        times_ns=None if times_ns is None else times_ns[rays],
+        dropped=len(ranges) - len(points) + without_echo,
         span_ns=None if times_ns is None else (int(times_ns.min()), int(times_ns.max())),
+    )
+
+
+def _echoes(rays: Sequence[Message]) -> tuple[Floats, NDArray[np.intp]]:
+    """Return the numbers of all rays, of which a `MultiEchoLaserScan` has a list each, and the ray that each is of."""
+    if not len(rays) or not hasattr(rays[0], "echoes"):
+        return np.asarray(rays, np.float64), np.arange(len(rays))
+    counts = [len(ray.echoes) for ray in rays]
+    return np.concatenate([ray.echoes for ray in rays], dtype=np.float64), np.repeat(
+        np.arange(len(rays)), counts
     )
 
 

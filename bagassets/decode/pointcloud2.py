@@ -1,4 +1,4 @@
-"""`sensor_msgs/PointCloud2`, compressed or not, and `foxglove.PointCloud`: clouds of any field layout.
+"""`sensor_msgs/PointCloud2`, compressed or not, its forerunner `PointCloud`, and `foxglove.PointCloud`: clouds of any layout.
 
 Fields are found by name, without regard to case, whatever their type, order, offset, padding
 and byte order. The result has x, y, z in metres, intensity and ring:
@@ -31,6 +31,7 @@ from bagassets.recordings.model import Message
 
 POINT_CLOUDS = (
     "sensor_msgs/msg/PointCloud2",
+    "sensor_msgs/msg/PointCloud",
     "point_cloud_interfaces/msg/CompressedPointCloud2",
     "foxglove_msgs/msg/PointCloud",
 )
@@ -65,6 +66,8 @@ def point_fields(cloud: Message) -> dict[str, Column]:
     Raises:
         DecodeError: sizes contradict each other, a field lies outside its point, or see `_cloud_data`.
     """
+    if hasattr(cloud, "channels"):
+        return _listed_fields(cloud)
     data = _cloud_data(cloud)
     if hasattr(cloud, "point_stride"):
         step = int(cloud.point_stride)
@@ -102,6 +105,17 @@ def point_fields(cloud: Message) -> dict[str, Column]:
                 (height, width), dtype, buffer=data, offset=offset, strides=(row_step, step)
             )
     return views
+
+
+def _listed_fields(cloud: Message) -> dict[str, Column]:
+    """Return the same of a `PointCloud`, a list of points with channels of one number for each."""
+    points = np.array([(point.x, point.y, point.z) for point in cloud.points], np.float32).reshape(-1, 3)
+    fields: dict[str, Column] = dict(zip("xyz", points.T, strict=True))
+    for channel in cloud.channels:
+        if len(channel.values) != len(points):
+            raise DecodeError(f"its channel {channel.name} has another number of values than it has points")
+        fields.setdefault(str(channel.name).lower(), np.asarray(channel.values))
+    return {name: values.reshape(1, -1) for name, values in fields.items()}
 
 
 def decode_pointcloud2(

@@ -48,7 +48,7 @@ class Sensor:
 def modality_of(topic: TopicSummary) -> Modality | None:
     """Return the kind of sensor that a topic belongs to by type and name; None if to none."""
     modalities = {_BY_FAMILY[family] for family in families_of(topic.msgtype) if family in _BY_FAMILY}
-    if modalities == {"lidar", "radar"}:
+    if "lidar" in modalities and topic.msgtype in own_types("radar"):
         return "radar" if RADAR_WORDS & {*tokens(topic.name), *tokens(" ".join(topic.frames))} else "lidar"
     if modalities:
         return min(modalities)
@@ -151,7 +151,7 @@ def _processing(topic: TopicSummary) -> int:
     words = set(tokens(topic.name))
     steps = (
         (1, not topic.velodyne and modality_of(topic) == "lidar"),
-        (1, topic.msgtype.endswith("/CompressedImage")),
+        (1, topic.msgtype.endswith(("/CompressedImage", "sensor_msgs/msg/PointCloud"))),
         (2, "video" in families_of(topic.msgtype)),
         (4, words & {"rect", "rectified", "undistorted"}),
         (2, words & {"mono", "grey", "gray"}),  # the colour of the same camera says more
@@ -161,7 +161,7 @@ def _processing(topic: TopicSummary) -> int:
 
 
 def _is_flat(topic: TopicSummary) -> bool:
-    return topic.msgtype.endswith("/LaserScan")
+    return topic.msgtype.endswith("LaserScan")
 
 
 def _lidar_rank(sensor: Sensor) -> int:

@@ -136,7 +136,7 @@ class PointTimes(Model):
 
 
 class LidarChannel(_PlacedChannel):
-    """A lidar: PointCloud2, Velodyne packets or LaserScan messages become `.pcd.bin` files."""
+    """A lidar: its clouds, Velodyne packets or scans become `.pcd.bin` files."""
 
     modality: Literal["lidar"] = "lidar"
     model: str | None = Field(

@@ -7,6 +7,7 @@ import pytest
 
 from bagassets.base.errors import DecodeError
 from bagassets.decode.laserscan import decode_laserscan
+from bagassets_tests.small_drive import STORE2
 from bagassets_tests.sweep_data import Scan, header
 
 STAMP = 1_600_000_000_000_000_000
@@ -98,3 +99,36 @@ def test_an_empty_scan_has_no_points():
     reading = decode_laserscan(scan([], time_increment=0.001))
     assert len(reading.points) == 0
     assert reading.dropped == 0
+
+
+def multi_echo(ranges, intensities=()):
+    """A scan of real types, as read from bytes; each ray has its echoes."""
+    types, kind = STORE2.types, "sensor_msgs/msg/MultiEchoLaserScan"
+
+    def rays(lists):
+        return [types["sensor_msgs/msg/LaserEcho"](np.array(one, np.float32)) for one in lists]
+
+    stamp = types["builtin_interfaces/msg/Time"](*divmod(STAMP, 10**9))
+    head = types["std_msgs/msg/Header"](stamp, "laser")
+    limits = {"range_min": 0.1, "range_max": 30.0, "angle_min": 0.0, "angle_max": 1.0}
+    message = types[kind](
+        header=head, **limits, angle_increment=0.5, time_increment=0.001, scan_time=0.1,
+        ranges=rays(ranges), intensities=rays(intensities),
+    )  # fmt: skip
+    return STORE2.deserialize_cdr(STORE2.serialize_cdr(message, kind), kind)
+
+
+def test_each_echo_of_a_ray_is_a_point():
+    reading = decode_laserscan(multi_echo([[2.0, 5.0], [], [3.0, np.inf, 31.0]], [[1, 2], [], [3, 4, 5]]))
+    expected = [(2, 0.0, 1), (5, 0.0, 2), (3, 1.0, 3)]
+    assert np.allclose(reading.points, [(r * math.cos(a), r * math.sin(a), 0, i, 0) for r, a, i in expected])
+    assert (reading.times_ns - STAMP).tolist() == [0, 0, 2_000_000]
+    assert reading.span_ns == (STAMP, STAMP + 2_000_000)
+    assert reading.dropped == 3  # a ray without echo, and two echoes that are no measurements
+
+
+def test_rays_without_any_echo_are_an_empty_cloud():
+    reading = decode_laserscan(multi_echo([[], []]))
+    assert (reading.points.shape, reading.dropped) == ((0, 5), 2)
+    with pytest.raises(DecodeError, match="another number of intensities"):
+        decode_laserscan(multi_echo([[1.0], [2.0]], [[1.0], []]))

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from bagassets.base.errors import DecodeError
 from bagassets.decode.pointcloud2 import NO_INTENSITY, NO_RING, decode_pointcloud2, point_fields
+from bagassets_tests.small_drive import STORE1
 from bagassets_tests.sweep_data import CODES, Cloud, Field, cloud, header
 
 STRUCT = {"i1": "b", "u1": "B", "i2": "h", "u2": "H", "i4": "i", "u4": "I", "f4": "f", "f8": "d"}
@@ -183,3 +184,44 @@ def test_an_empty_cloud_has_no_points():
 def test_views_copy_nothing():
     message = cloud(0, xyz(3))
     assert all(view.base is not None for view in point_fields(message).values())
+
+
+def listed(points, **channels):
+    """A `PointCloud`, the forerunner of PointCloud2, as read from bytes."""
+    types, kind = STORE1.types, "sensor_msgs/msg/PointCloud"
+    stamp = types["builtin_interfaces/msg/Time"](1_600_000_000, 5)
+    message = types[kind](
+        types["std_msgs/msg/Header"](7, stamp, "/laser"),
+        [types["geometry_msgs/msg/Point32"](*point) for point in points],
+        [
+            types["sensor_msgs/msg/ChannelFloat32"](name, np.array(values, np.float32))
+            for name, values in channels.items()
+        ],
+    )
+    return STORE1.deserialize_ros1(STORE1.serialize_ros1(message, kind), kind)
+
+
+def test_a_list_of_points_with_channels():
+    reading = decode_pointcloud2(
+        listed(
+            [(1, 2, 3), (4, np.nan, 6), (-7, 8, 9.5)], Intensities=[10, 20, 30], ring=[1, 2, 3], rgb=[0, 0, 0]
+        )
+    )
+    assert (reading.stamp_ns, reading.frame_id) == (1_600_000_000_000_000_005, "laser")
+    assert reading.points.tolist() == [[1, 2, 3, 10, 1], [-7, 8, 9.5, 30, 3]]
+    assert (reading.points.dtype, reading.dropped, reading.times_ns) == (np.float32, 1, None)
+
+
+def test_a_list_of_points_without_channels_or_points():
+    assert decode_pointcloud2(listed([(1, 2, 3)])).points.tolist() == [[1, 2, 3, NO_INTENSITY, NO_RING]]
+    assert decode_pointcloud2(listed([])).points.shape == (0, 5)
+
+
+def test_a_list_of_points_with_times_since_its_header():
+    reading = decode_pointcloud2(listed([(1, 2, 3), (4, 5, 6)], time=[0.0, 0.0625]))
+    assert np.diff(reading.times_ns).tolist() == [62_500_000]
+
+
+def test_a_channel_has_a_number_for_each_point():
+    with pytest.raises(DecodeError, match="its channel ring has another number of values than it has points"):
+        decode_pointcloud2(listed([(1, 2, 3)], ring=[1, 2]))

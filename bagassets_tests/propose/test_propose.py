@@ -578,7 +578,6 @@ def test_what_is_left_out_beside_a_rig_blocks_nothing():
         "pandar_msgs/msg/PandarScan",
         "ouster_ros/msg/PacketMsg",
         "rslidar_msgs/msg/rslidarScan",
-        "sensor_msgs/msg/MultiEchoLaserScan",
         "theora_image_transport/msg/Packet",
         "foxglove_msgs/msg/CompressedPointCloud",
     ],
@@ -594,6 +593,19 @@ def test_a_sensor_that_nothing_decodes_is_named_with_its_type(msgtype):
     assert use.text.startswith(f"no decoder for {shown}; ")
     assert [question.subject for question in proposal.questions] == ["rigs"]
     assert f"/sensor: no decoder for {shown}" in proposal.questions[0].text
+
+
+@pytest.mark.parametrize(
+    ("name", "msgtype", "channel"),
+    [
+        ("/points", "sensor_msgs/msg/PointCloud", "LIDAR_TOP"),
+        ("/horizontal_laser_2d", "sensor_msgs/msg/MultiEchoLaserScan", "LIDAR_TOP"),
+        ("/radar/targets", "sensor_msgs/msg/PointCloud", "RADAR_FRONT"),
+    ],
+)
+def test_older_types_are_those_of_a_sensor(name, msgtype, channel, tmp_path):
+    one = car(topic(name, msgtype, 100, "base_link"), without=["/velodyne_points"])
+    assert proposed(one, tmp_path).rigs[0].channels[channel].topic == name
 
 
 def test_messages_without_a_schema_are_said_to_be():

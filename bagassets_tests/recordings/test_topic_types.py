@@ -12,8 +12,8 @@ from bagassets_tests.sweep_run import inventory, lidar, request
 
 EXPECTED = {
     "camera": "expected sensor_msgs/Image, CompressedImage, foxglove_msgs/RawImage, CompressedImage, or video (",
-    "lidar": "expected sensor_msgs/PointCloud2, LaserScan, point_cloud_interfaces/CompressedPointCloud2, foxglove_msgs/PointCloud, "
-    "LaserScan, livox_ros_driver2/CustomMsg, livox_ros_driver/CustomMsg, or Velodyne packets",
+    "lidar": "expected sensor_msgs/PointCloud2, PointCloud, LaserScan, MultiEchoLaserScan, "
+    "point_cloud_interfaces/CompressedPointCloud2, foxglove_msgs/PointCloud, LaserScan, livox_ros_driver2/CustomMsg, livox_ros_driver/CustomMsg, or Velodyne packets",
     "radar": "expected sensor_msgs/PointCloud2, point_cloud_interfaces/CompressedPointCloud2, foxglove_msgs/PointCloud, or the "
     "targets of a radar",
 }
@@ -75,6 +75,8 @@ def test_a_channel_of_the_wrong_type_leaves_the_others_alone():
     [
         ("camera", "sensor_msgs/msg/CompressedImage"),
         ("lidar", "sensor_msgs/msg/LaserScan"),
+        ("lidar", "sensor_msgs/msg/MultiEchoLaserScan"),
+        ("lidar", "sensor_msgs/msg/PointCloud"),
         ("lidar", "velodyne_msgs/msg/VelodyneScan"),
         ("lidar", "acme_msgs/msg/LidarFrame"),
         ("lidar", "std_msgs/msg/UInt8MultiArray"),
