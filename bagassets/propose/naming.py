@@ -62,9 +62,9 @@ _VAGUE = word_set(
     "optical frame link data stream msg"
 )
 _DERIVED = word_set(
-    "annotated classified cluster clusters costmap crop cropped debug disparity downsampled filtered ground heatmap "
-    "label labels map mask masks matches nonground obstacle obstacles occupancy overlay rendered result results "
-    "segmentation semantic submap thumbnail tracked viz visualization voxel"
+    "annotated classified cluster clusters cost costmap crop cropped debug disparity downsampled estimator feature "
+    "features filtered ground heatmap label labels map mask masks matches nonground obstacle obstacles occupancy overlay "
+    "rendered result results segmentation semantic submap thumbnail tracked vins viz visualization voxel"
 )
 
 

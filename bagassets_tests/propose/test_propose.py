@@ -192,6 +192,9 @@ def test_lidar_packets_are_recognized_by_their_bytes(tmp_path):
         (topic("/flow/image", IMAGE, refusal="image encoding '32FC2' is not supported"), "32FC2"),
         (topic("/cam/segmentation/image", IMAGE, encoding="rgb8"), "looks computed"),
         (topic("/obstacles/cloud", CLOUD), "looks computed"),
+        # What VINS publishes of the corners that it follows.
+        (topic("/feature_tracker/feature", "sensor_msgs/msg/PointCloud"), "looks computed"),
+        (topic("/vins_estimator/point_cloud", "sensor_msgs/msg/PointCloud"), "looks computed"),
         (topic("/quiet/image_raw", IMAGE, 0), "no messages"),
         (topic("/odd/image_raw", IMAGE, problem="its bytes are odd"), "its bytes are odd"),
     ],
