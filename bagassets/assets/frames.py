@@ -85,7 +85,7 @@ def _use_of_camera(facts: Facts, name: str, settings: CameraSettings) -> Use[Cam
     """
     topic = facts.inventory.topic(settings.topic)
     decoder = require_decoder(name, settings.topic, topic.msgtype, "image", "video")
-    is_video = decoder.family == "video"
+    is_video = decoder.family == "video" or topic.video is not None
     camera = facts.calibration.channels[name].camera
     lens = None if camera is None else camera.lens
     use = CameraUse(

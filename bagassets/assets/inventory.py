@@ -32,6 +32,7 @@ from bagassets.base.quantities import count_text
 from bagassets.decode.loading import own_decoder
 from bagassets.decode.poses import FixReading
 from bagassets.decode.registry import bulk_types, own_types
+from bagassets.decode.video import codec_of
 from bagassets.geometry.sun import daylight
 from bagassets.recipe.model import READING_LIMITS, Recipe, Recover, Rig
 from bagassets.recordings.damage import DamageError, advice_for, unreadable
@@ -46,6 +47,7 @@ from bagassets.store.artifact import Artifact, ArtifactWriter
 # Header stamps farther than this from the log time are noted.
 MOST_OFFSET_S = 1.0
 _DAY_NS = 86_400_000_000_000
+_IMAGES_OR_VIDEO = frozenset(own_types("image")) & frozenset(own_types("video"))
 # A single damaged message does not make its topic unreadable.
 MOST_MISFITS = 5
 
@@ -165,7 +167,8 @@ def make_inventory(
         name: probes[name].problem if name in probes else info.problem
         for name, info in recording.topics.items()
     }
-    value = _inventory_json(recording, logs, kept.topics, problems, fixes)
+    videos = {name: probe.video for name, probe in probes.items() if probe.video is not None}
+    value = _inventory_json(recording, logs, kept.topics, problems, videos, fixes)
     for (name, reason), number in sorted(refused.items()):
         value["notes"].append(
             f"{name}: {number} of {logs[name].count} messages cannot be used, each because {reason}."
@@ -213,6 +216,7 @@ def _inventory_json(
     logs: dict[str, TopicLog],
     packed: set[str],
     problems: dict[str, str | None],
+    videos: Mapping[str, str],
     fixes: Mapping[str, list[tuple[int, FixReading]]],
 ) -> JsonObject:
     topics = []
@@ -227,6 +231,7 @@ def _inventory_json(
                 "problem": problems[name],
                 "serialization": info.serialization,
                 "definition": {"format": definition.format, "text": definition.text},
+                **({"video": videos[name]} if name in videos else {}),
             }
         )
     starts = [topic["first_ns"] for topic in topics if topic["first_ns"] is not None]
@@ -338,6 +343,9 @@ class _TopicProbe:
     If a type has several possible layouts, all messages are decoded: empty lists, for example, fit
     any layout.
 
+    Attributes:
+        video: codec of the video that messages for images hold; None if they hold images.
+
     Args:
         topic: the topic, whose type is known.
         most_misfits: how many must not fit before it gives up; of small messages, which are used from the pack, all.
@@ -349,16 +357,19 @@ class _TopicProbe:
         self._misfits = 0
         self._reason = ""
         self._fits = False
+        self.video: str | None = None
 
     def add(self, message: RawMessage) -> bool:
         """Take the next message; return whether no more are needed."""
         try:
-            self._topic.decode(message.data)
+            decoded = self._topic.decode(message.data)
         except DecodeError as err:
             self._misfits += 1
             self._reason = str(err)
         else:
             self._fits = True
+            if message.msgtype in _IMAGES_OR_VIDEO:
+                self.video = codec_of(decoded)
         enough = self._fits or self._misfits == self._most_misfits
         return enough and not self._topic.is_ambiguous
 

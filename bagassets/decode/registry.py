@@ -70,6 +70,8 @@ BUILT_IN = (
     _line("image", "foxglove_msgs/CompressedImage", "compressed_image:decode_compressed_image", bulk="yes"),
     _line("video", "foxglove_msgs/CompressedVideo", "video:decode_video_packet", bulk="yes"),
     _line("video", "ffmpeg_image_transport_msgs/FFMPEGPacket", "video:decode_video_packet"),
+    # Isaac's encoders publish video as these, with the name of the codec as `format`.
+    _line("video", "sensor_msgs/CompressedImage", "video:decode_video_packet", by_fields=True, bulk="yes"),
     _line("cloud", "sensor_msgs/PointCloud2", "pointcloud2:decode_pointcloud2", bulk="yes"),
     _line("cloud", "sensor_msgs/PointCloud", "pointcloud2:decode_pointcloud2", bulk="yes"),
     _line("cloud", "sensor_msgs/LaserScan", "laserscan:decode_laserscan", bulk="yes"),

@@ -1,4 +1,7 @@
-"""Video in messages: H.264, H.265, AV1 and VP9 as `foxglove.CompressedVideo` and `ffmpeg_image_transport_msgs/FFMPEGPacket` do.
+"""Video in messages: H.264, H.265, AV1 and VP9.
+
+They are `foxglove.CompressedVideo`, `ffmpeg_image_transport_msgs/FFMPEGPacket`, and `sensor_msgs/CompressedImage` whose `format`
+names a codec.
 
 A message is one picture of a stream, by itself undecodable unless it is a key frame. So a stream is decoded once, in order,
 and each picture stands at the time of its own message. Where packets are missing, what follows refers to what is not there,
@@ -77,17 +80,26 @@ class Picture:
     is_damage: bool = False
 
 
+def codec_of(message: Message) -> Codec | None:
+    """Return the codec that a message names as its format or encoding; None if that is none which is read."""
+    plain = _format(message).partition(";")[0].strip().lower()
+    return _CODECS.get(plain) or _CODECS.get(plain.partition("_")[0])  # h264_nvenc, hevc_vaapi
+
+
+def _format(message: Message) -> str:
+    return str(getattr(message, "format", "") or getattr(message, "encoding", ""))
+
+
 def decode_video_packet(message: Message) -> VideoPacket:
-    """Return the packet in a `foxglove.CompressedVideo` or an `FFMPEGPacket`.
+    """Return the packet in a message of video.
 
     Raises:
         DecodeError: it is of another codec.
     """
     stamp_ns, frame_id = head(message)
-    name = str(getattr(message, "format", "") or getattr(message, "encoding", ""))
-    plain = name.partition(";")[0].strip().lower()
-    codec = _CODECS.get(plain) or _CODECS.get(plain.partition("_")[0])  # h264_nvenc, hevc_vaapi
+    codec = codec_of(message)
     if codec is None:
+        name = _format(message)
         raise DecodeError(f"video format '{name}' is not supported (H.264, H.265, AV1 and VP9 are)")
     return VideoPacket(stamp_ns, frame_id, codec, byte_array(message.data).tobytes())
 

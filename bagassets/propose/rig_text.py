@@ -328,7 +328,7 @@ def _write_camera(sheet: Sheet, sensor: Sensor, file: ProposedCalibration | None
             "undistort: false",
             f"{why}; `intrinsics` takes a calibration by hand, or a file of ROS, Kalibr or OpenCV",
         )
-    if sensor.topic.msgtype.endswith("CompressedImage") and not undistort:
+    if sensor.topic.msgtype.endswith("CompressedImage") and not (undistort or sensor.topic.is_video):
         sheet.guess(4, "output: as_recorded", "already compressed; passed through byte for byte")
     elif sensor.topic.is_16_bit:
         encoding = (sensor.topic.encoding or "").partition(":")[0].replace("uc", "UC").replace("fc", "FC")

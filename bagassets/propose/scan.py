@@ -23,9 +23,9 @@ from bagassets.decode.packets import is_velodyne_packet, sender
 from bagassets.decode.point_times import RecordedTimes, suffice, survey
 from bagassets.decode.pointcloud2 import POINT_CLOUDS, read_pointcloud2, without_zero_points
 from bagassets.decode.poses import decode_transform
-from bagassets.decode.registry import AnyFamily, bulk_types, families_of, find_decoder
+from bagassets.decode.registry import AnyFamily, bulk_types, families_of, find_decoder, own_types
 from bagassets.decode.robots import robot_of, robots_of
-from bagassets.decode.video import VideoPacket, decoder_version
+from bagassets.decode.video import VideoPacket, codec_of, decode_video_packet, decoder_version
 from bagassets.geometry.se3 import SE3
 from bagassets.propose.naming import is_radar_list
 from bagassets.propose.poses import propose_pose
@@ -304,7 +304,10 @@ def _summary_of(topic: Topic) -> TopicSummary:
 # Each of these puts into `facts` what a message says, those before the decoder refuses it, too.
 
 
-def _image(facts: Facts, decode: Decode, value: Message, _msgtype: str) -> None:
+def _image(facts: Facts, decode: Decode, value: Message, msgtype: str) -> None:
+    if codec_of(value) is not None and msgtype in own_types("video"):
+        _video(facts, decode_video_packet, value, msgtype)
+        return
     reading: ImageReading = decode(value)
     if reading.pixels is not None:
         is_16_bit = bool(reading.pixels.dtype != np.uint8)

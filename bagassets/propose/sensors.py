@@ -152,7 +152,7 @@ def _processing(topic: TopicSummary) -> int:
     steps = (
         (1, not topic.velodyne and modality_of(topic) == "lidar"),
         (1, topic.msgtype.endswith(("/CompressedImage", "sensor_msgs/msg/PointCloud"))),
-        (2, "video" in families_of(topic.msgtype)),
+        (2, topic.is_video),
         (4, words & {"rect", "rectified", "undistorted"}),
         (2, words & {"mono", "grey", "gray"}),  # the colour of the same camera says more
         (2, words & {"track", "tracks", "object", "objects"}),

@@ -6,6 +6,7 @@ from typing import Literal, get_args
 
 from bagassets.decode.point_times import PointClock
 from bagassets.decode.registry import types_of
+from bagassets.decode.video_units import Codec
 from bagassets.geometry.se3 import SE3
 
 Edge = tuple[str, str]
@@ -29,7 +30,7 @@ class TopicSummary:
         child_frames: `child_frame_id` of odometry messages seen.
         offset_s: median of log time minus header stamp; None without header or with unset stamps.
         unstamped: messages have a header, but its stamp is zero.
-        encoding: encoding of images, `jpeg` or `png` of compressed ones, as of `ImageReading`.
+        encoding: encoding of images, `jpeg` or `png` of compressed ones, as of `ImageReading`; codec of video.
         is_16_bit: images have more than 8 bit a channel; None for other types.
         calibrated: a CameraInfo with usable numbers was seen; None for other types.
         oriented: an Imu gives orientation; None for other types.
@@ -74,6 +75,11 @@ class TopicSummary:
     elements: tuple[tuple[str, ...], ...] = ()
     texts: tuple[str, ...] = ()
     rate_hz: float | None = None
+
+    @property
+    def is_video(self) -> bool:
+        """True if it carries video, which messages for images may hold."""
+        return self.encoding in get_args(Codec)
 
 
 Status = Literal["used", "not decodable", "left out", "not needed"]

@@ -78,6 +78,7 @@ class TopicRecord:
         definition: what its messages are decoded with.
         first_unordered_ns: the first header stamp that is smaller than the one before; None if there is none.
         period_ns: median time between two header stamps, of log times if the type has none; None for fewer than two.
+        video: codec of the video that it carries although its type is one of images; None if it carries these.
     """
 
     name: str
@@ -102,6 +103,7 @@ class TopicRecord:
     definition: Definition
     first_unordered_ns: int | None = None
     period_ns: int | None = None
+    video: str | None = None
 
     @classmethod
     def from_json(cls, value: JsonMapping) -> Self:

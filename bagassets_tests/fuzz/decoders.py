@@ -96,7 +96,9 @@ def _of_rosbags():
                 text, _ = store.generate_msgdef(kind, ros_version=2 if how == "cdr" else 1)
                 seeds = [driven[kind]] if kind in driven else []
                 whole = _filled(store, kind)
-                if kind.endswith("CompressedImage"):
+                if line.family == "video":
+                    seeds += [bytes(pack(packet, kind)) for packet in _packets(whole, "format")]
+                elif kind.endswith("CompressedImage"):
                     seeds += [bytes(pack(_compressed(whole, name), kind)) for name in (".jpg", ".png")]
                 seeds.append(bytes(pack(whole, kind)))
                 yield Case(line, _source(kind, Definition("msg", text), how), tuple(seeds))
@@ -136,11 +138,15 @@ def _serialized(types, msgtype, how):
     message = _filled(store, msgtype)
     if not hasattr(message, "pts"):
         return [bytes(pack(message, msgtype))]
-    packets = [
-        dataclasses.replace(message, encoding=name, data=np.frombuffer(bytes.fromhex(data), np.uint8))
+    return [bytes(pack(packet, msgtype)) for packet in _packets(message, "encoding")]
+
+
+def _packets(message, field):
+    """Return a message for each codec, whose name is in a field."""
+    return [
+        dataclasses.replace(message, **{field: name}, data=np.frombuffer(bytes.fromhex(data), np.uint8))
         for name, data in _VIDEO.items()
     ]
-    return [bytes(pack(packet, msgtype)) for packet in packets]
 
 
 def _of_foxglove():

@@ -1,5 +1,7 @@
 """A drive in Foxglove's messages, as protobuf, JSON and CDR: `init` finds it, and it gives the artifacts of its twin in ROS."""
 
+from functools import partial
+
 import cv2
 import numpy as np
 import pytest
@@ -16,6 +18,8 @@ from bagassets.store.artifact import ArtifactWriter
 from bagassets.store.store import Store
 from bagassets_tests.cameras import camera_use
 from bagassets_tests.foxglove_files import ROS2, WRITERS, E, M, T, pose
+from bagassets_tests.recorded_bags import NOON_NS, header, write_ros1, write_ros2
+from bagassets_tests.recorded_bags import Message as RosMessage
 from bagassets_tests.sample_drives import build_recordings
 from bagassets_tests.small_drive import LATENCY_NS, RECIPE, STORE2, messages, write_drive
 from bagassets_tests.video_streams import HEIGHT, WIDTH, encode, number_in
@@ -29,6 +33,10 @@ def time_of(header):
 
 def quaternion(one):
     return M("Quaternion", x=one.x, y=one.y, z=one.z, w=one.w)
+
+
+COMPRESSED = "sensor_msgs/msg/CompressedImage"
+CAMERA = "modality: camera, undistort: false, extrinsics: {translation: [0, 0, 0], rotation: [1, 0, 0, 0]}"
 
 
 def as_foxglove(msgtype, message):
@@ -160,6 +168,11 @@ def test_video_becomes_images_of_a_proposed_recipe(tmp_path, encoding, codec):
     recipe_file.write_text(text.replace("modality: camera", "modality: camera\n        output: png"))
     recipe = load_recipe(recipe_file)
     assert recipe.rigs[0].channels["CAM_FRONT"].topic == "/cam/video"
+    shows_all_but_33_to_39(recipe, start_ns)
+
+
+def shows_all_but_33_to_39(recipe, start_ns):
+    """Assert that the pictures of a drive that lacks the packets 33 to 35 stand at their times."""
     (made,) = build_recordings(recipe).values()
     entry = made["frames"].artifact.read_json("channels.json")["CAM_FRONT"]
     frames = Store(recipe.store_path).artifact(entry["artifact"])
@@ -171,6 +184,50 @@ def test_video_becomes_images_of_a_proposed_recipe(tmp_path, encoding, codec):
     assert frames.read_json("channel.json")["counts"] == {
         "read": 97, "written": 93, "merged": 0, "lost": {"packets before it are missing, and so is the picture that it refers to": 4},
     }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("write", "codec", "said"),
+    [
+        (partial(write_ros2, storage="MCAP"), "libx264", "h264"),
+        (write_ros2, "libx265", "hevc"),
+        (write_ros1, "libx264", "h264"),
+    ],
+    ids=["mcap", "ros2", "ros1"],
+)
+def test_video_in_messages_for_images_becomes_images_of_a_proposed_recipe(tmp_path, write, codec, said):
+    """As Isaac ROS and Isaac Sim publish it; a camera that sends JPEGs keeps the key that it has."""
+    (tmp_path / "bags").mkdir()
+    path, start_ns = tmp_path / "bags/drive.bag", NOON_NS
+
+    def compressed(topic, kind, data, number):
+        at_ns = start_ns + number * 50_000_000
+        pixels = np.frombuffer(data, np.uint8)
+        return RosMessage(
+            topic, COMPRESSED, at_ns + LATENCY_NS,
+            lambda store: store.types[COMPRESSED](header(store, at_ns, "cam"), kind, pixels),
+        )  # fmt: skip
+
+    written = [
+        compressed("/cam/video", said, data, number)
+        for number, data in encode(codec, 100)
+        if not 33 <= number < 36
+    ]
+    jpeg = cv2.imencode(".jpg", np.zeros((8, 8, 3), np.uint8))[1].tobytes()
+    written += [compressed("/rear/image_raw/compressed", "jpeg", jpeg, number) for number in range(100)]
+    write(path, sorted(written, key=lambda one: one.log_time_ns))
+    with open_recording(path) as recording:
+        text = propose_recipe({path.name: scan_recording(recording)}, name="drive", root="bags").text
+    (rig,) = yaml.safe_load(text)["rigs"]
+    outputs = {one["topic"]: one.get("output") for one in rig["channels"].values()}
+    assert outputs == {"/cam/video": None, "/rear/image_raw/compressed": "as_recorded"}
+    recipe_file = tmp_path / "recipe.yaml"
+    recipe_file.write_text(
+        "name: drive\nbags: {root: bags, settle_s: 0}\nrigs:\n  - name: van\n    ego_pose: {source: fixed}\n"
+        f"    channels:\n      CAM_BACK: {{topic: /rear/image_raw/compressed, {CAMERA}}}\n"
+        f"      CAM_FRONT: {{topic: /cam/video, output: png, {CAMERA}}}\n"
+    )
+    shows_all_but_33_to_39(load_recipe(recipe_file), start_ns)
 
 
 def test_the_decoder_is_in_the_key_of_video_and_of_nothing_else(tmp_path, monkeypatch):
