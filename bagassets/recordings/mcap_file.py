@@ -198,7 +198,7 @@ def _type_of(channel: Channel, schema: Schema | None) -> str:
 
 
 def _serialization(channel: Channel, schema: Schema | None) -> Serialization:
-    # Robocodec copies messages of ROS 1 with their schemas, and says `cdr` of them.
+    # Some converters copy messages of ROS 1 with their schemas, and say `cdr` of all channels.
     is_ros1 = schema is not None and schema.encoding == "ros1msg" and channel.message_encoding == "cdr"
     return "ros1" if is_ros1 else _ENCODINGS.get(channel.message_encoding, "cdr")
 
