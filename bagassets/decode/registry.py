@@ -95,6 +95,7 @@ BUILT_IN = (
     _line("pose", "nav_msgs/Odometry", "poses:decode_pose"),
     _line("pose", "geometry_msgs/PoseStamped", "poses:decode_pose"),
     _line("pose", "geometry_msgs/PoseWithCovarianceStamped", "poses:decode_pose"),
+    _line("pose", "geometry_msgs/TransformStamped", "poses:decode_transform"),
     _line("pose", "foxglove_msgs/PoseInFrame", "poses:decode_pose"),
     _line("pose", "foxglove_msgs/Odometry", "poses:decode_pose"),
     _line("fix", "sensor_msgs/NavSatFix", "poses:decode_navsat"),

@@ -72,7 +72,7 @@ def pose_candidates(summary: RecordingSummary, ego_frame: str) -> list[PosePropo
         for topic in _usable(summary, set(types_of("pose")) - _ODOMETRY)
         if _COMMANDS.isdisjoint(tokens(topic.name))
     ]
-    found += [_from_pose(topic, poses, ego_frame) for topic in poses]
+    found += [_from_pose(topic, poses, summary, ego_frame) for topic in poses]
     systems = _ranked(topic for topic in summary.topics.values() if topic.ncom_sender is not None)
     found += [_from_ncom(topic, systems, ego_frame) for topic in systems]
     global_frame = global_frame_of(summary, ego_frame)
@@ -144,10 +144,19 @@ def _from_odometry(
     return PoseProposal({"source": "odometry", "topic": topic.name}, reasons, notes, gap, child)
 
 
-def _from_pose(topic: TopicSummary, among: list[TopicSummary], ego_frame: str) -> PoseProposal:
-    reasons = {"topic": _choice(topic, among, "pose topic")}
+def _from_pose(
+    topic: TopicSummary, among: list[TopicSummary], summary: RecordingSummary, ego_frame: str
+) -> PoseProposal:
+    fields, reasons = {"source": "pose", "topic": topic.name}, {"topic": _choice(topic, among, "pose topic")}
+    if topic.child_frames and connected(summary.edges, topic.child_frames[0], ego_frame):
+        return PoseProposal(fields, reasons, (), "", topic.child_frames[0])
+    if topic.child_frames:
+        fields["frame"] = ego_frame
+        reasons["frame"] = (
+            f"no transform leads from {topic.child_frames[0]}, whose pose it is, to the ego frame"
+        )
     note = f"{topic.name} is taken to be the pose of {ego_frame}; `frame` names another one"
-    return PoseProposal({"source": "pose", "topic": topic.name}, reasons, (note,))
+    return PoseProposal(fields, reasons, (note,))
 
 
 def _from_ncom(topic: TopicSummary, among: list[TopicSummary], ego_frame: str) -> PoseProposal:

@@ -42,11 +42,13 @@ class OdometrySource(_MovingSource):
 
 
 class PoseTopicSource(_MovingSource):
-    """`PoseStamped` or `PoseWithCovarianceStamped`: the pose of the ego frame."""
+    """`PoseStamped`, `PoseWithCovarianceStamped` or, as of motion capture, `TransformStamped`: the pose of the ego frame."""
 
     source: Literal["pose"] = "pose"
     topic: TopicName = Field(description="Topic of stamped poses.")
-    frame: FrameName | None = Field(None, description="Frame of the poses; default: the ego frame.")
+    frame: FrameName | None = Field(
+        None, description="Frame of the poses; default: the child frame of a transform, else the ego frame."
+    )
 
 
 class TfSource(_MovingSource):

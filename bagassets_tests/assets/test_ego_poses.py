@@ -45,10 +45,11 @@ def odometries(times, pose=truth, **options):
 
 
 ODOM = {"source": "odometry", "topic": "/odom"}
+TRANSFORM = "geometry_msgs/msg/TransformStamped"
 
 
 class TestTopics:
-    """Odometry, PoseStamped, PoseWithCovarianceStamped."""
+    """Odometry, PoseStamped, PoseWithCovarianceStamped, TransformStamped."""
 
     @pytest.mark.parametrize(
         ("source", "entries"),
@@ -61,6 +62,13 @@ class TestTopics:
             (
                 {"source": "pose", "topic": "/pose"},
                 [("/pose", POSE_COVARIANCE, at(t), pose_with_covariance(at(t), truth(t))) for t in TIMES],
+            ),
+            (
+                {"source": "pose", "topic": "/vicon/arm/arm", "frame": "base_link"},
+                [
+                    ("/vicon/arm/arm", TRANSFORM, at(t), transform(at(t), "map", "vicon/arm/arm", truth(t)))
+                    for t in TIMES
+                ],
             ),
         ],
     )

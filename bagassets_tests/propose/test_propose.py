@@ -347,6 +347,7 @@ def test_sensor_without_frame_and_cameras_that_share_one(tmp_path):
 
 
 NAVSAT, IMU = "sensor_msgs/msg/NavSatFix", "sensor_msgs/msg/Imu"
+TRANSFORM = "geometry_msgs/msg/TransformStamped"
 POSE, PACKETS = "geometry_msgs/msg/PoseStamped", "ethernet_msgs/msg/Packet"
 
 
@@ -360,6 +361,14 @@ POSE, PACKETS = "geometry_msgs/msg/PoseStamped", "ethernet_msgs/msg/Packet"
         ),
         ([topic("/slam/pose", POSE), topic("/goal_pose", POSE, 9999)], [], {"source": "pose", "topic": "/slam/pose"}),
         ([topic("/pose", POSE), topic("/fix", NAVSAT)], [], {"source": "pose", "topic": "/pose"}),
+        (
+            [topic("/vicon/car/car", TRANSFORM, child_frames=("vicon/car/car",))], [],
+            {"source": "pose", "topic": "/vicon/car/car", "frame": "base_link"},
+        ),
+        (
+            [topic("/vicon/car/car", TRANSFORM, child_frames=("plate",))], [("base_link", "plate")],
+            {"source": "pose", "topic": "/vicon/car/car", "frame": None},
+        ),
         ([topic("/fix", NAVSAT)], [("map", "odom"), ("odom", "base_link")], {"source": "tf", "global_frame": "map"}),
         ([], [("odom", "base_link")], {"source": "tf", "global_frame": "odom"}),
         (
