@@ -3,6 +3,7 @@
 import math
 import random
 import sys
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from itertools import groupby
 from pathlib import Path
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from bagassets.engine.recording_assets import RecordingAssets
     from bagassets.engine.recordings_check import CheckedRecording
     from bagassets.engine.verified import Turns
+    from bagassets.formats.dataset_integrity import DatasetDamage
     from bagassets.store.integrity import Damage
 
 _MOST_SHOWN = 20
@@ -113,25 +115,13 @@ def _check(
     as_json: bool,
 ) -> int:
     """Verify what is asked for, for some minutes or as long as it takes, and remove what is damaged."""
-    from bagassets.engine.recordings_check import CheckedRecording
     from bagassets.formats.dataset_integrity import find_damage, remove_damaged
     from bagassets.store.integrity import take_out
 
     recipe, store = assets.recipe, assets.store
-    damages: list[Damage] = []
-    checked: list[CheckedRecording] = []
     is_all = minutes is None and not of_recordings
-    on_terminal = sys.stderr.isatty()
-    for number, found in enumerate(turns.run(math.inf if minutes is None else minutes * 60), 1):
-        if isinstance(found, CheckedRecording):
-            checked.append(found)
-            if not as_json:
-                _print_recording(found)
-        else:
-            damages += found
-        if on_terminal and number % 50 == 0:
-            click.echo(f"\r{number} checked", nl=False, err=True)
-    begin = "\r" if on_terminal else ""
+    damages, checked = _take_turns(turns, minutes, as_json=as_json)
+    begin = "\r" if sys.stderr.isatty() else ""
     if is_all:
         click.echo(f"{begin}{count_text(len(turns.artifacts), 'artifact')} checked", err=True)
     artifacts = {d.digest for d in damages if d.kind == "artifact"}
@@ -154,18 +144,8 @@ def _check(
         more = {"recordings": [one.as_json() for one in checked], "verified": turns.share()}
         echo_json(told if is_all else told | more)
         return status
-    for damage in damages:
-        of = f" ({names[damage.digest]})" if damage.digest in names else ""
-        echo(f"damaged  {damage}{of}")
-    for spoiled_file in spoiled[:_MOST_SHOWN]:
-        echo(f"dataset  {spoiled_file}")
-    if len(spoiled) > _MOST_SHOWN:
-        echo(f"dataset  and {count_text(len(spoiled) - _MOST_SHOWN, 'more file')}")
     if damages or spoiled:
-        done = (
-            "Nothing was changed." if report_only else "Removed; the next `bagassets build` makes them again."
-        )
-        echo(f"Damage: {len(damages)} in the store, {len(spoiled)} in datasets. {done}", err=True)
+        _print_damage(damages, names, spoiled, report_only=report_only)
     elif is_all:
         echo("Store and datasets are intact.")
     if not is_all:
@@ -176,6 +156,44 @@ def _check(
     if minutes is not None:
         echo(turns.share_text())
     return status
+
+
+def _take_turns(
+    turns: "Turns", minutes: float | None, *, as_json: bool
+) -> "tuple[list[Damage], list[CheckedRecording]]":
+    """Verify for some minutes, or all; return what is damaged in the store, and the recordings, which are printed meanwhile."""
+    from bagassets.engine.recordings_check import CheckedRecording
+
+    damages: list[Damage] = []
+    checked: list[CheckedRecording] = []
+    for number, found in enumerate(turns.run(math.inf if minutes is None else minutes * 60), 1):
+        if isinstance(found, CheckedRecording):
+            checked.append(found)
+            if not as_json:
+                _print_recording(found)
+        else:
+            damages += found
+        if sys.stderr.isatty() and number % 50 == 0:
+            click.echo(f"\r{number} checked", nl=False, err=True)
+    return damages, checked
+
+
+def _print_damage(
+    damages: "Sequence[Damage]",
+    names: Mapping[str, str],
+    spoiled: "Sequence[DatasetDamage]",
+    *,
+    report_only: bool,
+) -> None:
+    for damage in damages:
+        of = f" ({names[damage.digest]})" if damage.digest in names else ""
+        echo(f"damaged  {damage}{of}")
+    for spoiled_file in spoiled[:_MOST_SHOWN]:
+        echo(f"dataset  {spoiled_file}")
+    if len(spoiled) > _MOST_SHOWN:
+        echo(f"dataset  and {count_text(len(spoiled) - _MOST_SHOWN, 'more file')}")
+    done = "Nothing was changed." if report_only else "Removed; the next `bagassets build` makes them again."
+    echo(f"Damage: {len(damages)} in the store, {len(spoiled)} in datasets. {done}", err=True)
 
 
 def _print_recording(recording: "CheckedRecording") -> None:
