@@ -4,10 +4,11 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 
 from bagassets.base.quantities import count_text
-from bagassets.engine.freshness.published import Publication
-from bagassets.formats.dataset_build import datasets_of
+from bagassets.engine.freshness.published import Publication, on_record
+from bagassets.formats.dataset_build import datasets_of, made_once
 from bagassets.formats.format import FACTS
-from bagassets.recipe.format_settings import DEFAULT_FORMAT, section_at
+from bagassets.formats.guard import GUARD
+from bagassets.recipe.format_settings import section_at
 from bagassets.recipe.load import where_in
 from bagassets.recipe.model import Recipe
 from bagassets.store.store import Store
@@ -44,11 +45,26 @@ def why_empty(recipe: Recipe, recipe_file: Path, store: Store, assets: Collectio
 
 
 def left_behind(recipe: Recipe) -> Iterator[str]:
-    """Yield a sentence about a dataset on disk that a former version made without being asked in the recipe."""
-    if DEFAULT_FORMAT not in recipe.dataset_settings:
-        root = Publication(recipe.state, f"{DEFAULT_FORMAT}_dataset").root
-        if root is not None and Path(root).is_dir():
-            yield (
-                f"{root}: this dataset is no longer brought up to date, because the recipe names other formats but not "
-                f"{DEFAULT_FORMAT}; add `{DEFAULT_FORMAT}: {{}}` to it, or remove the folder."
-            )
+    """Yield a sentence about each dataset on disk that an earlier build made, and that the recipe does not ask for."""
+    for asset, root in folders_left_behind(recipe).items():
+        section = ".".join(section_at(asset.removesuffix("_dataset")))
+        again = (
+            "name it in its `datasets`" if asset.startswith("dataset_") else f"add `{section}: {{}}` to it"
+        )
+        yield (
+            f"{root}: this dataset is no longer brought up to date and stays as it is, because the recipe does not ask for it; "
+            f"{again}, or remove the folder."
+        )
+
+
+def folders_left_behind(recipe: Recipe) -> dict[str, Path]:
+    """Return dataset -> its folder, of those on disk that the recipe does not ask for, unless another one shares it."""
+    made, found = made_once(recipe), {}
+    for asset in sorted(on_record(recipe.state) - made.keys()):
+        root = Path(Publication(recipe.state, asset).root or "")
+        outputs = (one.published_in for one in made.values())
+        if (root / GUARD).exists() and not any(
+            one in (root, *root.parents) or root in one.parents for one in outputs
+        ):
+            found[asset] = root
+    return found
