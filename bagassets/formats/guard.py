@@ -1,5 +1,6 @@
 """Protecting a dataset from two writers at once, and from files that differ from those expected."""
 
+import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -28,6 +29,34 @@ def guarded(output: Path) -> Iterator[None]:
         raise DatasetError(
             f"{err.filename or output}: the dataset cannot be written ({err.strerror}); {disk_advice(err)}."
         ) from err
+
+
+def claim(output: Path, folder: Path, recipe_file: Path) -> None:
+    """Note, in an attribute of the guard if it can have any, whose dataset a folder has; refuse that of another recipe.
+
+    Args:
+        output: folder of the dataset, `guarded`.
+        folder: the folder in it that is swapped as a whole.
+        recipe_file: the recipe that asks for the dataset.
+
+    Raises:
+        DatasetError: the folder has the dataset of another recipe.
+    """
+    guard, attribute, noted = output / GUARD, f"user.bagassets.owner.{folder.name}", b""
+    with suppress(OSError, AttributeError):
+        noted = os.getxattr(guard, attribute)
+    place, _, other = os.fsdecode(noted).partition("\0")
+    # A copied folder has another place, and a note of the one that it was copied from.
+    is_noted = place == str(folder) and folder.exists() and Path(other).is_file()
+    if is_noted and not (recipe_file.is_file() and recipe_file.samefile(other)):
+        raise DatasetError(
+            f"{folder}: this is the dataset of {other}, and that of {recipe_file} would replace it; name another output in "
+            "one of these recipes, or remove the folder."
+        )
+    own = os.fsencode(f"{folder}\0{recipe_file}")
+    if noted != own:
+        with suppress(OSError, AttributeError):
+            os.setxattr(guard, attribute, own)
 
 
 def refuse_unexpected(folder: Path, made: Mapping[str, str], expected: Mapping[str, str] | None) -> None:

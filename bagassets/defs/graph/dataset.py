@@ -6,6 +6,7 @@ The report is written with the main dataset: the link on its page in the web UI 
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import dagster as dg
 
@@ -33,6 +34,7 @@ from bagassets.formats.dataset_build import (
     what_changed,
 )
 from bagassets.formats.format import ByGroups
+from bagassets.formats.guard import claim
 from bagassets.formats.report_data import build_map, map_path, report_data, report_path
 from bagassets.recipe.model import Recipe
 from bagassets.report.page import report_page
@@ -170,10 +172,13 @@ def make_dataset(workspace: Workspace, plan: Plan, inputs: DatasetInputs, asset:
     """
     recipe = workspace.recipe  # as it is now: this process may be older
     dataset, read = made_once(recipe)[asset], {DATASET_INPUTS: inputs.digest}
-    version, permit = (
-        dataset.code_version(recipe.splits),
-        partial(refuse_if_ended, workspace.instance, run_id),
-    )
+    version = dataset.code_version(recipe.splits)
+
+    def permit() -> None:
+        refuse_if_ended(workspace.instance, run_id)
+        if isinstance(dataset, Dataset):
+            claim(dataset.settings.output, dataset.folder, Path(workspace.recipe_file).absolute())
+
     if not isinstance(dataset, Dataset):
         permit()
         outcome = build_map(workspace.assets, plan, inputs)
