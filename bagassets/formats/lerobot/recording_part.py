@@ -39,7 +39,15 @@ from bagassets.formats.lerobot.cuts import (
     said,
     why_unsaid,
 )
-from bagassets.formats.lerobot.frames import COUNTED, Frames, Source, frames_of, time_text, whole_span
+from bagassets.formats.lerobot.frames import (
+    COUNTED,
+    LEAST_FRAMES,
+    Frames,
+    Source,
+    frames_of,
+    time_text,
+    whole_span,
+)
 from bagassets.formats.lerobot.grid import values_at
 from bagassets.formats.lerobot.parameters import EpisodesParams, EpisodesUse, use
 from bagassets.formats.lerobot.ranges import Span
@@ -365,10 +373,21 @@ def _losses(summary: JsonMapping) -> list[Loss]:
     ]
 
 
+def _setting(why: str) -> str:
+    """Return what else can be set, which artifacts of before do not say."""
+    if why.endswith("raise its tolerance_s") and not why.startswith(IMAGES):
+        return ", or set `at: hold` if each value holds until the next"
+    is_too_short = " and must have " in why and not why.endswith(f" {LEAST_FRAMES}")
+    return " (lerobot.episodes.min_length_s)" if is_too_short else ""
+
+
 def _all_kept(summary: JsonMapping, topics: Sequence[str]) -> Finding:
     """Report the episodes that were left out, and why there is none to begin with."""
     left_out = summary["left_out"]
-    problems = [f"the episode at {time_text(one['at_s'])} is left out: {one['why']}" for one in left_out]
+    problems = [
+        f"the episode at {time_text(one['at_s'])} is left out: {one['why']}{_setting(one['why'])}"
+        for one in left_out
+    ]
     why_none = summary.get("why_none")  # not in artifacts of before
     there = f"; there are {names_text(topics, _MOST_TOPICS)}" if str(why_none).endswith(NO_MESSAGES) else ""
     warnings = [f"no episodes: {why_none}{there}"] if why_none else []
