@@ -1,6 +1,6 @@
 """Datasets that hold nothing, although there are recordings, or that nothing asks for any more, and the way out."""
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
 from pathlib import Path
 
 from bagassets.base.quantities import count_text
@@ -44,27 +44,18 @@ def why_empty(recipe: Recipe, recipe_file: Path, store: Store, assets: Collectio
     return " ".join(sentences)
 
 
-def left_behind(recipe: Recipe) -> Iterator[str]:
-    """Yield a sentence about each dataset on disk that an earlier build made, and that the recipe does not ask for."""
-    for asset, root in folders_left_behind(recipe).items():
-        section = ".".join(section_at(asset.removesuffix("_dataset")))
-        again = (
-            "name it in its `datasets`" if asset.startswith("dataset_") else f"add `{section}: {{}}` to it"
-        )
-        yield (
-            f"{root}: this dataset is no longer brought up to date and stays as it is, because the recipe does not ask for it; "
-            f"{again}, or remove the folder."
-        )
-
-
-def folders_left_behind(recipe: Recipe) -> dict[str, Path]:
-    """Return dataset -> its folder, of those on disk that the recipe does not ask for, unless another one shares it."""
+def left_behind(recipe: Recipe) -> dict[Path, str]:
+    """Return folder -> a sentence, for each dataset that an earlier build made and the recipe does not ask for."""
     made, found = made_once(recipe), {}
     for asset in sorted(on_record(recipe.state) - made.keys()):
         root = Path(Publication(recipe.state, asset).root or "")
-        outputs = (one.published_in for one in made.values())
-        if (root / GUARD).exists() and not any(
-            one in (root, *root.parents) or root in one.parents for one in outputs
-        ):
-            found[asset] = root
+        others = [one.published_in for one in made.values()]
+        is_shared = any(one in (root, *root.parents) or root in one.parents for one in others)
+        if (root / GUARD).exists() and not is_shared:
+            add = f"add `{'.'.join(section_at(asset.removesuffix('_dataset')))}: {{}}` to it"
+            again = "name it in its `datasets`" if asset.startswith("dataset_") else add
+            found[root] = (
+                f"{root}: this dataset is no longer brought up to date and stays as it is, because the recipe does not ask for "
+                f"it; {again}, or remove the folder."
+            )
     return found

@@ -32,15 +32,10 @@ def guarded(output: Path) -> Iterator[None]:
 
 
 def claim(output: Path, folder: Path, recipe_file: Path) -> None:
-    """Note, in an attribute of the guard if it can have any, whose dataset a folder has; refuse that of another recipe.
-
-    Args:
-        output: folder of the dataset, `guarded`.
-        folder: the folder in it that is swapped as a whole.
-        recipe_file: the recipe that asks for the dataset.
+    """Note, in an attribute of the guard if it can have any, which recipe a folder of a guarded output has the dataset of.
 
     Raises:
-        DatasetError: the folder has the dataset of another recipe.
+        DatasetError: that is another recipe.
     """
     guard, attribute, noted = output / GUARD, f"user.bagassets.owner.{folder.name}", b""
     with suppress(OSError, AttributeError):

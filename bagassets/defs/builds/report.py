@@ -32,7 +32,6 @@ from bagassets.store.store import Store
 _WILDCARDS = frozenset(
     "*?["
 )  # there may be thousands of names, and thousands of recordings to compare each of these with
-
 _MOST_LOOKED_AT = 20
 
 
@@ -106,7 +105,7 @@ def warnings(name: str, sentences: Iterable[str]) -> tuple[Remark, ...]:
 def standing_remarks(recipe: Recipe, before: PendingWork, now: PendingWork) -> tuple[Remark, ...]:
     """Return what holds until somebody does something about it."""
     packages = warnings("installed_packages", problems_of(recipe))
-    left = warnings("left_behind", left_behind(recipe))
+    left = warnings("left_behind", left_behind(recipe).values())
     keys = before.plan.bags.keys()
     doubts = (one for settings in recipe.dataset_settings.values() for one in settings.doubts(keys))
     unknown = warnings("unknown_recordings", [*_names_of_none(recipe, before.plan), *doubts])
@@ -135,17 +134,14 @@ def _names_of_none(recipe: Recipe, plan: Plan) -> Iterator[str]:
 
 def _topics_of_none(recipe: Recipe, plan: Plan) -> Iterator[str]:
     """Yield a sentence about each topic with limits that no recording has; of many recordings some are looked at."""
-    read = {topic for rig in recipe.rigs for topic in watched_topics(rig)}
-    limits = recipe.checks.topic_rates.limits.items()
-    unknown = {topic for topic, one in limits if topic not in read and not one.required}
-    store, known, bags = Store(recipe.store_path), set[str](), [*plan.bags.values()]
-    looked_at = bags[:: len(bags) // _MOST_LOOKED_AT + 1]
-    for bag in looked_at if unknown else ():
+    unknown = {topic for topic, one in recipe.checks.topic_rates.limits.items() if not one.required}
+    unknown -= {topic for rig in recipe.rigs for topic in watched_topics(rig)}
+    bags, known = [*plan.bags.values()], set[str]()
+    looked_at = bags[:: len(bags) // _MOST_LOOKED_AT + 1] if unknown else []
+    for bag in looked_at:
         with suppress(StoreError):
-            inventory = store.artifact(bag.version("inventory") or "").read_json("inventory.json")
-            known.update(one["name"] for one in inventory["topics"])
-        if unknown <= known:
-            return
+            inventory = Store(recipe.store_path).artifact(bag.version("inventory") or "")
+            known.update(one["name"] for one in inventory.read_json("inventory.json")["topics"])
     for topic in sorted(unknown - known) if known else ():
         hint = f" ({len(looked_at)} of {len(bags)} were looked at){suggestion(topic, [*known])}"
         yield f"checks.topic_rates.limits: there is no topic {topic} in the recordings{hint}"

@@ -39,15 +39,7 @@ from bagassets.formats.lerobot.cuts import (
     said,
     why_unsaid,
 )
-from bagassets.formats.lerobot.frames import (
-    COUNTED,
-    LEAST_FRAMES,
-    Frames,
-    Source,
-    frames_of,
-    time_text,
-    whole_span,
-)
+from bagassets.formats.lerobot.frames import COUNTED, Frames, Source, frames_of, time_text, whole_span
 from bagassets.formats.lerobot.grid import values_at
 from bagassets.formats.lerobot.parameters import EpisodesParams, EpisodesUse, use
 from bagassets.formats.lerobot.ranges import Span
@@ -373,19 +365,19 @@ def _losses(summary: JsonMapping) -> list[Loss]:
     ]
 
 
-def _setting(why: str) -> str:
-    """Return what else can be set, which artifacts of before do not say."""
+def _with_setting(why: str) -> str:
+    """Return why an episode is left out, with a setting that artifacts do not name."""
     if why.endswith("raise its tolerance_s") and not why.startswith(IMAGES):
-        return ", or set `at: hold` if each value holds until the next"
-    is_too_short = " and must have " in why and not why.endswith(f" {LEAST_FRAMES}")
-    return " (lerobot.episodes.min_length_s)" if is_too_short else ""
+        return f"{why}, or set `at: hold` if each value holds until the next"
+    is_set = " and must have " in why and not why.endswith(" 2")  # which any episode must have
+    return f"{why} (lerobot.episodes.min_length_s)" if is_set else why
 
 
 def _all_kept(summary: JsonMapping, topics: Sequence[str]) -> Finding:
     """Report the episodes that were left out, and why there is none to begin with."""
     left_out = summary["left_out"]
     problems = [
-        f"the episode at {time_text(one['at_s'])} is left out: {one['why']}{_setting(one['why'])}"
+        f"the episode at {time_text(one['at_s'])} is left out: {_with_setting(one['why'])}"
         for one in left_out
     ]
     why_none = summary.get("why_none")  # not in artifacts of before

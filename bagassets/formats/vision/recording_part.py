@@ -52,6 +52,12 @@ FILES = "files.json"
 # Has the rows of all sequences.
 SEQUENCES = "sequences.json"
 _LEAST_DIGITS = 4
+# What becomes of images that are in no sequence -> how to say it, with the number.
+_BUT = {
+    "breaks": "breaks between them (vision.max_gap_s, or no ego pose)",
+    "strided": "skipped by vision.stride",
+    "without_pose": "without an ego pose",
+}
 
 
 @dataclass(frozen=True)
@@ -304,16 +310,9 @@ def _start(metadata: JsonMapping, poses_json: JsonMapping) -> dict[str, float] |
 
 def why_no_sequence(cameras: Iterable[tuple[str, Mapping[str, int]]], frames: int) -> str:
     """Return why no camera, each with the counts of its images in `facts.json`, has a sequence, as a clause."""
-    name, most = max(cameras, key=lambda one: one[1]["remainder"], default=("", None))
-    text = f"no camera has {frames} images (vision.frames) in a row"
-    if most is None:
-        return text
-    text += f"; the most are {most['remainder']} of {name}"
-    if most["breaks"]:
-        also = ", or no ego pose" if most["without_pose"] else ""
-        text += f", in {most['breaks'] + 1} stretches (pauses longer than vision.max_gap_s{also})"
-    strided = f", vision.stride skips {most['strided']}" if most["strided"] else ""
-    return text + strided + (f", {most['without_pose']} have no ego pose" if most["without_pose"] else "")
+    name, most = max(cameras, key=lambda one: one[1]["remainder"], default=("any", {"remainder": 0}))
+    but = "".join(f", {most[what]} {text}" for what, text in _BUT.items() if most.get(what))
+    return f"no camera has {frames} images (vision.frames) in a row; the most are {most['remainder']} of {name}{but}"
 
 
 def _sequences_made(evidence: Evidence) -> Finding:
