@@ -32,7 +32,7 @@ def guarded(output: Path) -> Iterator[None]:
 
 
 def claim(output: Path, folder: Path, recipe_file: Path) -> None:
-    """Note, in an attribute of the guard if it can have any, which recipe a folder of a guarded output has the dataset of.
+    """Note, in an attribute of the guard if it can have any, which recipe a folder of an output has the dataset of.
 
     Raises:
         DatasetError: that is another recipe.

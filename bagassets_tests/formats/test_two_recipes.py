@@ -10,7 +10,6 @@ from bagassets_tests.in_process import QUICK, build, make_project
 
 pytestmark = pytest.mark.once
 
-NUSCENES = QUICK
 VISION = QUICK.replace("nuscenes: {{version: v1.0-test}}\n", "vision: {{frames: 4}}\n")
 
 
@@ -30,7 +29,9 @@ def with_shorter_scenes(text):
     )
 
 
-@pytest.mark.parametrize(("text", "folder"), [(NUSCENES, "nuscenes"), (VISION, "vision")])
+@pytest.mark.parametrize(
+    ("text", "folder"), [(QUICK, "nuscenes"), (VISION, "vision")], ids=["tables", "folders"]
+)
 def test_the_dataset_of_another_recipe_is_not_replaced(text, folder, tmp_path, monkeypatch):
     first = make_project(tmp_path, text=text)
     build(first, monkeypatch)
@@ -45,6 +46,7 @@ def test_the_dataset_of_another_recipe_is_not_replaced(text, folder, tmp_path, m
         "of these recipes, or remove the folder." in report.dataset_problem
     )
     assert lock.read_bytes() == before
+    assert not [*output.glob("*.tmp-*")]
     report, runs = build(first, monkeypatch)
     assert (report.dataset, runs) == ("fresh", [])
 

@@ -172,13 +172,10 @@ def make_dataset(workspace: Workspace, plan: Plan, inputs: DatasetInputs, asset:
     """
     recipe = workspace.recipe  # as it is now: this process may be older
     dataset, read = made_once(recipe)[asset], {DATASET_INPUTS: inputs.digest}
-    version = dataset.code_version(recipe.splits)
-
-    def permit() -> None:
-        refuse_if_ended(workspace.instance, run_id)
-        if isinstance(dataset, Dataset):
-            claim(dataset.settings.output, dataset.folder, Path(workspace.recipe_file).absolute())
-
+    version, permit = (
+        dataset.code_version(recipe.splits),
+        partial(refuse_if_ended, workspace.instance, run_id),
+    )
     if not isinstance(dataset, Dataset):
         permit()
         outcome = build_map(workspace.assets, plan, inputs)
@@ -188,7 +185,10 @@ def make_dataset(workspace: Workspace, plan: Plan, inputs: DatasetInputs, asset:
             **outcome.artifact.summary(),
         }
         return Made(asset, outcome.artifact.digest, version, metadata, read)
+    claimed = partial(claim, dataset.settings.output, dataset.folder, Path(workspace.recipe_file).absolute())
+    claimed()
     summary = build_dataset(dataset, recipe, workspace.store, plan, inputs, permit)
+    claimed()  # now at the latest there is a guard
     failed = inputs.failed.get(dataset.kind.name, {})
     is_first = dataset.kind in formats_of(recipe)[:1] and dataset.selection is None  # the report is about all
     report = {"report": write_report(workspace, plan)} if is_first else {}
