@@ -31,12 +31,14 @@ def guarded(output: Path) -> Iterator[None]:
         ) from err
 
 
-def claim(output: Path, folder: Path, recipe_file: Path) -> None:
+def claim(output: Path, folder: Path, recipe_file: Path, state: Path) -> None:
     """Note, in an attribute of the guard if it can have any, which recipe a folder of an output has the dataset of.
 
     Raises:
         DatasetError: that is another recipe.
     """
+    if recipe_file.parent == state:  # written there for a recipe without a file, which is no project
+        return
     guard, attribute, noted = output / GUARD, f"user.bagassets.owner.{folder.name}", b""
     with suppress(OSError, AttributeError):
         noted = os.getxattr(guard, attribute)

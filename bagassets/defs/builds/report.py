@@ -8,6 +8,7 @@ from pathlib import Path
 
 import dagster as dg
 
+from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.quality.topic_rules import watched_topics
 from bagassets.base.errors import StoreError
 from bagassets.base.fingerprints import recipe_fingerprint
@@ -140,7 +141,7 @@ def _topics_of_none(recipe: Recipe, plan: Plan) -> Iterator[str]:
     looked_at = bags[:: len(bags) // _MOST_LOOKED_AT + 1] if unknown else []
     for bag in looked_at:
         with suppress(StoreError):
-            inventory = Store(recipe.store_path).artifact(bag.version("inventory") or "")
+            inventory = Store(recipe.store_path).artifact(bag.version(INVENTORY.name) or "")
             known.update(one["name"] for one in inventory.read_json("inventory.json")["topics"])
     for topic in sorted(unknown - known) if known else ():
         hint = f" ({len(looked_at)} of {len(bags)} were looked at){suggestion(topic, [*known])}"

@@ -185,7 +185,8 @@ def make_dataset(workspace: Workspace, plan: Plan, inputs: DatasetInputs, asset:
             **outcome.artifact.summary(),
         }
         return Made(asset, outcome.artifact.digest, version, metadata, read)
-    claimed = partial(claim, dataset.settings.output, dataset.folder, Path(workspace.recipe_file).absolute())
+    file = Path(workspace.recipe_file).absolute()
+    claimed = partial(claim, dataset.settings.output, dataset.folder, file, recipe.state)
     claimed()
     summary = build_dataset(dataset, recipe, workspace.store, plan, inputs, permit)
     claimed()  # now at the latest there is a guard
