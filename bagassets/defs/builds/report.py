@@ -30,9 +30,8 @@ from bagassets.recipe.model import Recipe
 from bagassets.recipe.schema import suggestion
 from bagassets.store.store import Store
 
-_WILDCARDS = frozenset(
-    "*?["
-)  # there may be thousands of names, and thousands of recordings to compare each of these with
+# There may be thousands of names, and thousands of recordings to compare each of these with.
+_WILDCARDS = frozenset("*?[")
 _MOST_LOOKED_AT = 20
 
 
