@@ -97,6 +97,7 @@ def _use_of_camera(facts: Facts, name: str, settings: CameraSettings) -> Use[Cam
         camera_from="" if camera is None else camera.source,
         video=decoder_version(f"{name} ({settings.topic})") if is_video else None,
         period_ns=topic.period_ns if is_video else None,
+        from_zero=topic.starts_at_zero and settings.clock == "header",
     )
     if lens is not None and lens.width * lens.height > settings.image_pixels:
         raise CalibrationError(
@@ -199,7 +200,7 @@ class FrameExtractor:
 
     def _take_reading(self, reading: ImageReading, log_time_ns: int, *, lasts: bool) -> None:
         """Have an image written; unless it `lasts`, it is valid during this call only."""
-        if not (reading.stamp_ns or self._by_log_time):
+        if not (reading.stamp_ns or self._by_log_time or self._use.from_zero):
             self._fail(DecodeError("its header stamp is zero; set `clock: log` in the recipe"), "zero stamp")
             return
         stamp_us = reading.stamp_ns // 1000

@@ -70,6 +70,7 @@ class CameraUse:
         camera_from: what the lens is from, as `CalibratedCamera.source`.
         video: what decodes video; None for images.
         period_ns: median time between two packets of video.
+        from_zero: a stamp of zero is one.
     """
 
     channel: str
@@ -80,6 +81,7 @@ class CameraUse:
     camera_from: str = for_messages("")
     video: str | None = omitted()
     period_ns: int | None = omitted()
+    from_zero: bool = omitted(False)
 
     def __str__(self) -> str:
         return f"{self.channel} ({self.settings.topic})"

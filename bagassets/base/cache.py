@@ -27,6 +27,7 @@ _NO_DAMAGE = tuple(
 )
 _VERSION = "PRAGMA user_version"
 _ALL = "SELECT key, content, digest FROM entries WHERE kind = ?"
+_KEYS = "SELECT key, NULL, NULL FROM entries WHERE kind = ?"
 _ONE = f"{_ALL} AND key = ?"
 
 _Row = tuple[object, object, object]
@@ -104,6 +105,12 @@ class Cache:
         """
         queries = [(_ALL, (kind,))] if keys is None else [(_ONE, (kind, key)) for key in keys]
         return {key: content for rows in self._rows(queries) for key, content in _intact(kind, rows)}
+
+    def keys(self, kind: str) -> set[str]:
+        """Return the keys of the entries of a kind, damaged ones too; none if the file cannot be read."""
+        with suppress(PlanNeeded):
+            return {str(row[0]) for rows in self._rows([(_KEYS, (kind,))]) for row in rows}
+        return set()
 
     def write(self, changes: Changes) -> bool:
         """Change entries; a damaged file is replaced.

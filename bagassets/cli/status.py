@@ -82,7 +82,7 @@ def status(recipe: Path, bags: tuple[str, ...], show_all: bool, as_json: bool) -
             own = project.survey(pending)
     except SelectionError as err:
         raise click.UsageError(str(err)) from err
-    problems = [*problems_of(workspace.recipe), *left_behind(workspace.recipe)]
+    problems = [*problems_of(workspace.recipe), *left_behind(workspace.recipe).values()]
     if as_json:
         echo_json(_status_json(pending, own, problems))
     else:

@@ -1,13 +1,14 @@
 """Datasets that hold nothing, although there are recordings, or that nothing asks for any more, and the way out."""
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
 from pathlib import Path
 
 from bagassets.base.quantities import count_text
-from bagassets.engine.freshness.published import Publication
-from bagassets.formats.dataset_build import datasets_of
+from bagassets.engine.freshness.published import Publication, on_record
+from bagassets.formats.dataset_build import datasets_of, made_once
 from bagassets.formats.format import FACTS
-from bagassets.recipe.format_settings import DEFAULT_FORMAT, section_at
+from bagassets.formats.guard import GUARD
+from bagassets.recipe.format_settings import section_at
 from bagassets.recipe.load import where_in
 from bagassets.recipe.model import Recipe
 from bagassets.store.store import Store
@@ -43,12 +44,18 @@ def why_empty(recipe: Recipe, recipe_file: Path, store: Store, assets: Collectio
     return " ".join(sentences)
 
 
-def left_behind(recipe: Recipe) -> Iterator[str]:
-    """Yield a sentence about a dataset on disk that a former version made without being asked in the recipe."""
-    if DEFAULT_FORMAT not in recipe.dataset_settings:
-        root = Publication(recipe.state, f"{DEFAULT_FORMAT}_dataset").root
-        if root is not None and Path(root).is_dir():
-            yield (
-                f"{root}: this dataset is no longer brought up to date, because the recipe names other formats but not "
-                f"{DEFAULT_FORMAT}; add `{DEFAULT_FORMAT}: {{}}` to it, or remove the folder."
+def left_behind(recipe: Recipe) -> dict[Path, str]:
+    """Return folder -> a sentence, for each dataset that an earlier build made and the recipe does not ask for."""
+    made, found = made_once(recipe), {}
+    for asset in sorted(on_record(recipe.state) - made.keys()):
+        root = Path(Publication(recipe.state, asset).root or "")
+        others = [one.published_in for one in made.values()]
+        is_shared = any(one in (root, *root.parents) or root in one.parents for one in others)
+        if (root / GUARD).exists() and not is_shared:
+            add = f"add `{'.'.join(section_at(asset.removesuffix('_dataset')))}: {{}}` to it"
+            again = "name it in its `datasets`" if asset.startswith("dataset_") else add
+            found[root] = (
+                f"{root}: this dataset is no longer brought up to date and stays as it is, because the recipe does not ask for "
+                f"it; {again}, or remove the folder."
             )
+    return found

@@ -1,5 +1,6 @@
 """Protecting a dataset from two writers at once, and from files that differ from those expected."""
 
+import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -28,6 +29,31 @@ def guarded(output: Path) -> Iterator[None]:
         raise DatasetError(
             f"{err.filename or output}: the dataset cannot be written ({err.strerror}); {disk_advice(err)}."
         ) from err
+
+
+def claim(output: Path, folder: Path, recipe_file: Path, state: Path) -> None:
+    """Note, in an attribute of the guard if it can have any, which recipe a folder of an output has the dataset of.
+
+    Raises:
+        DatasetError: that is another recipe.
+    """
+    if recipe_file.parent == state:  # written there for a recipe without a file, which is no project
+        return
+    guard, attribute, noted = output / GUARD, f"user.bagassets.owner.{folder.name}", b""
+    with suppress(OSError, AttributeError):
+        noted = os.getxattr(guard, attribute)
+    place, _, other = os.fsdecode(noted).partition("\0")
+    # A copied folder has another place, and a note of the one that it was copied from.
+    is_noted = place == str(folder) and folder.exists() and Path(other).is_file()
+    if is_noted and not (recipe_file.is_file() and recipe_file.samefile(other)):
+        raise DatasetError(
+            f"{folder}: this is the dataset of {other}, and that of {recipe_file} would replace it; name another output in "
+            "one of these recipes, or remove the folder."
+        )
+    own = os.fsencode(f"{folder}\0{recipe_file}")
+    if noted != own:
+        with suppress(OSError, AttributeError):
+            os.setxattr(guard, attribute, own)
 
 
 def refuse_unexpected(folder: Path, made: Mapping[str, str], expected: Mapping[str, str] | None) -> None:

@@ -103,7 +103,7 @@ def _outputs(recipe: Recipe) -> Iterator[Problem]:
 
 
 def _named_channels(recipe: Recipe) -> Iterator[Problem]:
-    """Check that some rig has the channels of pictures and the signals of limits."""
+    """Check that some rig has the channels of pictures, and the channels and signals of checks."""
     for kind, wanted in (("camera", recipe.preview.camera), ("lidar", recipe.preview.lidar)):
         known = recipe.channels(kind)
         if wanted is not None and wanted not in known:
@@ -113,6 +113,14 @@ def _named_channels(recipe: Recipe) -> Iterator[Problem]:
         if name not in signals:
             at = ("checks", "signal_values", "limits", name)
             yield at, f"no rig has a signal {name}{suggestion(name, signals)}"
+    known = [*signals, *(name for rig in recipe.rigs for name in rig.channels)]
+    for number, name in enumerate(recipe.checks.channels_present.optional):
+        if name not in known:
+            hint = suggestion(name, known)
+            yield (
+                ("checks", "channels_present", "optional", number),
+                f"no rig has a channel or signal {name}{hint}",
+            )
 
 
 def _globs(recipe: Recipe) -> Iterator[Problem]:

@@ -17,6 +17,7 @@ from bagassets.recordings.model import Definition, Format, Serialization
 from bagassets.recordings.salvage.damage_map import DamageMap
 
 Daylight = Literal["day", "night", "twilight"]
+_DAY_S = 86_400.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,6 +119,13 @@ class TopicRecord:
             definition=Definition(**fields.pop("definition")),
             **fields,
         )
+
+    @property
+    def starts_at_zero(self) -> bool:
+        """Tell whether header stamps go on from 0, as in a simulation; those that are not set at first jump by decades."""
+        offset = self.header_offset_s
+        goes_on = self.first_stamp_ns == 0 != self.last_stamp_ns and not self.unordered_stamps
+        return goes_on and offset is not None and offset.max - offset.min < _DAY_S
 
     @property
     def span_ns(self) -> int:

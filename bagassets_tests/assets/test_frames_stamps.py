@@ -8,9 +8,16 @@ import pytest
 
 from bagassets.assets.frames import FrameExtractor
 from bagassets.base.errors import LossLimitError
+from bagassets.engine.execute import BuildFailure
+from bagassets.recipe import load_recipe
+from bagassets.recordings.digest import recording_stat
+from bagassets.recordings.discover import discover
 from bagassets.recordings.model import RawMessage
 from bagassets.store.artifact import ArtifactWriter
+from bagassets.store.store import Store
 from bagassets_tests.cameras import IMAGE, camera_use
+from bagassets_tests.recording_build import RecordingBuild
+from bagassets_tests.small_drive import RECIPE, START_NS, STORE1, messages, write_messages
 
 
 class Photos:
@@ -38,6 +45,41 @@ def test_an_image_without_stamp_is_lost_wherever_it_comes(tmp_path, seconds):
     written = len(seconds) - seconds.count(0)
     assert (counts["written"], counts["lost"]) == (written, {"zero stamp": seconds.count(0)})
     assert not (tmp_path / "a" / "files" / "0.jpg").exists()
+
+
+def images_of_drive(folder, stamp_ns, log_ns):
+    """Build the images of a drive with other stamps and log times, given since its beginning; return their number."""
+
+    def items():
+        for topic, msgtype, at_ns, message in messages(STORE1, ros1=True):
+            time_ns = at_ns - START_NS - 10_000_000 * topic.startswith("/cam")
+            stamp = at_ns if topic == "/tf_static" else stamp_ns(time_ns)
+            if topic != "/tf_static":
+                message.header.stamp = type(message.header.stamp)(stamp // 10**9, stamp % 10**9)
+            yield topic, msgtype, stamp, log_ns(max(time_ns, 0)) + 1, message
+
+    write_messages(folder / "bags" / "a.bag", "ros1", STORE1, items())
+    (folder / "recipe.yaml").write_text(RECIPE.format(name="x", root="bags"))
+    recipe = load_recipe(folder / "recipe.yaml")
+    recording = discover(recipe.bags).recordings["a.bag"]
+    build = RecordingBuild(recipe, Store(recipe.store_path), recording, "0" * 64, recording_stat(recording))
+    made = {one.asset: one for one in build.build({"inventory", "calibration", "frames"})}
+    return made["frames"].artifact.read_json("channels.json")["CAM_FRONT"]["counts"]["written"]
+
+
+@pytest.mark.parametrize("log_ns", [lambda t: t, lambda t: t + START_NS], ids=["simulated", "of the day"])
+def test_stamps_of_a_simulation_begin_at_zero(log_ns, tmp_path):
+    assert images_of_drive(tmp_path, lambda t: t, log_ns) == 29
+
+
+@pytest.mark.parametrize(
+    "stamp_ns",
+    [lambda t: t % 2_000_000_000, lambda t: t + START_NS if t else 0, lambda _: 0],
+    ids=["again in between", "not set at first", "never set"],
+)
+def test_other_stamps_of_zero_are_none(stamp_ns, tmp_path):
+    with pytest.raises(BuildFailure, match="its header stamp is zero"):
+        images_of_drive(tmp_path, stamp_ns, lambda t: t + START_NS)
 
 
 def test_a_camera_without_stamps_asks_for_the_log_clock(tmp_path):

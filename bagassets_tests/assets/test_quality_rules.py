@@ -434,7 +434,7 @@ class TestBoxes:
     def test_lost_boxes_are_named_with_the_first(self):
         (problem,) = self.find(box_counts(written=18, its_size_is_not_positive=2)).problems
         assert problem.startswith(
-            "/boxes: 2 of 20 boxes were lost, most often because its size is not positive (first: x.json:7)"
+            "/boxes: 2 of 20 boxes were lost, most often for this reason: its size is not positive (first: x.json:7);"
         )
         assert self.find(box_counts(written=1999, its_size_is_not_positive=1)).passed
 

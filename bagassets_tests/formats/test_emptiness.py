@@ -84,12 +84,42 @@ def test_other_reasons_are_left_to_the_check_that_knows_them(why):
     assert why(SHORT, DROPPED).endswith("`bagassets check` says why the others have none.")
 
 
-def test_another_format_names_its_section(why):
-    some = [SHORT | {"channels": {"CAM_FRONT": {"images": number}}} for number in (20, 3)]
-    assert why(*some, assets={"vision_dataset"}, more="vision: {}\n") == (
-        "vision: 0 scenes from 2 recordings: no camera has 25 images (vision.frames) in a row; the most that one has are 20 "
-        "(FILE:11: vision)."
+def images(number, strided=0, without_pose=0, breaks=0):
+    left = number - strided - without_pose
+    counts = {"images": number, "remainder": left, "sequences": 0}
+    return counts | {"strided": strided, "without_pose": without_pose, "breaks": breaks}
+
+
+@pytest.mark.parametrize(
+    ("cameras", "but"),
+    [
+        ([images(20), images(3)], ""),
+        ([images(29, breaks=4)], ", 4 breaks between them (vision.max_gap_s, or no ego pose)"),
+        ([images(60, strided=31), images(19)], ", 31 skipped by vision.stride"),
+        ([images(60, without_pose=40), images(30, without_pose=29)], ", 40 without an ego pose"),
+    ],
+)
+def test_vision_names_its_section_and_counts_the_images_that_it_could_use(cameras, but, why):
+    channels = {f"CAM_{number}": one for number, one in enumerate(cameras)}
+    left = cameras[0]["remainder"]
+    none = SHORT | {"channels": {"CAM_0": images(0)}}
+    assert why(
+        none, SHORT | {"channels": channels}, none, assets={"vision_dataset"}, more="vision: {}\n"
+    ) == (
+        f"vision: 0 scenes from 3 recordings: no camera has 25 images (vision.frames) in a row; the most are {left} of CAM_0{but} (FILE:11: vision)."
     )
+
+
+def test_a_recording_without_a_sequence_is_reported_by_each_build(tmp_path, monkeypatch):
+    text = QUICK.replace("nuscenes: {{version: v1.0-test}}", "vision: {{frames: 8}}")
+    recipe_file = make_project(tmp_path, ("long.bag",), text=text, duration_s=1.5)
+    write_drive(tmp_path / "bags" / "short.bag", "ros1", duration_s=0.7)
+    said = "it has no sequence: no camera has 8 images (vision.frames) in a row; the most are 6 of CAM_FRONT"
+    for _ in range(2):
+        report, _ = build(recipe_file, monkeypatch, jobs=1)
+        (remark,) = [one for one in report.remarks if one.check == "sequences_made"]
+        assert (remark.key, remark.severity, remark.problem) == ("short.bag", "warn", said)
+        assert report.succeeded
 
 
 def test_a_dataset_with_a_single_scene_is_none_of_these(why):

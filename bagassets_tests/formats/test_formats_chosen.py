@@ -10,6 +10,7 @@ from click.testing import CliRunner
 import bagassets
 from bagassets.base.errors import DatasetError, RecipeError
 from bagassets.cli.main import root
+from bagassets.engine.freshness.decide import nothing_to_do
 from bagassets.formats.catalogue import recording_assets
 from bagassets.formats.dataset_build import datasets_of
 from bagassets.formats.nuscenes.settings import NuScenes
@@ -207,6 +208,44 @@ def test_a_dataset_that_nothing_asks_for_any_more_is_not_forgotten(tmp_path, mon
     report, _ = build(recipe_file, monkeypatch)
     assert [one for one in report.remarks if one.check == "left_behind"] == []
     assert not Path(dataroot).exists()
+
+
+MONDAY = "datasets: [{name: monday, scenes: ['*']}]\n"
+
+
+@pytest.mark.parametrize(
+    ("removed", "folder", "again"),
+    [
+        ("vision: {frames: 4}\n", "vision", "add `vision: {}` to it"),
+        (MONDAY, "monday", "name it in its `datasets`"),
+    ],
+)
+def test_a_section_that_was_removed_from_the_recipe_leaves_its_dataset(
+    removed, folder, again, tmp_path, monkeypatch
+):
+    recipe_file = make_project(
+        tmp_path, text=QUICK + "vision: {{frames: 4}}\n" + MONDAY.replace("{", "{{").replace("}", "}}")
+    )
+    build(recipe_file, monkeypatch)
+    recipe_file.write_text(recipe_file.read_text().replace(removed, ""))
+    left = tmp_path / "dataset" / folder
+    before = sorted(left.rglob("*"))
+    report, _ = build(recipe_file, monkeypatch)
+    (remark,) = [one for one in report.remarks if one.check == "left_behind"]
+    assert remark.problem == (
+        f"{left}: this dataset is no longer brought up to date and stays as it is, because the recipe does not ask for it; "
+        f"{again}, or remove the folder."
+    )
+    assert sorted(left.rglob("*")) == before
+    assert f"warning: {remark.problem}\n" in command("status", recipe=recipe_file)
+    build(recipe_file, monkeypatch)
+    quick = ["build", "--recipe", str(recipe_file)]
+    assert any(remark.problem in line for line in nothing_to_do(quick))
+    shutil.rmtree(left)
+    assert nothing_to_do(quick) is None
+    report, _ = build(recipe_file, monkeypatch)
+    assert [one for one in report.remarks if one.check == "left_behind"] == []
+    assert nothing_to_do(quick)
 
 
 def test_each_dataset_and_the_map_say_what_of_theirs_changed(tmp_path, monkeypatch):

@@ -138,6 +138,18 @@ datasets:
         assert datasets == f"datasets: unknown: there is no recording night* {more}{keys}"
 
 
+def test_limits_of_a_topic_of_no_recording_are_told(tmp_path, monkeypatch):
+    limits = "{/odm: {{min_hz: 40}}, /cam/camera_info: {{min_hz: 5}}, /points: {{min_hz: 5}}, /no: {{required: true}}}}"
+    text = f"{QUICK}checks: {{{{topic_rates: {{{{limits: {{{limits}}}}}}}}}\n"
+    recipe_file = make_project(tmp_path, ["a.bag", "b.bag"], text=text)
+    for _ in range(2):  # the second has nothing to do
+        report, _ = build(recipe_file, monkeypatch)
+        (remark,) = [one for one in report.remarks if one.check == "unknown_topics"]
+        assert remark.problem == (
+            "checks.topic_rates.limits: there is no topic /odm in the recordings (2 of 2 were looked at); did you mean /odom?"
+        )
+
+
 def test_no_split_of_a_vision_dataset_is_empty_beside_recordings_too_short_for_sequences(
     tmp_path, monkeypatch
 ):

@@ -87,6 +87,13 @@ def test_what_is_right_is_accepted(value, tmp_path):
             ),
             "checks.signal_values.limits.joint", "no rig has a signal joint; did you mean joints?",
         ),
+        (
+            recipe(
+                rig(signals={"joints": {"topic": "/a", "field": "b"}}),
+                checks={"channels_present": {"optional": ["joints", "CAM_FRONT", "CAM_FRNT"]}},
+            ),
+            "checks.channels_present.optional[2]", "no rig has a channel or signal CAM_FRNT; did you mean CAM_FRONT?",
+        ),
         (recipe(scenes={"tolerance_s": 0.25}), "scenes.tolerance_s", "0.25 s at 2 Hz"),
         (recipe(scenes={"keyframe_hz": 10}), "scenes.tolerance_s", "0.05 s at 10 Hz"),
         (recipe(scenes={"length_s": 5, "min_length_s": 6}), "scenes.min_length_s", "longer than a scene (5 s)"),

@@ -25,7 +25,7 @@ def boxes_plausible(counts: JsonMapping, table: BoxTable, check: BoxesCheck) -> 
             reason = max(sorted(boxes["lost"]), key=lambda text: boxes["lost"][text])
             first = boxes.get("first", {}).get(reason)
             problems.append(
-                f"{source}: {lost} of {boxes['read']} boxes were lost, most often because {reason}"
+                f"{source}: {lost} of {boxes['read']} boxes were lost, most often for this reason: {reason}"
                 f"{f' (first: {first})' if first else ''}; a share of {check.max_lost:g} is accepted"
             )
     kept = {

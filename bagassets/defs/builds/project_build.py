@@ -76,7 +76,7 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
         report = report_of(build, split_before, interrupted=interrupted)
         report.own_problem, report.own_left_out = own.problem, own.left_out
         report.own = own_outcomes
-        standing, checked = standing_remarks(recipe, before), checked_remarks(build)
+        standing, checked = standing_remarks(recipe, before, now), checked_remarks(build)
         held = warnings("removed", [f"{key} is gone: {why}." for key, why in before.held.items()])
         others = [one for one in checked if one.key not in build.ended.keys() - {DATASET}]
         left = left_over(build, report) if options.is_whole and not interrupted else ()

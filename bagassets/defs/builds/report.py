@@ -2,11 +2,15 @@
 
 import fnmatch
 from collections.abc import Collection, Iterable, Iterator, Mapping
+from contextlib import suppress
 from itertools import chain
 from pathlib import Path
 
 import dagster as dg
 
+from bagassets.assets.inventory import INVENTORY
+from bagassets.assets.quality.topic_rules import watched_topics
+from bagassets.base.errors import StoreError
 from bagassets.base.fingerprints import recipe_fingerprint
 from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.defs.builds.loop import BuildLoop
@@ -24,10 +28,11 @@ from bagassets.formats.dataset_build import Dataset, dataset_folders, datasets_o
 from bagassets.formats.emptiness import left_behind, why_empty
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.schema import suggestion
+from bagassets.store.store import Store
 
-_WILDCARDS = frozenset(
-    "*?["
-)  # there may be thousands of names, and thousands of recordings to compare each of these with
+# There may be thousands of names, and thousands of recordings to compare each of these with.
+_WILDCARDS = frozenset("*?[")
+_MOST_LOOKED_AT = 20
 
 
 def report_of(build: BuildLoop, split_before: Mapping[str, str], *, interrupted: bool) -> BuildReport:
@@ -97,14 +102,15 @@ def warnings(name: str, sentences: Iterable[str]) -> tuple[Remark, ...]:
     return tuple(Remark("", "warn", name, one) for one in sentences)
 
 
-def standing_remarks(recipe: Recipe, before: PendingWork) -> tuple[Remark, ...]:
+def standing_remarks(recipe: Recipe, before: PendingWork, now: PendingWork) -> tuple[Remark, ...]:
     """Return what holds until somebody does something about it."""
     packages = warnings("installed_packages", problems_of(recipe))
-    left = warnings("left_behind", left_behind(recipe))
+    left = warnings("left_behind", left_behind(recipe).values())
     keys = before.plan.bags.keys()
     doubts = (one for settings in recipe.dataset_settings.values() for one in settings.doubts(keys))
     unknown = warnings("unknown_recordings", [*_names_of_none(recipe, before.plan), *doubts])
-    return (*packages, *left, *unknown, *warnings("series", before.plan.asked.values()))
+    topics = warnings("unknown_topics", _topics_of_none(recipe, now.plan))
+    return (*packages, *left, *unknown, *topics, *warnings("series", before.plan.asked.values()))
 
 
 def _names_of_none(recipe: Recipe, plan: Plan) -> Iterator[str]:
@@ -124,6 +130,21 @@ def _names_of_none(recipe: Recipe, plan: Plan) -> Iterator[str]:
             more = f" (nor what {len(unknown) - 1} more of its names stand for)" if unknown[1:] else ""
             hint = suggestion(unknown[0], [*known]) or "; `bagassets status --all` lists the keys."
             yield f"{field}: there is no recording {unknown[0]}{more}{hint}"
+
+
+def _topics_of_none(recipe: Recipe, plan: Plan) -> Iterator[str]:
+    """Yield a sentence about each topic with limits that no recording has; of many recordings some are looked at."""
+    unknown = {topic for topic, one in recipe.checks.topic_rates.limits.items() if not one.required}
+    unknown -= {topic for rig in recipe.rigs for topic in watched_topics(rig)}
+    bags, known = [*plan.bags.values()], set[str]()
+    looked_at = bags[:: len(bags) // _MOST_LOOKED_AT + 1] if unknown else []
+    for bag in looked_at:
+        with suppress(StoreError):
+            inventory = Store(recipe.store_path).artifact(bag.version(INVENTORY.name) or "")
+            known.update(one["name"] for one in inventory.read_json("inventory.json")["topics"])
+    for topic in sorted(unknown - known) if known else ():
+        hint = f" ({len(looked_at)} of {len(bags)} were looked at){suggestion(topic, [*known])}"
+        yield f"checks.topic_rates.limits: there is no topic {topic} in the recordings{hint}"
 
 
 def left_over(build: BuildLoop, report: BuildReport) -> tuple[Remark, ...]:

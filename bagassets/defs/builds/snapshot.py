@@ -14,6 +14,7 @@ from bagassets.engine.freshness.artifacts import folders_of
 from bagassets.engine.inputs import files_beside, named_files
 from bagassets.engine.plan import KeptPlan, Plan
 from bagassets.formats.dataset_build import dataset_code_versions, dataset_folders
+from bagassets.formats.emptiness import left_behind
 from bagassets.propose.project import dagster_home
 from bagassets.recipe.load import paths_written
 from bagassets.recordings.join_parts import FOR_NOW
@@ -41,6 +42,7 @@ class Snapshot:
         files, folders = named_files(self._recipe)
         # A dagster.yaml in the project folder would take precedence.
         beside = [config, recipe_file.with_name(config.name), *map(Path, own_files)]
+        beside += left_behind(self._recipe)  # a remark says to remove them
         if any(rig.annotation_files for rig in self._recipe.rigs):
             # Label files may lie outside the bag root.
             recordings = workspace.discover().recordings.values()

@@ -56,7 +56,7 @@ def require_own_keys(instance: dg.DagsterInstance, prefix: tuple[str, ...], reci
         raise RecipeError(
             f"{recipe_file}: the project of {other} has the same asset keys ({keys}) in this Dagster instance, and each "
             "would take the records of the other for its own; keep each recipe in a folder of its own, name another "
-            "`state` in one of them or, in a Dagster of yours, another prefix: build_definitions(recipe, key_prefix=…)."
+            "`state` and other outputs in one of them or, in a Dagster of yours, another prefix: build_definitions(recipe, key_prefix=…)."
         )
 
 

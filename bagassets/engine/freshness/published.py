@@ -334,6 +334,11 @@ class Publication:
         return changed
 
 
+def on_record(state: str | os.PathLike[str]) -> AbstractSet[str]:
+    """Return the names of all datasets, and of the map, that builds with this state folder have published."""
+    return Cache(state).keys(_HEAD)
+
+
 def _folder_signature(path: str) -> list[int]:
     """Return what changes when entries of a folder are added or removed; empty if it does not exist."""
     return signature(path)[1:3]

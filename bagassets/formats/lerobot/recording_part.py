@@ -365,10 +365,21 @@ def _losses(summary: JsonMapping) -> list[Loss]:
     ]
 
 
+def _with_setting(why: str) -> str:
+    """Return why an episode is left out, with a setting that artifacts do not name."""
+    if why.endswith("raise its tolerance_s") and not why.startswith(IMAGES):
+        return f"{why}, or set `at: hold` if each value holds until the next"
+    is_set = " and must have " in why and not why.endswith(" 2")  # which any episode must have
+    return f"{why} (lerobot.episodes.min_length_s)" if is_set else why
+
+
 def _all_kept(summary: JsonMapping, topics: Sequence[str]) -> Finding:
     """Report the episodes that were left out, and why there is none to begin with."""
     left_out = summary["left_out"]
-    problems = [f"the episode at {time_text(one['at_s'])} is left out: {one['why']}" for one in left_out]
+    problems = [
+        f"the episode at {time_text(one['at_s'])} is left out: {_with_setting(one['why'])}"
+        for one in left_out
+    ]
     why_none = summary.get("why_none")  # not in artifacts of before
     there = f"; there are {names_text(topics, _MOST_TOPICS)}" if str(why_none).endswith(NO_MESSAGES) else ""
     warnings = [f"no episodes: {why_none}{there}"] if why_none else []

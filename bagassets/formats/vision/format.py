@@ -26,7 +26,7 @@ from bagassets.formats.format import (
     UnitFolders,
 )
 from bagassets.formats.json_files import TABLE, Frame, framed, framed_row, rows_text
-from bagassets.formats.vision.recording_part import FILES, SEQUENCES, VISION_SEQUENCES
+from bagassets.formats.vision.recording_part import FILES, SEQUENCES, VISION_SEQUENCES, why_no_sequence
 from bagassets.formats.vision.settings import Vision
 from bagassets.recipe.format_settings import section_at
 from bagassets.recipe.load import where_in
@@ -103,11 +103,8 @@ def _links(entry: Entry) -> Iterator[Link]:
 def _why_empty(recordings: Sequence[Facts], recipe: Recipe, recipe_file: Path) -> str:
     """Return why no camera has a sequence, as the end of a sentence."""
     frames = (recipe.settings(Vision) or Vision()).frames
-    most = max((camera["images"] for facts in recordings for camera in facts["channels"].values()), default=0)
-    where = where_in(recipe_file, section_at(VISION.name))
-    return (
-        f"no camera has {frames} images (vision.frames) in a row; the most that one has are {most} ({where})"
-    )
+    cameras = (camera for facts in recordings for camera in facts["channels"].items())
+    return f"{why_no_sequence(cameras, frames)} ({where_in(recipe_file, section_at(VISION.name))})"
 
 
 VISION = Format(

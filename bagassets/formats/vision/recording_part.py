@@ -7,7 +7,7 @@ them from the artifacts of `frames`.
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +18,9 @@ from bagassets.assets.ego_poses import EGO_POSES
 from bagassets.assets.face import Face
 from bagassets.assets.frames import FRAMES
 from bagassets.assets.inventory import INVENTORY
+from bagassets.assets.quality.check import RecordingCheck
+from bagassets.assets.quality.evidence import Evidence
+from bagassets.assets.quality.finding import Finding
 from bagassets.assets.transform_logs import read_transforms
 from bagassets.base.columns import numbers
 from bagassets.base.errors import CalibrationError
@@ -49,6 +52,12 @@ FILES = "files.json"
 # Has the rows of all sequences.
 SEQUENCES = "sequences.json"
 _LEAST_DIGITS = 4
+# What becomes of images that are in no sequence -> how to say it, with the number.
+_BUT = {
+    "breaks": "breaks between them (vision.max_gap_s, or no ego pose)",
+    "strided": "skipped by vision.stride",
+    "without_pose": "without an ego pose",
+}
 
 
 @dataclass(frozen=True)
@@ -299,6 +308,20 @@ def _start(metadata: JsonMapping, poses_json: JsonMapping) -> dict[str, float] |
     return None
 
 
+def why_no_sequence(cameras: Iterable[tuple[str, Mapping[str, int]]], frames: int) -> str:
+    """Return why no camera, each with the counts of its images in `facts.json`, has a sequence, as a clause."""
+    name, most = max(cameras, key=lambda one: one[1]["remainder"], default=("any", {"remainder": 0}))
+    but = "".join(f", {most[what]} {text}" for what, text in _BUT.items() if most.get(what))
+    return f"no camera has {frames} images (vision.frames) in a row; the most are {most['remainder']} of {name}{but}"
+
+
+def _sequences_made(evidence: Evidence) -> Finding:
+    facts = evidence.artifact("vision_sequences").read_json(FACTS)
+    frames = (evidence.recipe.settings(Vision) or Vision()).frames
+    why = why_no_sequence(facts["channels"].items(), frames)
+    return Finding([] if facts["sequences"] else [f"it has no sequence: {why}"])
+
+
 VISION_SEQUENCES = Asset(
     name="vision_sequences",
     version=2,
@@ -312,6 +335,16 @@ VISION_SEQUENCES = Asset(
     params=VisionParams.of,
     use=use,
     make=make,
+    checks=(
+        RecordingCheck(
+            "sequences_made",
+            "scenes_made",
+            "The recording has at least one sequence for the vision dataset.",
+            "the recording has no sequence; the sentence says why (section `scenes_made`)",
+            _sequences_made,
+            quick=True,
+        ),
+    ),
 )
 
 

@@ -14,21 +14,24 @@ from bagassets_tests.recorded_bags import NOON_NS, text
 
 
 @pytest.fixture(scope="module")
-def project(tmp_path_factory):
+def built(tmp_path_factory):
+    """A project that was built once: its folder, the report, and what the dataset said then, as a test changes it."""
     folder = tmp_path_factory.mktemp("project")
     for number, name in enumerate("abc"):
         write_arm(folder, name, seconds=1.0, first=100 * number)
     write_arm(folder, "stops", seconds=4.0, skip=lambda topic, time: topic == "/wrist" and time > 2)
     write_project(folder, RECIPE)
-    return folder
+    with pytest.MonkeyPatch.context() as patch:
+        report, _ = build(folder / "recipe.yaml", patch)
+    return folder, report, info(folder)
 
 
 def info(project):
     return json.loads((project / "dataset/lerobot/v3.0/meta/info.json").read_text())
 
 
-def test_all_that_keep_the_rules_are_built_and_others_are_named(project, monkeypatch):
-    report, _ = build(project / "recipe.yaml", monkeypatch)
+def test_all_that_keep_the_rules_are_built_and_others_are_named(built):
+    _, report, made = built
     assert report.dataset == "updated"
     assert {key: one.result for key, one in report.outcomes.items()} == dict.fromkeys(
         ("a.mcap", "b.mcap", "c.mcap", "stops.mcap"), "built"
@@ -36,7 +39,7 @@ def test_all_that_keep_the_rules_are_built_and_others_are_named(project, monkeyp
     (remark,) = [one for one in report.remarks if one.check == "episodes_kept"]
     assert remark.key == "stops.mcap"
     assert "observation.images.wrist (CAM_WRIST) ends at 2.000 s already" in remark.problem
-    assert (info(project)["total_episodes"], info(project)["total_frames"]) == (3, 3 * 29)
+    assert (made["total_episodes"], made["total_frames"]) == (3, 3 * 29)
 
 
 def test_a_dataset_without_episodes_says_what_messages_said(tmp_path, monkeypatch):
@@ -93,6 +96,27 @@ def test_a_camera_slower_than_the_dataset_is_named(tmp_path, monkeypatch):
     )
 
 
+@pytest.mark.parametrize(
+    ("skipped", "episodes", "said"),
+    [
+        (False, "{min_length_s: 3}", "it has 29 frames, and must have 90 (lerobot.episodes.min_length_s)"),
+        (
+            True, "{}",
+            "it comes at 5 Hz and fps is 30; lower fps, or raise its tolerance_s, or set `at: hold` if each value holds until the next",
+        ),
+    ],
+)  # fmt: skip
+def test_what_an_episode_lacks_is_said_with_the_setting(skipped, episodes, said, tmp_path, monkeypatch):
+    def skip(topic, time):
+        return topic == "/command" and skipped and (time + 0.001) % 0.2 > 0.01
+
+    write_arm(tmp_path, "a", seconds=1.0, skip=skip)
+    write_project(tmp_path, f"{RECIPE}  episodes: {episodes}\n")
+    report, _ = build(tmp_path / "recipe.yaml", monkeypatch)
+    (remark,) = [one for one in report.remarks if one.check == "episodes_kept"]
+    assert remark.problem.endswith(said), remark.problem
+
+
 def test_ranges_of_no_recording_are_named_with_file_row_and_key(tmp_path, monkeypatch):
     rows = "a.mcap,0,0.5\nb.mcap,0,0.5\nc.mcap,0,0.5\n"
     (tmp_path / "ranges.csv").write_text(f"recording,start_s,end_s\n{rows}")
@@ -107,7 +131,8 @@ def test_ranges_of_no_recording_are_named_with_file_row_and_key(tmp_path, monkey
         )
 
 
-def test_nothing_runs_again_and_one_more_runs_alone(project, monkeypatch):
+def test_nothing_runs_again_and_one_more_runs_alone(built, monkeypatch):
+    project, _, _ = built
     report, ran = build(project / "recipe.yaml", monkeypatch)
     assert (report.dataset, ran) == ("fresh", [])
     write_arm(project, "b2", seconds=1.0, first=900)
