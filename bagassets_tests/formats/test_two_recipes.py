@@ -13,13 +13,13 @@ pytestmark = pytest.mark.once
 VISION = QUICK.replace("nuscenes: {{version: v1.0-test}}\n", "vision: {{frames: 4}}\n")
 
 
-def second_project(first, edit):
+def second_project(first, edit, name="other-"):
     """Write another project, with a dataset where that of the first one is."""
     text = first.read_text().replace("{version", "{output: ../dataset/nuscenes, version")
     text = text.replace("vision: {", "vision: {output: ../dataset/vision, ").replace(
         "root: bags", "root: ../bags"
     )
-    write_project(first.parent / "second", edit(text))
+    write_project(first.parent / "second", edit(text).replace("name: ", f"name: {name}"))
     return first.parent / "second" / "recipe.yaml"
 
 
@@ -60,6 +60,12 @@ def test_the_dataset_of_another_recipe_is_not_replaced(text, folder, tmp_path, m
     assert build(second, monkeypatch)[0].dataset == "failed"
 
 
+def test_another_checkout_of_a_project_brings_its_dataset_up_to_date(tmp_path, monkeypatch):
+    first = make_project(tmp_path)
+    build(first, monkeypatch)
+    assert build(second_project(first, with_shorter_scenes, name=""), monkeypatch)[0].dataset == "updated"
+
+
 def test_other_versions_in_one_dataroot_do_not_replace_each_other(tmp_path, monkeypatch):
     first = make_project(tmp_path)
     build(first, monkeypatch)
@@ -74,7 +80,7 @@ def test_a_copied_project_owns_its_datasets(tmp_path, monkeypatch):
     shutil.copytree(tmp_path / "first", tmp_path / "copy")
     copy = tmp_path / "copy" / "recipe.yaml"
     (copy.parent / ".env").unlink()
-    write_project(copy.parent, with_shorter_scenes(copy.read_text()))
+    write_project(copy.parent, with_shorter_scenes(copy.read_text()).replace("name: ", "name: other-"))
     assert build(copy, monkeypatch)[0].dataset == "updated"
     assert build(first, monkeypatch)[0].dataset == "fresh"
 

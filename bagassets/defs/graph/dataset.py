@@ -186,7 +186,7 @@ def make_dataset(workspace: Workspace, plan: Plan, inputs: DatasetInputs, asset:
         }
         return Made(asset, outcome.artifact.digest, version, metadata, read)
     file = Path(workspace.recipe_file).absolute()
-    claimed = partial(claim, dataset.settings.output, dataset.folder, file, recipe.state)
+    claimed = partial(claim, dataset.settings.output, dataset.folder, file, recipe)
     claimed()
     summary = build_dataset(dataset, recipe, workspace.store, plan, inputs, permit)
     claimed()  # now at the latest there is a guard
