@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # How many hours were recorded? `drives` has a folder for each day and a recording of ROS 1 beside them: monday/yard and tuesday/yard of ROS 2, monday/field.bag, town.bag, each
 # of 10 s. rosbag-tools adds them up (`rosbag-tools compute-duration drives --total`: "the duration of every rosbag in a folder").
-# Guess: 40 s. Seen with rosbag-tools 0.0.10 and the rosbags that it pins on 2026-11-30, without a word: 20 s. "Extracting durations from 3 rosbags" has looked for ROS 2 at any depth, and for
+# Guess: 40 s. Seen with rosbag-tools 0.0.10 and the rosbags that it pins on 2026-11-30, without a word: 20 s. "Extracting durations from 3 rosbags" looks for ROS 2 at any depth, and for
 # .bag only beside the days; and durations are kept by the name of a recording, without its folder, so that of two with one name, as a fixed route of each day has, one is in the sum
 set -euo pipefail
 folder=$(mktemp -d)
