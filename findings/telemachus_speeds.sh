@@ -53,4 +53,5 @@ table = load(Path("."), with_gyro=False)
 standing = table[table["trip_id"] == "2"]
 elsewhere = (standing["lon"] - EAST_DEG).abs() < 0.01
 print(f"the car that stands: {len(standing)} rows, {elsewhere.mean():.0%} of them where the other one drives")
+assert 0.45 < elsewhere.mean() < 0.55
 PYTHON
