@@ -775,6 +775,22 @@ def test_same_topic_of_another_type_is_another_rig(tmp_path):
     assert len(proposed({"a.bag": car(), "b.bag": other}, tmp_path).rigs) == 2
 
 
+def test_a_sensor_of_which_no_topic_fits_all_recordings_makes_another_rig(tmp_path):
+    """A channel has one topic, so in one rig some recordings would lose the camera, or the lidar."""
+    raw, small = (
+        topic(f"/cam_front/image_raw{end}", kind, frame="cam_front")
+        for end, kind in (("", IMAGE), ("/compressed", COMPRESSED))
+    )
+    compressed = car(small, without={raw.name})
+    renamed = car(topic("/lidar/points", CLOUD, frame="velodyne"), without={LIDAR})
+    for other in (compressed, renamed):
+        recipe = proposed({"a.bag": car(), "b.bag": other}, tmp_path)
+        assert [len(rig.channels) for rig in recipe.rigs] == [2, 2]
+        assert {channel.topic for channel in recipe.rigs[1].channels.values()} <= set(other.topics)
+    assert len(proposed({"a.bag": car(small), "b.bag": car(), "c.bag": car()}, tmp_path).rigs) == 1
+    assert len(proposed({"a.bag": car(small), "b.bag": car(), "c.bag": compressed}, tmp_path).rigs) == 2
+
+
 def test_nothing_usable_still_shows_what_a_rig_looks_like(tmp_path):
     text = text_of(summary(topic("/rosout", "rosgraph_msgs/msg/Log")))
     with pytest.raises(RecipeError, match=r"recipe.yaml:\d+: rigs: needs a value"):
