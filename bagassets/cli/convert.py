@@ -248,7 +248,9 @@ def _build(recipe: "Recipe", bags: "Bags", kind: "AnyFormat", out: Path, text: s
                 for entry in () if lock is None else lock.value["bags"]:
                     counts |= entry["counts"]
                 if not any(counts.values()):
-                    problem = f"{rows[0].recording}: its dataset would be empty; it may be too short, see the recipe."
+                    said = any(one.severity == "error" for one in report.remarks)
+                    why = ", as the error above says." if said else "; it may be too short, see the recipe."
+                    problem = f"{rows[0].recording}: its dataset would be empty{why}"
             if problem is not None:
                 echo_lines(f"error: {problem}", err=True)
                 return ExitStatus.FAILED

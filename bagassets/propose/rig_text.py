@@ -320,6 +320,8 @@ def _write_camera(sheet: Sheet, sensor: Sensor, file: ProposedCalibration | None
     if info is not None:
         sheet.field(4, f"camera_info: {yaml_scalar(info.name)}")
     why = "no CameraInfo topic" if info is None else "its CameraInfo is not calibrated"
+    if info is not None and info.refusal:
+        why = f"its CameraInfo cannot be used: {info.refusal}"
     if file is not None:
         sheet.guess(4, f"intrinsics: {{file: {yaml_scalar(file.written)}}}", f"{why}; {file.reason}")
     elif not undistort:
@@ -331,7 +333,7 @@ def _write_camera(sheet: Sheet, sensor: Sensor, file: ProposedCalibration | None
     if sensor.topic.msgtype.endswith("CompressedImage") and not undistort:
         sheet.guess(4, "output: as_recorded", "already compressed; passed through byte for byte")
     elif sensor.topic.is_16_bit:
-        encoding = (sensor.topic.encoding or "").partition(":")[0].replace("uc", "UC").replace("fc", "FC")
+        encoding = (sensor.topic.encoding or "").partition(":")[0].replace("uc", "UC")
         sheet.guess(
             4,
             "to_8bit: {percentiles: [1, 99]}",

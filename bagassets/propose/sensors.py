@@ -110,7 +110,7 @@ def _unusable(topic: TopicSummary) -> TopicUse | None:
         return TopicUse(topic, "left out", "no messages")
     if topic.problem is not None:
         return TopicUse(topic, "not decodable", topic.problem)
-    if not _DEPTH_WORDS.isdisjoint(tokens(topic.name)):
+    if not _DEPTH_WORDS.isdisjoint(tokens(topic.name)) or topic.encoding == "32fc1":  # REP 118
         depth = (
             "depth, not a picture; a channel of depth needs `output: png` and `undistort: false`"
             if modality == "camera"

@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from math import ceil
 from typing import TYPE_CHECKING, Literal
 
 from bagassets.base.errors import DecodeError
@@ -180,11 +181,21 @@ def write_lerobot(sheet: Sheet, rigs: "Sequence[RigProposal]") -> None:
     )
     sheet.guess(1, f"fps: {fps}", reason)
     sheet.field(1, "features:")
-    if signals["state"]:
-        sheet.field(2, f"observation.state: {{signals: [{', '.join(signals['state'])}]}}")
-    if signals["command"]:
-        sheet.field(2, f"action: {{signals: [{', '.join(signals['command'])}]}}")
-    elif signals["state"]:
+    for feature, role in (("observation.state", "state"), ("action", "command")):
+        # By default, a value may be 1.5 frames old: of a gripper slower than that, frames would have none.
+        slow = [
+            (one.rate_hz, one.name)
+            for one in rig.signals
+            if one.role == role and one.rate_hz and one.rate_hz < fps / 1.5
+        ]
+        if slow:
+            rate_hz, name = min(slow)
+            age_s = ceil(150 / rate_hz) / 100
+            line = f"{feature}: {{signals: [{', '.join(signals[role])}], tolerance_s: {age_s:g}}}"
+            sheet.guess(2, line, f"{name} has {rate_hz:.3g} Hz, so its values may be older than 1.5 frames")
+        elif signals[role]:
+            sheet.field(2, f"{feature}: {{signals: [{', '.join(signals[role])}]}}")
+    if signals["state"] and not signals["command"]:
         sheet.guess(
             2,
             "action: {next_of: observation.state}",

@@ -189,6 +189,7 @@ def test_lidar_packets_are_recognized_by_their_bytes(tmp_path):
         (topic("/rgbd/depth/image_raw", IMAGE, encoding="16UC1"), "depth, not a picture"),
         (topic("/rgbd/depth/points", CLOUD), "the cloud of a depth camera"),
         (topic("/disparity_image", IMAGE, encoding="32FC1"), "depth, not a picture"),
+        (topic("/rgbd/z16/image_raw", IMAGE, encoding="32fc1"), "depth, not a picture"),
         (topic("/flow/image", IMAGE, refusal="image encoding '32FC2' is not supported"), "32FC2"),
         (topic("/cam/segmentation/image", IMAGE, encoding="rgb8"), "looks computed"),
         (topic("/obstacles/cloud", CLOUD), "looks computed"),
@@ -209,6 +210,10 @@ def test_camera_without_calibration_is_not_undistorted(tmp_path):
     channel = proposed(zero, tmp_path).rigs[0].channels["CAM_FRONT"]
     assert (channel.camera_info, channel.undistort) == ("/cam_front/camera_info", False)
     assert "not calibrated" in text_of(zero)
+    odd = replace(info("/cam_front/camera_info", "cam_front", calibrated=False), refusal="its lens is odd")
+    assert "its CameraInfo cannot be used: its lens is odd; `intrinsics`" in " ".join(
+        text_of(car(odd)).replace("#", "").split()
+    )
 
 
 def test_camera_info_elsewhere_is_found_by_its_frame(tmp_path):
@@ -305,6 +310,20 @@ def test_times_of_points_that_are_not_sure_are_asked_for(tmp_path):
 def test_intensities_up_to_one_are_scaled_to_those_of_nuscenes(tmp_path, most, scale):
     one = summary(topic("/points", CLOUD, frame="lidar", most_intensity=most), odometry())
     assert proposed(one, tmp_path).rigs[0].channels["LIDAR_TOP"].intensity_scale == scale
+
+
+def test_a_robot_description_that_only_init_can_use_is_named():
+    """`convert` writes no file beside the recipe that it guesses, and asks where sensors are."""
+    fixed = '<robot name="r"><joint name="j" type="fixed"><parent link="base_link"/><child link="{}"/></joint></robot>'
+
+    def said(child):
+        text = replace(topic("/robot_description", "std_msgs/msg/String", 1), urdf=fixed.format(child))
+        one = summary(topic("/points", CLOUD, frame="lidar"), odometry(), text)
+        (rig,) = propose_recipe({"a.bag": one}, name="yard", root="/bags").rigs
+        return {use.topic.name: f"{use.status}: {use.text}" for use in rig.topic_uses}["/robot_description"]
+
+    assert said("lidar").startswith("left out: a URDF that says where sensors are; `bagassets init` uses it")
+    assert said("hand") == "not needed: "
 
 
 def test_missing_transform_is_asked_for_where_the_recipe_is_refused(tmp_path):

@@ -201,6 +201,22 @@ def image(number, topic):
     return Message(topic, kind, stamp_ns, make)
 
 
+def test_values_slower_than_the_frames_may_be_older(tmp_path):
+    """By default a value is 1.5 frames old at most: no frame beside a gripper of 10 Hz would have one."""
+    messages = [
+        make(n)
+        for n in range(50)
+        for make in (lambda n: image(n, "/wrist/image_raw"), lambda n: state(n, "ab"))
+    ]
+    slow = [replace(one, topic="/gripper/joint_states") for one in messages[1::10]]
+    _, recipe = proposed(
+        write_ros1(tmp_path / "a.bag", sorted([*messages, *slow], key=lambda one: one.log_time_ns))
+    )
+    features = recipe["lerobot"]["features"]
+    joints = ["gripper_joint_states", "joint_states"]
+    assert features["observation.state"] == {"signals": joints, "tolerance_s": 0.15}
+
+
 @pytest.mark.parametrize(
     ("topic", "name"), [("/wrist_cam/image_raw", "wrist"), ("/camera/color/image_raw", "front")]
 )
