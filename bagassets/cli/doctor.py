@@ -105,6 +105,7 @@ def _between(start_ns: int | None, end_ns: int | None) -> str:
 
 def _advice(found: "Examined", copy: Path | None) -> list[str]:
     from bagassets.recordings.damage import MISNAMED, NO_RECORDING
+    from bagassets.recordings.model import METADATA
     from bagassets.recordings.salvage.examine import BEHIND
 
     if MISNAMED in found.problem:
@@ -114,6 +115,8 @@ def _advice(found: "Examined", copy: Path | None) -> list[str]:
             "If it is no recording, remove it, or name it in bags.exclude of the recipe.",
             "If it lost its first bytes, copy it again from where it was recorded; nothing in this file can be read.",
         ]
+    if found.damage is None and f" of its {METADATA} " in found.problem:
+        return ["Do so, and ask again; without the file, nothing was read."]
     if found.damage is None:
         return ["Copy it again from where it was recorded; nothing in this file can be read."]
     if found.path.suffix == ".zstd":

@@ -234,9 +234,13 @@ def _storage_files(path: Path, metadata: JsonMapping) -> list[Path]:
     files = named_files(path, metadata)
     missing = [file.name for file in files if not file.exists()]
     if missing:
+        others = [
+            file.name for file in path.glob("*") if file.suffix in {".db3", ".mcap"} and file not in files
+        ]
+        renamed = f", or rename {others[0]} so, if that is it" if len(others) == len(missing) == 1 else ""
         raise RecordingError(
             f"{path}: {', '.join(missing[:3])} of its {METADATA} {'is' if len(missing) == 1 else 'are'} missing; copy "
-            "the whole folder again."
+            f"the whole folder again{renamed}."
         )
     for file in files:
         kind = Path(file.stem).suffix if file.suffix == ZSTD else file.suffix

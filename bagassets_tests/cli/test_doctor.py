@@ -282,6 +282,19 @@ def test_a_folder_that_lacks_its_metadata_is_said_to(tmp_path, sound, names):
     assert f"{len(names) * truth('mcap').total()} messages can be read" in output
 
 
+def test_a_file_that_metadata_name_otherwise_is_to_be_renamed(tmp_path, sound):
+    folder = shutil.copytree(sound["folder"], tmp_path / "tuesday")
+    (file,) = folder.glob("*.db3")
+    file.rename(folder / "other.db3")
+    status, output = doctor(folder)
+    assert status == 1
+    renamed = f"{file.name} of its metadata.yaml is missing; copy the whole folder again, or rename other.db3 so, if that is it."
+    assert renamed in output
+    assert "nothing in this file can be read" not in output
+    (folder / "other.db3").rename(file)
+    assert doctor(folder)[0] == 0
+
+
 def test_names_that_cannot_be_written_are_refused(tmp_path, sound):
     path = damaged(tmp_path, "ros1", "cut at 90 %", sound["ros1"])
     for name, said in (
