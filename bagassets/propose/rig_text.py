@@ -1,6 +1,7 @@
 """A proposed rig as YAML, with the reason of each value and a question where only the user knows."""
 
 from collections.abc import Sequence
+from math import ceil
 
 from bagassets.base.escaping import yaml_scalar
 from bagassets.propose.calibration_files import FoundCalibration, ProposedCalibration, calibration_of
@@ -15,6 +16,8 @@ from bagassets.propose.summary import transform_topics
 from bagassets.recipe.model import Rig
 from bagassets.recordings.globs import literal_glob
 
+_LEAST_POSES_HZ = 3.0
+"""Slower ones, such as GNSS fixes, can be farther apart than the default of `max_gap_s`."""
 _USUAL_TF = (*Rig.model_fields["tf"].default, *Rig.model_fields["tf_static"].default)
 
 
@@ -149,12 +152,19 @@ def _write_pose(sheet: Sheet, rig: RigProposal) -> None:
             ":",
             below=True,
         )
-    for field, value in rig.pose.fields.items():
-        line = f"{field}: {yaml_scalar(value)}"
+    lines = {
+        f"{field}: {yaml_scalar(value)}": rig.pose.reasons.get(field, "")
+        for field, value in rig.pose.fields.items()
+    }
+    topic = rig.summary.topics.get(rig.pose.fields.get("topic", ""))
+    if topic is not None and topic.rate_hz and topic.rate_hz < _LEAST_POSES_HZ:
+        line = f"max_gap_s: {ceil(15 / topic.rate_hz) / 10:g}"
+        lines[line] = f"poses come every {1 / topic.rate_hz:.3g} s; readings in longer gaps have none"
+    for line, reason in lines.items():
         if len(robots) > 1:
             sheet.off(3, line)
         else:
-            sheet.guess(3, line, rig.pose.reasons.get(field, ""))
+            sheet.guess(3, line, reason)
     for note in rig.pose.notes:
         sheet.guess_note(3, note)
     if rig.pose.gap:

@@ -744,6 +744,17 @@ def test_of_several_pose_sources_the_one_that_all_recordings_have(tmp_path):
     assert rig.ego_pose.topic == "/odom"
 
 
+def test_poses_as_rare_as_gnss_fixes_may_be_far_apart(tmp_path):
+    """With the default, only readings at the very times of the fixes would have a pose."""
+
+    def gap_s(rate_hz):
+        fixes = topic("/fix", "sensor_msgs/msg/NavSatFix", rate_hz=rate_hz)
+        one = summary(topic("/points", CLOUD, frame="lidar"), fixes, edges=[("base_link", "lidar")])
+        return proposed(one, tmp_path).rigs[0].ego_pose.max_gap_s
+
+    assert [gap_s(rate_hz) for rate_hz in (1.0, 0.998, 5.0, None)] == [1.5, 1.6, 0.5, 0.5]
+
+
 def test_transforms_of_other_topics_are_named(tmp_path):
     tf = "tf2_msgs/msg/TFMessage"
     one = car(topic("/robot1/tf", tf), topic("/robot1/tf_static", tf))
