@@ -39,7 +39,9 @@ _EPISODES, _TASKS = (
     word_set("instruction instructions language prompt task tasks"),
 )
 _STARTS = word_set("begin begins started start")
-_ENDS = word_set("done end ended ends finish finished stop stopped success failure")
+_ENDS = word_set(
+    "abort aborted canceled cancelled discard done end ended ends fail failed failure finish finished stop stopped success"
+)
 _LONGEST_TEXT, _MOST_FPS = 100, 50
 _ALIKE = 0.2  # share by which rates may differ
 

@@ -185,6 +185,16 @@ def test_commands_without_header_and_episodes_by_a_flag(tmp_path):
     assert "# task: " in proposal.text
 
 
+def test_what_was_aborted_ends_an_episode_too(tmp_path):
+    """Else it would go on until the next begins, with all that the robot did in between."""
+    kind = "std_msgs/msg/String"
+    said = ((5, "start"), (20, "stop"), (25, "start"), (40, "aborted"))
+    texts = [of(kind, "/episode", n, lambda t, text=text: t[kind](text)) for n, text in said]
+    messages = sorted([*(state(n, "ab") for n in range(50)), *texts], key=lambda one: one.log_time_ns)
+    _, recipe = proposed(write_ros1(tmp_path / "a.bag", messages))
+    assert recipe["lerobot"]["episodes"]["end"] == ["stop", "aborted"]
+
+
 def test_fast_joints_are_sampled_and_the_recipe_says_how_fast_they_are(tmp_path):
     messages = [replace(state(n, ("a", "b")), log_time_ns=NOON_NS + n * SECOND // 200) for n in range(100)]
     proposal, recipe = proposed(write_ros1(tmp_path / "a.bag", messages))
