@@ -99,8 +99,9 @@ def _print(found: "Examined", copy: Path | None, written: int | None) -> None:
 def _between(start_ns: int | None, end_ns: int | None) -> str:
     from bagassets.assets.quality.finding import clock
 
-    after = "" if start_ns is None else f" after {clock(start_ns)}"
-    return after if end_ns is None or end_ns == start_ns else f"{after} before {clock(end_ns)}"
+    times = [] if start_ns is None else [f"after {clock(start_ns)}"]
+    times += [] if end_ns in {None, start_ns} else [f"before {clock(end_ns)}"]
+    return f", {' and '.join(times)}" if times else ""
 
 
 def _advice(found: "Examined", copy: Path | None) -> list[str]:

@@ -3,6 +3,7 @@
 import gzip
 import json
 import random
+import re
 import shutil
 from collections import Counter
 from pathlib import Path
@@ -136,6 +137,9 @@ def test_the_page_says_what_where_what_can_be_saved_and_what_to_do(tmp_path, sou
     assert "a.bag, bytes" in output
     assert f"to {path.stat().st_size}" in output
     assert "the chunk is damaged: it is cut off" in output
+    assert re.search(
+        r", bytes \d+ to \d+, after 20\S+ \(\d+\)(?: and before 20\S+ \(\d+\))?: the chunk", output
+    )
     assert "messages can be read; how many there were is not known." in output
     assert "`recover: all` in bags of the recipe" in output
     assert len(output.splitlines()) < 30
