@@ -299,6 +299,21 @@ def test_a_file_that_metadata_name_otherwise_is_to_be_renamed(tmp_path, sound):
     assert doctor(folder)[0] == 0
 
 
+@pytest.mark.parametrize("suffix", ["", ".zstd"])
+def test_files_that_somebody_has_unpacked_are_read_whatever_the_metadata_say(tmp_path, sound, suffix):
+    folder = shutil.copytree(sound["folder"], tmp_path / "tuesday")
+    metadata = (folder / "metadata.yaml").read_text()
+    for old, new in (
+        ("compression_format: ''", "compression_format: zstd"),
+        ("compression_mode: ''", "compression_mode: FILE"),
+        (".db3\n", f".db3{suffix}\n"),
+    ):
+        assert old in metadata
+        metadata = metadata.replace(old, new)
+    (folder / "metadata.yaml").write_text(metadata)
+    assert doctor(folder)[0] == 0
+
+
 def test_names_that_cannot_be_written_are_refused(tmp_path, sound):
     path = damaged(tmp_path, "ros1", "cut at 90 %", sound["ros1"])
     for name, said in (
