@@ -16,8 +16,7 @@ from bagassets.propose.summary import transform_topics
 from bagassets.recipe.model import Rig
 from bagassets.recordings.globs import literal_glob
 
-_LEAST_POSES_HZ = 3.0
-"""Slower ones, such as GNSS fixes, can be farther apart than the default of `max_gap_s`."""
+_LEAST_POSES_HZ = 3.0  # slower ones, such as GNSS fixes, can be farther apart than max_gap_s is by default
 _USUAL_TF = (*Rig.model_fields["tf"].default, *Rig.model_fields["tf_static"].default)
 
 

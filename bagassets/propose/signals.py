@@ -177,24 +177,19 @@ def write_lerobot(sheet: Sheet, rigs: "Sequence[RigProposal]") -> None:
         for role in ("state", "command", "episode")
     }
     sheet.field(0, "lerobot:")
-    fps, reason = _fps(
+    fps, why = _fps(
         {topic.name: topic.rate_hz for topic in cameras.values()},
         {one.name: one.rate_hz for one in rig.signals if one.role != "episode"},
     )
-    sheet.guess(1, f"fps: {fps}", reason)
+    sheet.guess(1, f"fps: {fps}", why)
     sheet.field(1, "features:")
     for feature, role in (("observation.state", "state"), ("action", "command")):
         # By default, a value may be 1.5 frames old: of a gripper slower than that, frames would have none.
-        slow = [
-            (one.rate_hz, one.name)
-            for one in rig.signals
-            if one.role == role and one.rate_hz and one.rate_hz < fps / 1.5
-        ]
-        if slow:
-            rate_hz, name = min(slow)
-            age_s = ceil(150 / rate_hz) / 100
-            line = f"{feature}: {{signals: [{', '.join(signals[role])}], tolerance_s: {age_s:g}}}"
-            sheet.guess(2, line, f"{name} has {rate_hz:.3g} Hz, so its values may be older than 1.5 frames")
+        rates = {one.rate_hz or fps: one.name for one in rig.signals if one.role == role}
+        if (rate_hz := min(rates, default=fps)) < fps / 1.5:
+            line = f"{feature}: {{signals: [{', '.join(signals[role])}], tolerance_s: {ceil(150 / rate_hz) / 100:g}}}"
+            reason = f"{rates[rate_hz]} has {rate_hz:.3g} Hz, so its values may be older than 1.5 frames"
+            sheet.guess(2, line, reason)
         elif signals[role]:
             sheet.field(2, f"{feature}: {{signals: [{', '.join(signals[role])}]}}")
     if signals["state"] and not signals["command"]:

@@ -365,23 +365,19 @@ def _losses(summary: JsonMapping) -> list[Loss]:
     ]
 
 
-def _beginning(at_s: float) -> str:
-    text = time_text(at_s)
-    return f"the episode that begins {text if 'before' in text else f'at {text}'}"
-
-
-def _way_out(why: str) -> str:
-    """Return what else can be done about a gap; reasons are part of artifacts, whose bytes stay as they are."""
-    is_gap = "has no value within" in why and "raise its tolerance_s" not in why
-    return "; `gap` of the feature can end the episode there, or hold the value before" if is_gap else ""
-
-
 def _all_kept(summary: JsonMapping, topics: Sequence[str]) -> Finding:
     """Report the episodes that were left out, and why there is none to begin with."""
     left_out = summary["left_out"]
-    problems = [
-        f"{_beginning(one['at_s'])} is left out: {one['why']}{_way_out(one['why'])}" for one in left_out
-    ]
+    problems = []
+    for one in left_out:
+        when, why = time_text(one["at_s"]), one["why"]
+        if (
+            "has no value within" in why and "raise its" not in why
+        ):  # reasons are in artifacts, whose bytes stay
+            why += "; `gap` of the feature can end the episode there, or hold the value before"
+        problems.append(
+            f"the episode that begins {when if 'before' in when else f'at {when}'} is left out: {why}"
+        )
     why_none = summary.get("why_none")  # not in artifacts of before
     there = f"; there are {names_text(topics, _MOST_TOPICS)}" if str(why_none).endswith(NO_MESSAGES) else ""
     warnings = [f"no episodes: {why_none}{there}"] if why_none else []
