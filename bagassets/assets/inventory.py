@@ -159,8 +159,8 @@ def make_inventory(
     for name, info in sorted(recording.topics.items()):
         if damage is None and missing[name] > 0:
             raise RecordingError(
-                f"{recording.path}: topic {name}: {logs[name].count} of {info.count} messages were found, which the "
-                f"recording's own index announces; {advice_for(recording.path)}."
+                f"{recording.path}: topic {name}: only {logs[name].count} of the {info.count} messages that the "
+                f"recording's own index announces were found; {advice_for(recording.path)}."
             )
     write_pack(out, kept.in_order())
     problems = {

@@ -99,12 +99,14 @@ def _print(found: "Examined", copy: Path | None, written: int | None) -> None:
 def _between(start_ns: int | None, end_ns: int | None) -> str:
     from bagassets.assets.quality.finding import clock
 
-    after = "" if start_ns is None else f" after {clock(start_ns)}"
-    return after if end_ns is None or end_ns == start_ns else f"{after} before {clock(end_ns)}"
+    times = [] if start_ns is None else [f"after {clock(start_ns)}"]
+    times += [] if end_ns in {None, start_ns} else [f"before {clock(end_ns)}"]
+    return f", {' and '.join(times)}" if times else ""
 
 
 def _advice(found: "Examined", copy: Path | None) -> list[str]:
     from bagassets.recordings.damage import MISNAMED, NO_RECORDING
+    from bagassets.recordings.model import METADATA
     from bagassets.recordings.salvage.examine import BEHIND
 
     if MISNAMED in found.problem:
@@ -114,6 +116,8 @@ def _advice(found: "Examined", copy: Path | None) -> list[str]:
             "If it is no recording, remove it, or name it in bags.exclude of the recipe.",
             "If it lost its first bytes, copy it again from where it was recorded; nothing in this file can be read.",
         ]
+    if found.damage is None and f" of its {METADATA} " in found.problem:
+        return ["Do so, and ask again; without the file, nothing was read."]
     if found.damage is None:
         return ["Copy it again from where it was recorded; nothing in this file can be read."]
     if found.path.suffix == ".zstd":

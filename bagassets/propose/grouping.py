@@ -8,9 +8,9 @@ from itertools import accumulate
 
 from bagassets.propose.frames import propose_ego_frame
 from bagassets.propose.poses import SourceKey, odometry_of, pose_candidates
-from bagassets.propose.sensors import find_sensors, modality_of
+from bagassets.propose.sensors import find_sensors, modality_of, same_sensor
 from bagassets.propose.signals import find_signals
-from bagassets.propose.summary import RecordingSummary, merge_recordings
+from bagassets.propose.summary import RecordingSummary, TopicSummary, merge_recordings
 from bagassets.recordings.globs import literal_glob, matches
 
 _ENOUGH_IN_COMMON = 0.5
@@ -40,12 +40,14 @@ class _Traits:
         frames: sensor topic -> frames; topics without frames are left out.
         ego_frame: the ego frame that would be proposed for them; "" if they tell nothing of frames but the sensors'.
         pose_sources: what could be the pose source.
+        sensors: names of the topics that a sensor has -> one of them.
     """
 
     types: dict[str, str]
     frames: dict[str, set[str]] = field(default_factory=dict)
     ego_frame: str = ""
     pose_sources: frozenset[SourceKey] = frozenset()
+    sensors: dict[frozenset[str], TopicSummary] = field(default_factory=dict)
 
     @classmethod
     def of(cls, summary: RecordingSummary) -> "_Traits":
@@ -63,6 +65,7 @@ class _Traits:
             {topic.name: set(topic.frames) for topic in topics if topic.frames},
             ego if summary.transforms or (odometry and odometry.child_frames) else "",
             frozenset(source.key for source in pose_candidates(summary, ego)),
+            {frozenset({one.topic.name, *one.others}): one.topic for one in sensors},
         )
 
     def agree(self, other: "_Traits") -> bool:
@@ -82,11 +85,18 @@ class _Traits:
                 or not self.pose_sources
                 or not other.pose_sources.isdisjoint(self.pose_sources)
             )
+            # A channel has one topic: recorded raw here and compressed there, a camera would be missing from some.
+            and not any(
+                same_sensor(mine, theirs) and names.isdisjoint(other_names)
+                for names, mine in self.sensors.items()
+                for other_names, theirs in other.sensors.items()
+            )
         )
 
     def add(self, other: "_Traits") -> None:
         """Take another recording in."""
         self.types |= other.types
+        self.sensors |= other.sensors
         for topic, frames in other.frames.items():
             self.frames.setdefault(topic, set()).update(frames)
         self.ego_frame = self.ego_frame or other.ego_frame
@@ -98,7 +108,8 @@ def group_recordings(summaries: Mapping[str, RecordingSummary]) -> tuple[list[Gr
     """Return the groups, the one with the most recordings first, and the recordings without a usable sensor.
 
     A recording joins a group if it shares at least half of its sensor topics, with the same types and frames,
-    and a pose source and the ego frame: one sensor may be missing without making another rig.
+    a topic of each sensor that both have, a pose source and the ego frame: one sensor may be missing without making
+    another rig.
 
     Args:
         summaries: path below the bag root -> what the recording holds.

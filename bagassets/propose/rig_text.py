@@ -1,6 +1,7 @@
 """A proposed rig as YAML, with the reason of each value and a question where only the user knows."""
 
 from collections.abc import Sequence
+from math import ceil
 
 from bagassets.base.escaping import yaml_scalar
 from bagassets.propose.calibration_files import FoundCalibration, ProposedCalibration, calibration_of
@@ -15,6 +16,7 @@ from bagassets.propose.summary import transform_topics
 from bagassets.recipe.model import Rig
 from bagassets.recordings.globs import literal_glob
 
+_LEAST_POSES_HZ = 3.0  # slower ones, such as GNSS fixes, can be farther apart than max_gap_s is by default
 _USUAL_TF = (*Rig.model_fields["tf"].default, *Rig.model_fields["tf_static"].default)
 
 
@@ -149,12 +151,19 @@ def _write_pose(sheet: Sheet, rig: RigProposal) -> None:
             ":",
             below=True,
         )
-    for field, value in rig.pose.fields.items():
-        line = f"{field}: {yaml_scalar(value)}"
+    lines = {
+        f"{field}: {yaml_scalar(value)}": rig.pose.reasons.get(field, "")
+        for field, value in rig.pose.fields.items()
+    }
+    topic = rig.summary.topics.get(rig.pose.fields.get("topic", ""))
+    if topic is not None and topic.rate_hz and topic.rate_hz < _LEAST_POSES_HZ:
+        line = f"max_gap_s: {ceil(15 / topic.rate_hz) / 10:g}"
+        lines[line] = f"poses come every {1 / topic.rate_hz:.3g} s; readings in longer gaps have none"
+    for line, reason in lines.items():
         if len(robots) > 1:
             sheet.off(3, line)
         else:
-            sheet.guess(3, line, rig.pose.reasons.get(field, ""))
+            sheet.guess(3, line, reason)
     for note in rig.pose.notes:
         sheet.guess_note(3, note)
     if rig.pose.gap:
@@ -320,6 +329,8 @@ def _write_camera(sheet: Sheet, sensor: Sensor, file: ProposedCalibration | None
     if info is not None:
         sheet.field(4, f"camera_info: {yaml_scalar(info.name)}")
     why = "no CameraInfo topic" if info is None else "its CameraInfo is not calibrated"
+    if info is not None and info.refusal:
+        why = f"its CameraInfo cannot be used: {info.refusal}"
     if file is not None:
         sheet.guess(4, f"intrinsics: {{file: {yaml_scalar(file.written)}}}", f"{why}; {file.reason}")
     elif not undistort:
@@ -331,7 +342,7 @@ def _write_camera(sheet: Sheet, sensor: Sensor, file: ProposedCalibration | None
     if sensor.topic.msgtype.endswith("CompressedImage") and not (undistort or sensor.topic.is_video):
         sheet.guess(4, "output: as_recorded", "already compressed; passed through byte for byte")
     elif sensor.topic.is_16_bit:
-        encoding = (sensor.topic.encoding or "").partition(":")[0].replace("uc", "UC").replace("fc", "FC")
+        encoding = (sensor.topic.encoding or "").partition(":")[0].replace("uc", "UC")
         sheet.guess(
             4,
             "to_8bit: {percentiles: [1, 99]}",

@@ -99,7 +99,7 @@ def propose_rig(
     sensors, left_out = find_sensors(summary)
     ego = propose_ego_frame(summary, sensors, odometry_of(summary))
     urdf: TopicUse | None = None
-    description = next((topic for topic in summary.topics.values() if urdfs and topic.urdf), None)
+    description = next((topic for topic in summary.topics.values() if topic.urdf), None)
     if description is not None:
         try:
             more = _described(summary, description.urdf)
@@ -108,9 +108,12 @@ def propose_rig(
         else:
             other = propose_ego_frame(more, sensors, odometry_of(more))
             placed = _placed(summary, ego, sensors)
-            if _placed(more, other, sensors) > placed:
+            if _placed(more, other, sensors) > placed and not urdfs:
+                why = "a URDF that says where sensors are; `bagassets init` uses it, as a file beside the recipe"
+                left_out.append(TopicUse(description, "left out", why))
+            elif _placed(more, other, sensors) > placed:
                 summary, ego, urdf = more, other, TopicUse(description, "used", "URDF")
-            elif placed < (len(sensors), True):
+            elif urdfs and placed < (len(sensors), True):
                 urdf = TopicUse(
                     description, "left out", "a URDF that places no sensor; a comment in the recipe"
                 )

@@ -65,7 +65,7 @@ def find_sensors(summary: RecordingSummary) -> tuple[list[Sensor], list[TopicUse
         if (unusable := _unusable(topic)) is not None:
             left_out.append(unusable)
         elif modality_of(topic) is not None:
-            family = next((known for known in families if _same_sensor(known[0], topic)), [])
+            family = next((known for known in families if same_sensor(known[0], topic)), [])
             if not family:
                 families.append(family)
             family.append(topic)
@@ -110,7 +110,7 @@ def _unusable(topic: TopicSummary) -> TopicUse | None:
         return TopicUse(topic, "left out", "no messages")
     if topic.problem is not None:
         return TopicUse(topic, "not decodable", topic.problem)
-    if not _DEPTH_WORDS.isdisjoint(tokens(topic.name)):
+    if not _DEPTH_WORDS.isdisjoint(tokens(topic.name)) or topic.encoding == "32fc1":  # REP 118
         depth = (
             "depth, not a picture; a channel of depth needs `output: png` and `undistort: false`"
             if modality == "camera"
@@ -126,7 +126,8 @@ def _unusable(topic: TopicSummary) -> TopicUse | None:
     return None
 
 
-def _same_sensor(one: TopicSummary, other: TopicSummary) -> bool:
+def same_sensor(one: TopicSummary, other: TopicSummary) -> bool:
+    """Tell whether two topics, of one recording or of two, are what one sensor measured."""
     if modality_of(one) != modality_of(other) or _is_flat(one) != _is_flat(other):
         return False
     # Drivers give all cameras one frame surprisingly often, so pictures go by the name of their topic.

@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from math import ceil
 from typing import TYPE_CHECKING, Literal
 
 from bagassets.base.errors import DecodeError
@@ -38,7 +39,9 @@ _EPISODES, _TASKS = (
     word_set("instruction instructions language prompt task tasks"),
 )
 _STARTS = word_set("begin begins started start")
-_ENDS = word_set("done end ended ends finish finished stop stopped success failure")
+_ENDS = word_set(
+    "abort aborted canceled cancelled discard done end ended ends fail failed failure finish finished stop stopped success"
+)
 _LONGEST_TEXT, _MOST_FPS = 100, 50
 _ALIKE = 0.2  # share by which rates may differ
 
@@ -174,17 +177,22 @@ def write_lerobot(sheet: Sheet, rigs: "Sequence[RigProposal]") -> None:
         for role in ("state", "command", "episode")
     }
     sheet.field(0, "lerobot:")
-    fps, reason = _fps(
+    fps, why = _fps(
         {topic.name: topic.rate_hz for topic in cameras.values()},
         {one.name: one.rate_hz for one in rig.signals if one.role != "episode"},
     )
-    sheet.guess(1, f"fps: {fps}", reason)
+    sheet.guess(1, f"fps: {fps}", why)
     sheet.field(1, "features:")
-    if signals["state"]:
-        sheet.field(2, f"observation.state: {{signals: [{', '.join(signals['state'])}]}}")
-    if signals["command"]:
-        sheet.field(2, f"action: {{signals: [{', '.join(signals['command'])}]}}")
-    elif signals["state"]:
+    for feature, role in (("observation.state", "state"), ("action", "command")):
+        # By default, a value may be 1.5 frames old: of a gripper slower than that, frames would have none.
+        rates = {one.rate_hz or fps: one.name for one in rig.signals if one.role == role}
+        if (rate_hz := min(rates, default=fps)) < fps / 1.5:
+            line = f"{feature}: {{signals: [{', '.join(signals[role])}], tolerance_s: {ceil(150 / rate_hz) / 100:g}}}"
+            reason = f"{rates[rate_hz]} has {rate_hz:.3g} Hz, so its values may be older than 1.5 frames"
+            sheet.guess(2, line, reason)
+        elif signals[role]:
+            sheet.field(2, f"{feature}: {{signals: [{', '.join(signals[role])}]}}")
+    if signals["state"] and not signals["command"]:
         sheet.guess(
             2,
             "action: {next_of: observation.state}",

@@ -57,6 +57,13 @@ def advice_for(path: Path) -> str:
     return _ADVICE.get("" if path.is_dir() else suffix_of(path), _ADVICE[""])
 
 
+def begins_as_named(path: Path) -> bool:
+    """Tell whether a file begins as those with its suffix do."""
+    start, _ = _BEGINNINGS.get(path.suffix, _BEGINNINGS[".db3"])
+    with path.open("rb") as file:
+        return file.read(len(start)) == start
+
+
 def without_advice(sentence: str) -> str:
     """Return an error about a recording without what it says to do."""
     for advice in (*_ADVICE.values(), NO_RECORDING, NOTHING):

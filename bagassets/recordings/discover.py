@@ -309,6 +309,8 @@ class _Walk:
                 self._take(_recording_files(path, relative, _BARE[suffix], [(path, status)]))
         elif suffix in unfinished.SUFFIXES and not entry.is_dir():
             self._unfinished(entry, relative)
+        elif suffix.lower() in _BARE and not entry.is_dir():
+            self._leave_out(relative, f"the name of a recording ends in {suffix.lower()}; rename it so")
         elif entry.name not in _SYSTEM_FOLDERS and entry.is_dir() and self._may_hold_included(relative):
             self.folder(folder / entry.name, relative, ancestors)
 

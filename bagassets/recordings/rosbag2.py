@@ -12,7 +12,7 @@ import yaml
 
 from bagassets.base.errors import RecordingError
 from bagassets.base.json_types import JsonMapping, JsonObject
-from bagassets.recordings.damage import DamageError, refuse_pointer
+from bagassets.recordings.damage import DamageError, begins_as_named, refuse_pointer
 from bagassets.recordings.database_file import Database, serialization_problem
 from bagassets.recordings.decompress import TooLargeError, decompress, decompress_file
 from bagassets.recordings.journals import scratch_folder
@@ -60,7 +60,8 @@ class Rosbag2Recording(Recording):
 
     def _open(self, file: Path, mode: str) -> Database | McapFile:
         refuse_pointer(file)
-        if mode != "file" and file.suffix != ZSTD:
+        # Somebody may have unpacked it, and left the metadata as they were.
+        if file.suffix != ZSTD and (mode != "file" or begins_as_named(file)):
             opened = self._reader(file)
             self._stack.callback(opened.close)
             return opened
@@ -212,7 +213,7 @@ def compression_mode(metadata: JsonMapping) -> str:
 
 
 def named_files(path: Path, metadata: JsonMapping) -> list[Path]:
-    """Return where the files of a bag are that its metadata name, whether or not they exist.
+    """Return where the files of a bag are that its metadata name, unpacked if only that exists, or where they should be.
 
     Raises:
         DamageError: it names none.
@@ -220,10 +221,12 @@ def named_files(path: Path, metadata: JsonMapping) -> list[Path]:
     names = metadata["relative_file_paths"]
     if not isinstance(names, list):
         raise DamageError(f"its {METADATA} does not list its files")
-    return [
+    files = [
         path / name
         for name in dict.fromkeys(PurePosixPath(_plain(name, "relative_file_paths")).name for name in names)
     ]
+    unpacked = [file.with_suffix("") if file.suffix == ZSTD and not file.exists() else file for file in files]
+    return [plain if plain.exists() else file for plain, file in zip(unpacked, files, strict=True)]
 
 
 def _storage_files(path: Path, metadata: JsonMapping) -> list[Path]:
@@ -234,9 +237,11 @@ def _storage_files(path: Path, metadata: JsonMapping) -> list[Path]:
     files = named_files(path, metadata)
     missing = [file.name for file in files if not file.exists()]
     if missing:
+        others = [file.name for file in path.glob(f"*{Path(missing[0]).suffix}") if file not in files]
+        renamed = f", or rename {others[0]} so, if that is it" if len(others) == len(missing) == 1 else ""
         raise RecordingError(
             f"{path}: {', '.join(missing[:3])} of its {METADATA} {'is' if len(missing) == 1 else 'are'} missing; copy "
-            "the whole folder again."
+            f"the whole folder again{renamed}."
         )
     for file in files:
         kind = Path(file.stem).suffix if file.suffix == ZSTD else file.suffix

@@ -326,6 +326,12 @@ class TestPoses:
         assert finding.passed
         assert finding.facts["with_pose"] == {"CAM_FRONT": 1.0}
 
+    def test_poses_farther_apart_than_the_recipe_allows_are_said_to_be(self):
+        second = np.arange(0, 11, dtype=np.int64) * S + T0
+        poses = Trajectory(second, np.zeros((11, 3)), np.tile([1.0, 0, 0, 0], (11, 1)), S // 2, 0)
+        (problem,) = poses_cover_sensors(poses, STAMPS, PosesCheck()).problems
+        assert problem.endswith("; poses come every 1 s only: raise max_gap_s of ego_pose (0.5)")
+
     def test_the_first_reading_without_pose_is_named(self):
         stamps = {**STAMPS, "A": np.zeros(0, np.int64)}
         (problem,) = poses_cover_sensors(drive_along(until_s=8.0), stamps, PosesCheck()).problems

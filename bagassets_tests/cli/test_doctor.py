@@ -3,6 +3,7 @@
 import gzip
 import json
 import random
+import re
 import shutil
 from collections import Counter
 from pathlib import Path
@@ -136,6 +137,9 @@ def test_the_page_says_what_where_what_can_be_saved_and_what_to_do(tmp_path, sou
     assert "a.bag, bytes" in output
     assert f"to {path.stat().st_size}" in output
     assert "the chunk is damaged: it is cut off" in output
+    assert re.search(
+        r", bytes \d+ to \d+, after 20\S+ \(\d+\)(?: and before 20\S+ \(\d+\))?: the chunk", output
+    )
     assert "messages can be read; how many there were is not known." in output
     assert "`recover: all` in bags of the recipe" in output
     assert len(output.splitlines()) < 30
@@ -280,6 +284,34 @@ def test_a_folder_that_lacks_its_metadata_is_said_to(tmp_path, sound, names):
     assert status == 3
     assert "What is wrong\n  its metadata.yaml is missing.\n" in output
     assert f"{len(names) * truth('mcap').total()} messages can be read" in output
+
+
+def test_a_file_that_metadata_name_otherwise_is_to_be_renamed(tmp_path, sound):
+    folder = shutil.copytree(sound["folder"], tmp_path / "tuesday")
+    (file,) = folder.glob("*.db3")
+    file.rename(folder / "other.db3")
+    status, output = doctor(folder)
+    assert status == 1
+    renamed = f"{file.name} of its metadata.yaml is missing; copy the whole folder again, or rename other.db3 so, if that is it."
+    assert renamed in output
+    assert "nothing in this file can be read" not in output
+    (folder / "other.db3").rename(file)
+    assert doctor(folder)[0] == 0
+
+
+@pytest.mark.parametrize("suffix", ["", ".zstd"])
+def test_files_that_somebody_has_unpacked_are_read_whatever_the_metadata_say(tmp_path, sound, suffix):
+    folder = shutil.copytree(sound["folder"], tmp_path / "tuesday")
+    metadata = (folder / "metadata.yaml").read_text()
+    for old, new in (
+        ("compression_format: ''", "compression_format: zstd"),
+        ("compression_mode: ''", "compression_mode: FILE"),
+        (".db3\n", f".db3{suffix}\n"),
+    ):
+        assert old in metadata
+        metadata = metadata.replace(old, new)
+    (folder / "metadata.yaml").write_text(metadata)
+    assert doctor(folder)[0] == 0
 
 
 def test_names_that_cannot_be_written_are_refused(tmp_path, sound):

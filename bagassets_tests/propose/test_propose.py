@@ -189,6 +189,7 @@ def test_lidar_packets_are_recognized_by_their_bytes(tmp_path):
         (topic("/rgbd/depth/image_raw", IMAGE, encoding="16UC1"), "depth, not a picture"),
         (topic("/rgbd/depth/points", CLOUD), "the cloud of a depth camera"),
         (topic("/disparity_image", IMAGE, encoding="32FC1"), "depth, not a picture"),
+        (topic("/rgbd/z16/image_raw", IMAGE, encoding="32fc1"), "depth, not a picture"),
         (topic("/flow/image", IMAGE, refusal="image encoding '32FC2' is not supported"), "32FC2"),
         (topic("/cam/segmentation/image", IMAGE, encoding="rgb8"), "looks computed"),
         (topic("/obstacles/cloud", CLOUD), "looks computed"),
@@ -212,6 +213,10 @@ def test_camera_without_calibration_is_not_undistorted(tmp_path):
     channel = proposed(zero, tmp_path).rigs[0].channels["CAM_FRONT"]
     assert (channel.camera_info, channel.undistort) == ("/cam_front/camera_info", False)
     assert "not calibrated" in text_of(zero)
+    odd = replace(info("/cam_front/camera_info", "cam_front", calibrated=False), refusal="its lens is odd")
+    assert "its CameraInfo cannot be used: its lens is odd; `intrinsics`" in " ".join(
+        text_of(car(odd)).replace("#", "").split()
+    )
 
 
 def test_camera_info_elsewhere_is_found_by_its_frame(tmp_path):
@@ -308,6 +313,20 @@ def test_times_of_points_that_are_not_sure_are_asked_for(tmp_path):
 def test_intensities_up_to_one_are_scaled_to_those_of_nuscenes(tmp_path, most, scale):
     one = summary(topic("/points", CLOUD, frame="lidar", most_intensity=most), odometry())
     assert proposed(one, tmp_path).rigs[0].channels["LIDAR_TOP"].intensity_scale == scale
+
+
+def test_a_robot_description_that_only_init_can_use_is_named():
+    """`convert` writes no file beside the recipe that it guesses, and asks where sensors are."""
+    fixed = '<robot name="r"><joint name="j" type="fixed"><parent link="base_link"/><child link="{}"/></joint></robot>'
+
+    def said(child):
+        text = replace(topic("/robot_description", "std_msgs/msg/String", 1), urdf=fixed.format(child))
+        one = summary(topic("/points", CLOUD, frame="lidar"), odometry(), text)
+        (rig,) = propose_recipe({"a.bag": one}, name="yard", root="/bags").rigs
+        return {use.topic.name: f"{use.status}: {use.text}" for use in rig.topic_uses}["/robot_description"]
+
+    assert said("lidar").startswith("left out: a URDF that says where sensors are; `bagassets init` uses it")
+    assert said("hand") == "not needed: "
 
 
 def test_missing_transform_is_asked_for_where_the_recipe_is_refused(tmp_path):
@@ -757,6 +776,17 @@ def test_of_several_pose_sources_the_one_that_all_recordings_have(tmp_path):
     assert rig.ego_pose.topic == "/odom"
 
 
+def test_poses_as_rare_as_gnss_fixes_may_be_far_apart(tmp_path):
+    """With the default, only readings at the very times of the fixes would have a pose."""
+
+    def gap_s(rate_hz):
+        fixes = topic("/fix", "sensor_msgs/msg/NavSatFix", rate_hz=rate_hz)
+        one = summary(topic("/points", CLOUD, frame="lidar"), fixes, edges=[("base_link", "lidar")])
+        return proposed(one, tmp_path).rigs[0].ego_pose.max_gap_s
+
+    assert [gap_s(rate_hz) for rate_hz in (1.0, 0.998, 5.0, None)] == [1.5, 1.6, 0.5, 0.5]
+
+
 def test_transforms_of_other_topics_are_named(tmp_path):
     tf = "tf2_msgs/msg/TFMessage"
     one = car(topic("/robot1/tf", tf), topic("/robot1/tf_static", tf))
@@ -805,6 +835,22 @@ def test_rigs_that_only_names_of_recordings_tell_apart_say_so():
 def test_same_topic_of_another_type_is_another_rig(tmp_path):
     other = summary(topic("/velodyne_points", "sensor_msgs/msg/LaserScan", frame="velodyne"), odometry())
     assert len(proposed({"a.bag": car(), "b.bag": other}, tmp_path).rigs) == 2
+
+
+def test_a_sensor_of_which_no_topic_fits_all_recordings_makes_another_rig(tmp_path):
+    """A channel has one topic, so in one rig some recordings would lose the camera, or the lidar."""
+    raw, small = (
+        topic(f"/cam_front/image_raw{end}", kind, frame="cam_front")
+        for end, kind in (("", IMAGE), ("/compressed", COMPRESSED))
+    )
+    compressed = car(small, without={raw.name})
+    renamed = car(topic("/lidar/points", CLOUD, frame="velodyne"), without={LIDAR})
+    for other in (compressed, renamed):
+        recipe = proposed({"a.bag": car(), "b.bag": other}, tmp_path)
+        assert [len(rig.channels) for rig in recipe.rigs] == [2, 2]
+        assert {channel.topic for channel in recipe.rigs[1].channels.values()} <= set(other.topics)
+    assert len(proposed({"a.bag": car(small), "b.bag": car(), "c.bag": car()}, tmp_path).rigs) == 1
+    assert len(proposed({"a.bag": car(small), "b.bag": car(), "c.bag": compressed}, tmp_path).rigs) == 2
 
 
 def test_nothing_usable_still_shows_what_a_rig_looks_like(tmp_path):

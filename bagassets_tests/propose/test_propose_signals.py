@@ -185,6 +185,16 @@ def test_commands_without_header_and_episodes_by_a_flag(tmp_path):
     assert "# task: " in proposal.text
 
 
+def test_what_was_aborted_ends_an_episode_too(tmp_path):
+    """Else it would go on until the next begins, with all that the robot did in between."""
+    kind = "std_msgs/msg/String"
+    said = ((5, "start"), (20, "stop"), (25, "start"), (40, "aborted"))
+    texts = [of(kind, "/episode", n, lambda t, text=text: t[kind](text)) for n, text in said]
+    messages = sorted([*(state(n, "ab") for n in range(50)), *texts], key=lambda one: one.log_time_ns)
+    _, recipe = proposed(write_ros1(tmp_path / "a.bag", messages))
+    assert recipe["lerobot"]["episodes"]["end"] == ["stop", "aborted"]
+
+
 def test_fast_joints_are_sampled_and_the_recipe_says_how_fast_they_are(tmp_path):
     messages = [replace(state(n, ("a", "b")), log_time_ns=NOON_NS + n * SECOND // 200) for n in range(100)]
     proposal, recipe = proposed(write_ros1(tmp_path / "a.bag", messages))
@@ -199,6 +209,22 @@ def image(number, topic):
 
     stamp_ns, kind = NOON_NS + number * SECOND // 50, "sensor_msgs/msg/Image"
     return Message(topic, kind, stamp_ns, make)
+
+
+def test_values_slower_than_the_frames_may_be_older(tmp_path):
+    """By default a value is 1.5 frames old at most: no frame beside a gripper of 10 Hz would have one."""
+    messages = [
+        make(n)
+        for n in range(50)
+        for make in (lambda n: image(n, "/wrist/image_raw"), lambda n: state(n, "ab"))
+    ]
+    slow = [replace(one, topic="/gripper/joint_states") for one in messages[1::10]]
+    _, recipe = proposed(
+        write_ros1(tmp_path / "a.bag", sorted([*messages, *slow], key=lambda one: one.log_time_ns))
+    )
+    features = recipe["lerobot"]["features"]
+    joints = ["gripper_joint_states", "joint_states"]
+    assert features["observation.state"] == {"signals": joints, "tolerance_s": 0.15}
 
 
 @pytest.mark.parametrize(

@@ -171,6 +171,17 @@ def test_links_are_followed_but_not_in_circles(tmp_path):
     assert discover(Bags(root=tmp_path)).excluded == [("broken.bag", nowhere), ("self.bag", nowhere)]
 
 
+def test_a_name_in_capitals_is_listed(tmp_path):
+    """Some file systems of cameras and memory cards write names so; a folder with that name is none."""
+    touch(tmp_path, "a.bag", "B.BAG", "folder.BAG/c.Mcap", "notes.TXT")
+    found = discover(Bags(root=tmp_path))
+    assert list(found.recordings) == ["a.bag"]
+    assert sorted(found.excluded) == [
+        ("B.BAG", "the name of a recording ends in .bag; rename it so"),
+        ("folder.BAG/c.Mcap", "the name of a recording ends in .mcap; rename it so"),
+    ]
+
+
 def test_a_link_to_a_folder_that_holds_the_bag_root_is_not_walked(tmp_path):
     touch(tmp_path, "outside/a.bag", "x/root/b.bag")
     root = tmp_path / "x" / "root"

@@ -247,7 +247,7 @@ class TestFiles:
         monkeypatch.setattr(Recording, "messages", skip_some)
         reported = sentence(project, "good.mcap")
         assert "topic /points: " in reported
-        assert "of 14 messages were found" in reported
+        assert "of the 14 messages that" in reported
         assert "mcap recover" in reported
 
     @pytest.mark.parametrize("seed", range(40))

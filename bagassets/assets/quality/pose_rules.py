@@ -24,6 +24,10 @@ def poses_cover_sensors(
     """
     problems = []
     shares = {}
+    apart_ns = np.median(np.diff(trajectory.stamps_ns)) if len(trajectory.stamps_ns) > 1 else 0
+    rare = ""
+    if apart_ns > trajectory.max_gap_ns:
+        rare = f"; poses come every {apart_ns / 1e9:.3g} s only: raise max_gap_s of ego_pose ({trajectory.max_gap_ns / 1e9:g})"
     for name, stamps in sorted(stamps_ns.items()):
         if not len(stamps):
             continue
@@ -35,7 +39,7 @@ def poses_cover_sensors(
             without = len(stamps) - with_pose
             lack = "has no ego pose, that" if without == 1 else "have no ego pose, the first"
             problems.append(
-                f"{name}: {without} of {len(stamps)} readings {lack} at {clock(first)}; a share of {check.min_share:g} is expected to have one"
+                f"{name}: {without} of {len(stamps)} readings {lack} at {clock(first)}; a share of {check.min_share:g} is expected to have one{rare}"
             )
     problems = [*_overlaps(trajectory), *problems, *_jumps(trajectory, check)]
     return Finding(problems, {"with_pose": shares}, list(losses))

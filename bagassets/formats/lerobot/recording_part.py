@@ -369,6 +369,8 @@ def _with_setting(why: str) -> str:
     """Return why an episode is left out, with a setting that artifacts do not name."""
     if why.endswith("raise its tolerance_s") and not why.startswith(IMAGES):
         return f"{why}, or set `at: hold` if each value holds until the next"
+    if "has no value within" in why and "raise its" not in why:
+        return f"{why}; `gap` of the feature can end the episode there, or hold the value before"
     is_set = " and must have " in why and not why.endswith(" 2")  # which any episode must have
     return f"{why} (lerobot.episodes.min_length_s)" if is_set else why
 
@@ -376,10 +378,11 @@ def _with_setting(why: str) -> str:
 def _all_kept(summary: JsonMapping, topics: Sequence[str]) -> Finding:
     """Report the episodes that were left out, and why there is none to begin with."""
     left_out = summary["left_out"]
-    problems = [
-        f"the episode at {time_text(one['at_s'])} is left out: {_with_setting(one['why'])}"
-        for one in left_out
-    ]
+    problems = []
+    for one in left_out:
+        when = time_text(one["at_s"])
+        begins = when if "before" in when else f"at {when}"
+        problems.append(f"the episode that begins {begins} is left out: {_with_setting(one['why'])}")
     why_none = summary.get("why_none")  # not in artifacts of before
     there = f"; there are {names_text(topics, _MOST_TOPICS)}" if str(why_none).endswith(NO_MESSAGES) else ""
     warnings = [f"no episodes: {why_none}{there}"] if why_none else []

@@ -131,7 +131,7 @@ def _lacking_sentences(lacking: Sequence[tuple[Held, Sequence[str]]], samples: i
         f"{number} of {samples} samples {'lacks' if number == 1 else 'lack'} a channel that other samples of "
         f"the same rig have, and code that expects every channel in each sample fails on them: {by_channel}; the first is sample "
         f"{lacking[0][0].first}. `missing: refuse` under "
-        "scenes drops single samples, rigs[].required leaves out recordings without the channel"
+        "scenes, the default, drops single samples; recordings without the channel are left out by rigs[].required"
     )
     return [sentence]
 

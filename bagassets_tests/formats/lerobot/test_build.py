@@ -42,6 +42,19 @@ def test_all_that_keep_the_rules_are_built_and_others_are_named(built):
     assert (made["total_episodes"], made["total_frames"]) == (3, 3 * 29)
 
 
+def test_a_pause_of_the_commands_is_said_with_a_way_out(tmp_path, monkeypatch):
+    write_arm(tmp_path, "a", seconds=2.0, skip=lambda topic, time: topic == "/command" and 0.8 < time < 1.4)
+    write_project(tmp_path, RECIPE)
+    report, _ = build(tmp_path / "recipe.yaml", monkeypatch)
+    (remark,) = [one for one in report.remarks if one.check == "episodes_kept"]
+    assert remark.problem.startswith(
+        "the episode that begins at 0.000 s is left out: action (command) has no value within"
+    )
+    assert remark.problem.endswith(
+        "; `gap` of the feature can end the episode there, or hold the value before"
+    )
+
+
 def test_a_dataset_without_episodes_says_what_messages_said(tmp_path, monkeypatch):
     event = [text(NOON_NS, "begin", "/event")]
     write_arm(tmp_path, "a", sorted([*arm_messages(1.0), *event], key=lambda one: one.log_time_ns))
