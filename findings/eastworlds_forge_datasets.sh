@@ -139,7 +139,8 @@ stated = json.loads(Path("slow/meta/info.json").read_text())["features"]
 deviation = json.loads(Path("slow/meta/stats.json").read_text())[CAMERA]["std"][0][0][0]
 true = np.concatenate([levels(f"slow/videos/chunk-000/{CAMERA}/episode_{episode:06d}.mp4") for episode in (0, 1)]).std() / 255
 missing = sorted(set(stated) - set(slow.column_names) - {CAMERA})
-print(f"30 to 10 Hz: {len(slow)} rows to {slow['timestamp'][-1].as_py():.1f} s, whose tasks are {np.unique(slow['task_index'].to_numpy())}; {missing} of info.json are in none")
+last_s, of_tasks = slow["timestamp"][-1].as_py(), np.unique(slow["task_index"].to_numpy())
+print(f"30 to 10 Hz: {len(slow)} rows to {last_s:.1f} s, whose tasks are {of_tasks}; {missing} of info.json are in none")
 print(f"standard deviation of pictures {deviation:.2f}, of all of them {true:.2f}")
 assert len(slow) == 40 and set(slow["task_index"].to_pylist()) == {0} and "next.reward" in stated and "next.reward" not in slow.column_names
 assert deviation < 0.01 and true > 0.3
