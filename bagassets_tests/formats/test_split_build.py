@@ -11,6 +11,7 @@ from bagassets.formats.dataset_build import DatasetInputs, deal_contents
 from bagassets.formats.format import Part
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model_splits import Splits
+from bagassets.sample.drive import Target, write_arm_recordings
 from bagassets_tests.in_process import QUICK, build, make_project, run_command
 from bagassets_tests.small_drive import write_drive
 
@@ -18,6 +19,19 @@ pytestmark = [pytest.mark.xdist_group("split_build"), pytest.mark.once]
 
 FIRST = ("a.mcap", "b.mcap")
 STALE = 3
+ARM = """\
+name: {name}
+bags: {{root: {root}, settle_s: 0}}
+rigs:
+  - name: arm
+    channels:
+      CAM_WRIST: {{modality: camera, topic: /wrist/image_raw, undistort: false}}
+    signals: {{joints: {{topic: /joint_states, field: position}}}}
+preview: {{enabled: false}}
+lerobot:
+  fps: 10
+  features: {{observation.state: {{signals: [joints], at: linear}}, observation.images.wrist: {{camera: CAM_WRIST, at: nearest}}}}
+"""
 
 
 def arriving():
@@ -147,6 +161,26 @@ def test_limits_of_a_topic_of_no_recording_are_told(tmp_path, monkeypatch):
         (remark,) = [one for one in report.remarks if one.check == "unknown_topics"]
         assert remark.problem == (
             "checks.topic_rates.limits: there is no topic /odm in the recordings (2 of 2 were looked at); did you mean /odom?"
+        )
+
+
+def write_arm(path, kind, seconds):
+    write_arm_recordings([Target(path, kind)], duration_s=seconds)
+
+
+@pytest.mark.parametrize(("text", "write"), [(QUICK, write_drive), (ARM, write_arm)], ids=["car", "arm"])
+def test_a_recording_that_was_converted_beside_its_original_is_told(text, write, tmp_path, monkeypatch):
+    """Its files differ, so it is in the dataset twice, and may be in `train` and `val`; what is too short is in none."""
+    recipe_file = make_project(tmp_path, [], text=text)
+    for name, seconds in {"a": 2.0, "short": 0.1}.items():
+        write(tmp_path / "bags" / f"{name}.bag", "ros1", seconds)
+        write(tmp_path / "bags" / f"{name}.mcap", "mcap", seconds)
+    for _ in range(2):  # the second has nothing to do
+        report, _ = build(recipe_file, monkeypatch)
+        (remark,) = [one for one in report.remarks if one.check == "same_content"]
+        assert remark.problem == (
+            "a.bag, a.mcap hold the same data in different files, so each is in the dataset, perhaps in different splits; "
+            "keep one, and name the others in bags.exclude or remove them."
         )
 
 

@@ -28,7 +28,7 @@ from bagassets.engine.unsettled import Unsettled
 from bagassets.forkserver.worker import note
 from bagassets.formats.after_crash import noted_build
 from bagassets.formats.catalogue import recording_assets
-from bagassets.formats.dataset_build import split_on_disk
+from bagassets.formats.dataset_build import datasets_of, first_lock, split_on_disk
 from bagassets.formats.dataset_integrity import remove_changed_sources
 from bagassets.formats.report_data import report_path
 from bagassets.recipe import load_recipe
@@ -73,10 +73,11 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
         if options.is_whole and now.plan.bags and not report_path(recipe).exists():
             write_report(workspace, now.plan)  # a crash tore it, or it could not be written
         interrupted = build.interrupted or own_build.interrupted
-        report = report_of(build, split_before, interrupted=interrupted)
+        lock = first_lock(datasets_of(recipe))
+        report = report_of(build, lock, split_before, interrupted=interrupted)
         report.own_problem, report.own_left_out = own.problem, own.left_out
         report.own = own_outcomes
-        standing, checked = standing_remarks(recipe, before, now), checked_remarks(build)
+        standing, checked = standing_remarks(recipe, lock, before, now), checked_remarks(build)
         held = warnings("removed", [f"{key} is gone: {why}." for key, why in before.held.items()])
         others = [one for one in checked if one.key not in build.ended.keys() - {DATASET}]
         left = left_over(build, report) if options.is_whole and not interrupted else ()

@@ -10,6 +10,7 @@ import dagster as dg
 
 from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.quality.topic_rules import watched_topics
+from bagassets.base.alike import names_text
 from bagassets.base.errors import StoreError
 from bagassets.base.fingerprints import recipe_fingerprint
 from bagassets.base.json_types import JsonMapping, JsonObject
@@ -24,7 +25,8 @@ from bagassets.engine.splits import SplitShare, moves
 from bagassets.engine.targets import TO_MAKE
 from bagassets.formats.catalogue import problems_of
 from bagassets.formats.checking import remarks_on_record
-from bagassets.formats.dataset_build import Dataset, dataset_folders, datasets_of, first_lock
+from bagassets.formats.dataset_build import Dataset, dataset_folders, datasets_of
+from bagassets.formats.dataset_lock import DatasetLock, LockedBag
 from bagassets.formats.emptiness import left_behind, why_empty
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.schema import suggestion
@@ -35,18 +37,20 @@ _WILDCARDS = frozenset("*?[")
 _MOST_LOOKED_AT = 20
 
 
-def report_of(build: BuildLoop, split_before: Mapping[str, str], *, interrupted: bool) -> BuildReport:
+def report_of(
+    build: BuildLoop, lock: DatasetLock | None, split_before: Mapping[str, str], *, interrupted: bool
+) -> BuildReport:
     """Return the report of a build, without the user's own assets, and with the remarks on what its runs have made.
 
     Args:
         build: what was found and done.
+        lock: of the first dataset that has one.
         split_before: recording -> its split on disk when the build began.
         interrupted: somebody stopped the build.
     """
     workspace, before, now = build.workspace, build.before, build.now
     recipe = workspace.recipe
     datasets = datasets_of(recipe)
-    lock = first_lock(datasets)
     locked: JsonMapping = {} if lock is None else lock.value
     left_out = locked.get("failed", {})
     misfits = _misfits(datasets, now)
@@ -102,7 +106,9 @@ def warnings(name: str, sentences: Iterable[str]) -> tuple[Remark, ...]:
     return tuple(Remark("", "warn", name, one) for one in sentences)
 
 
-def standing_remarks(recipe: Recipe, before: PendingWork, now: PendingWork) -> tuple[Remark, ...]:
+def standing_remarks(
+    recipe: Recipe, lock: DatasetLock | None, before: PendingWork, now: PendingWork
+) -> tuple[Remark, ...]:
     """Return what holds until somebody does something about it."""
     packages = warnings("installed_packages", problems_of(recipe))
     left = warnings("left_behind", left_behind(recipe).values())
@@ -110,7 +116,22 @@ def standing_remarks(recipe: Recipe, before: PendingWork, now: PendingWork) -> t
     doubts = (one for settings in recipe.dataset_settings.values() for one in settings.doubts(keys))
     unknown = warnings("unknown_recordings", [*_names_of_none(recipe, before.plan), *doubts])
     topics = warnings("unknown_topics", _topics_of_none(recipe, now.plan))
-    return (*packages, *left, *unknown, *topics, *warnings("series", before.plan.asked.values()))
+    copies = warnings("same_content", () if lock is None else _copies(lock.bags.values()))
+    return (*packages, *left, *unknown, *topics, *copies, *warnings("series", before.plan.asked.values()))
+
+
+def _copies(bags: Iterable[LockedBag]) -> Iterator[str]:
+    """Yield a sentence about recordings with the same images and clouds, as of one that was converted; equal files are left out."""
+    alike: dict[tuple[str, ...], list[str]] = {}
+    for bag in bags:
+        if any(bag.counts.values()):
+            alike.setdefault(tuple(bag.needs[1:] or bag.needs), []).append(bag.key)
+    for keys in alike.values():
+        if len(keys) > 1:
+            yield (
+                f"{names_text(keys)} hold the same data in different files, so each is in the dataset, perhaps in different "
+                "splits; keep one, and name the others in bags.exclude or remove them."
+            )
 
 
 def _names_of_none(recipe: Recipe, plan: Plan) -> Iterator[str]:
