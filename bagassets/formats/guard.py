@@ -1,6 +1,5 @@
 """Protecting a dataset from two writers at once, and from files that differ from those expected."""
 
-import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -9,7 +8,6 @@ from bagassets.base.disk_errors import disk_advice
 from bagassets.base.errors import DatasetError
 from bagassets.base.files import remove_all
 from bagassets.base.lock_files import LockFile
-from bagassets.recipe.model import Recipe
 
 GUARD = ".bagassets.lock"
 
@@ -30,32 +28,6 @@ def guarded(output: Path) -> Iterator[None]:
         raise DatasetError(
             f"{err.filename or output}: the dataset cannot be written ({err.strerror}); {disk_advice(err)}."
         ) from err
-
-
-def claim(output: Path, folder: Path, recipe_file: Path, recipe: Recipe) -> None:
-    """Note, in an attribute of the guard if it can have any, which recipe a folder of an output has the dataset of.
-
-    Recipes of one name are one project, as in several checkouts of it.
-
-    Raises:
-        DatasetError: that is the recipe of another project, which is still there.
-    """
-    if recipe_file.parent == recipe.state:  # written there for a recipe without a file, which is no project
-        return
-    guard, attribute, noted = output / GUARD, f"user.bagassets.owner.{folder.name}", b""
-    with suppress(OSError, AttributeError):
-        noted = os.getxattr(guard, attribute)
-    place, name, other = (*os.fsdecode(noted).split("\0"), "", "")[:3]
-    # A copied folder has another place, and a note of the one that it was copied from.
-    if place == str(folder) and folder.exists() and name != recipe.name and Path(other).is_file():
-        raise DatasetError(
-            f"{folder}: this is the dataset of {other}, and that of {recipe_file} would replace it; name another output in "
-            "one of these recipes, or remove the folder."
-        )
-    own = os.fsencode(f"{folder}\0{recipe.name}\0{recipe_file}")
-    if noted != own:
-        with suppress(OSError, AttributeError):
-            os.setxattr(guard, attribute, own)
 
 
 def refuse_unexpected(folder: Path, made: Mapping[str, str], expected: Mapping[str, str] | None) -> None:

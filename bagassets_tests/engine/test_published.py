@@ -130,11 +130,12 @@ def test_a_link_that_was_written_into_is_made_again_with_the_file_of_the_store(
     assert report.succeeded
     assert everything(fresh) == whole
     # It may go by another name: recordings with the same images share their files.
-    (remark,) = report.remarks
-    assert remark.problem.endswith(": was changed in place, so it is made again")
+    changed, same = report.remarks
+    assert changed.problem.endswith(": was changed in place, so it is made again")
     report, runs = build(fresh, monkeypatch)
     assert not runs
-    assert not report.remarks
+    assert report.remarks == (same,)
+    assert same.check == "same_content"
 
 
 def test_times_alone_cost_one_look_and_no_run(fresh, monkeypatch):

@@ -130,7 +130,8 @@ class TestPosesAreAskedForByFormats:
 def test_a_project_of_vision_alone(tmp_path, monkeypatch):
     recipe_file = make_project(tmp_path, ("a.bag", "b.mcap"), text=VISION)
     report, runs = build(recipe_file, monkeypatch)
-    assert (report.dataset, report.dataset_problem, report.remarks) == ("updated", "", ())
+    assert (report.dataset, report.dataset_problem) == ("updated", "")
+    assert [one.check for one in report.remarks] == ["same_content"]  # one drive, in two formats
     assert report.dataset_path == tmp_path / "dataset" / "vision"
     assert {asset for _, assets in runs for asset in assets}.isdisjoint(
         {"nuscenes_tables", "nuscenes_dataset"}

@@ -6,7 +6,6 @@ The report is written with the main dataset: the link on its page in the web UI 
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 
 import dagster as dg
 
@@ -34,7 +33,6 @@ from bagassets.formats.dataset_build import (
     what_changed,
 )
 from bagassets.formats.format import ByGroups
-from bagassets.formats.guard import claim
 from bagassets.formats.report_data import build_map, map_path, report_data, report_path
 from bagassets.recipe.model import Recipe
 from bagassets.report.page import report_page
@@ -185,11 +183,7 @@ def make_dataset(workspace: Workspace, plan: Plan, inputs: DatasetInputs, asset:
             **outcome.artifact.summary(),
         }
         return Made(asset, outcome.artifact.digest, version, metadata, read)
-    file = Path(workspace.recipe_file).absolute()
-    claimed = partial(claim, dataset.settings.output, dataset.folder, file, recipe)
-    claimed()
     summary = build_dataset(dataset, recipe, workspace.store, plan, inputs, permit)
-    claimed()  # now at the latest there is a guard
     failed = inputs.failed.get(dataset.kind.name, {})
     is_first = dataset.kind in formats_of(recipe)[:1] and dataset.selection is None  # the report is about all
     report = {"report": write_report(workspace, plan)} if is_first else {}

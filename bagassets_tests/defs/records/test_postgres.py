@@ -56,7 +56,7 @@ def decide(recipe_file):
 
 def test_a_build_and_the_next_one_which_has_nothing_to_do(project):
     assert "2 built" in build(project)
-    assert decide(project)[0] == "2 fresh: nothing to do"
+    assert "2 fresh: nothing to do" in decide(project)
     assert "nothing to do" in build(project)
     assert not list(project.parent.rglob("index.db")), "no SQLite beside it"
     cache = load_recipe(project).state / NAME
