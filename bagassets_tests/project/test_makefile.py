@@ -17,6 +17,8 @@ PYTHON = (
     '#!/bin/sh\ntest "$1" = -c && exec {real} -c "import sys; sys.version_info = {version}; $2"\nexit 1\n'
 )
 SHIM = "#!/bin/sh\necho 'pyenv: command not found' >&2\nexit 127\n"
+# With --basetemp they do not remove what other runs of tests have left.
+PYTEST = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"]
 
 
 @pytest.fixture
@@ -145,7 +147,7 @@ def test_a_skipped_test_fails_where_none_may_be_skipped(tmp_path, options, statu
         "import pytest\n\ndef test_a():\n    pytest.skip('no time')\n\ndef test_b():\n    pass\n"
     )
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-rs", "-p", "no:cacheprovider", *options, str(tmp_path)],
+        [*PYTEST, "-rs", f"--basetemp={tmp_path}/base", *options, str(tmp_path)],
         cwd=tmp_path, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == status, done.stdout
@@ -160,7 +162,7 @@ def test_tests_are_compiled_once_and_what_they_import_as_somebody_wishes(tmp_pat
         "    monkeypatch.syspath_prepend(tmp_path)\n    import own\n    assert not (tmp_path / '__pycache__').exists()\n"
     )
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(tmp_path)],
+        [*PYTEST, f"--basetemp={tmp_path}/base", str(tmp_path)],
         cwd=tmp_path, env=os.environ | {"PYTHONDONTWRITEBYTECODE": "1"}, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout
