@@ -32,7 +32,7 @@ from bagassets.base.quantities import count_text
 from bagassets.decode.loading import own_decoder
 from bagassets.decode.poses import FixReading
 from bagassets.decode.registry import bulk_types, own_types
-from bagassets.decode.video import codec_of
+from bagassets.decode.video import codec_in_image
 from bagassets.geometry.sun import daylight
 from bagassets.recipe.model import READING_LIMITS, Recipe, Recover, Rig
 from bagassets.recordings.damage import DamageError, advice_for, unreadable
@@ -47,7 +47,6 @@ from bagassets.store.artifact import Artifact, ArtifactWriter
 # Header stamps farther than this from the log time are noted.
 MOST_OFFSET_S = 1.0
 _DAY_NS = 86_400_000_000_000
-_IMAGES_OR_VIDEO = frozenset(own_types("image")) & frozenset(own_types("video"))
 # A single damaged message does not make its topic unreadable.
 MOST_MISFITS = 5
 
@@ -368,8 +367,7 @@ class _TopicProbe:
             self._reason = str(err)
         else:
             self._fits = True
-            if message.msgtype in _IMAGES_OR_VIDEO:
-                self.video = codec_of(decoded)
+            self.video = codec_in_image(decoded, message.msgtype)
         enough = self._fits or self._misfits == self._most_misfits
         return enough and not self._topic.is_ambiguous
 

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from bagassets.base.errors import DecodeError, RecordingError
 from bagassets.decode.fields import byte_array, head
+from bagassets.decode.registry import own_types
 from bagassets.decode.video_units import Codec, UnitReader, Units
 from bagassets.recordings.model import Message
 
@@ -34,6 +35,7 @@ _CODECS: dict[str, Codec] = {
     "h265": "hevc", "hevc": "hevc", "libx265": "hevc", "x265": "hevc",
     "av1": "av1", "libsvtav1": "av1", "libaom-av1": "av1", "librav1e": "av1", "vp9": "vp9", "libvpx-vp9": "vp9",
 }  # fmt: skip
+_IMAGES_OR_VIDEO = frozenset(own_types("image")) & frozenset(own_types("video"))
 _DECODERS = {"av1": "libdav1d"}  # the one that is called av1 needs a graphics card
 # A longer pause between two packets means that some are missing, in periods of the stream, where nothing else tells.
 MOST_PERIODS = 1.5
@@ -84,6 +86,11 @@ def codec_of(message: Message) -> Codec | None:
     """Return the codec that a message names as its format or encoding; None if that is none which is read."""
     plain = _format(message).partition(";")[0].strip().lower()
     return _CODECS.get(plain) or _CODECS.get(plain.partition("_")[0])  # h264_nvenc, hevc_vaapi
+
+
+def codec_in_image(message: Message, msgtype: str) -> Codec | None:
+    """Return the codec of the video that a message of a type for images holds; None if it holds an image."""
+    return codec_of(message) if msgtype in _IMAGES_OR_VIDEO else None
 
 
 def _format(message: Message) -> str:

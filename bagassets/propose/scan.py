@@ -23,9 +23,9 @@ from bagassets.decode.packets import is_velodyne_packet, sender
 from bagassets.decode.point_times import RecordedTimes, suffice, survey
 from bagassets.decode.pointcloud2 import POINT_CLOUDS, read_pointcloud2, without_zero_points
 from bagassets.decode.poses import decode_transform
-from bagassets.decode.registry import AnyFamily, bulk_types, families_of, find_decoder, own_types
+from bagassets.decode.registry import AnyFamily, bulk_types, families_of, find_decoder
 from bagassets.decode.robots import robot_of, robots_of
-from bagassets.decode.video import VideoPacket, codec_of, decode_video_packet, decoder_version
+from bagassets.decode.video import VideoPacket, codec_in_image, decode_video_packet, decoder_version
 from bagassets.geometry.se3 import SE3
 from bagassets.propose.naming import is_radar_list
 from bagassets.propose.poses import propose_pose
@@ -305,7 +305,7 @@ def _summary_of(topic: Topic) -> TopicSummary:
 
 
 def _image(facts: Facts, decode: Decode, value: Message, msgtype: str) -> None:
-    if codec_of(value) is not None and msgtype in own_types("video"):
+    if codec_in_image(value, msgtype) is not None:
         _video(facts, decode_video_packet, value, msgtype)
         return
     reading: ImageReading = decode(value)

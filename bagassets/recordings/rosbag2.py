@@ -221,12 +221,17 @@ def named_files(path: Path, metadata: JsonMapping) -> list[Path]:
     names = metadata["relative_file_paths"]
     if not isinstance(names, list):
         raise DamageError(f"its {METADATA} does not list its files")
-    files = [
-        path / name
+    return [
+        _perhaps_unpacked(path / name)
         for name in dict.fromkeys(PurePosixPath(_plain(name, "relative_file_paths")).name for name in names)
     ]
-    unpacked = [file.with_suffix("") if file.suffix == ZSTD and not file.exists() else file for file in files]
-    return [plain if plain.exists() else file for plain, file in zip(unpacked, files, strict=True)]
+
+
+def _perhaps_unpacked(file: Path) -> Path:
+    if file.suffix != ZSTD or file.exists():
+        return file
+    plain = file.with_suffix("")
+    return plain if plain.exists() else file
 
 
 def _storage_files(path: Path, metadata: JsonMapping) -> list[Path]:

@@ -24,10 +24,6 @@ def poses_cover_sensors(
     """
     problems = []
     shares = {}
-    apart_ns = np.median(np.diff(trajectory.stamps_ns)) if len(trajectory.stamps_ns) > 1 else 0
-    rare = ""
-    if apart_ns > trajectory.max_gap_ns:
-        rare = f"; poses come every {apart_ns / 1e9:.3g} s only: raise max_gap_s of ego_pose ({trajectory.max_gap_ns / 1e9:g})"
     for name, stamps in sorted(stamps_ns.items()):
         if not len(stamps):
             continue
@@ -39,7 +35,7 @@ def poses_cover_sensors(
             without = len(stamps) - with_pose
             lack = "has no ego pose, that" if without == 1 else "have no ego pose, the first"
             problems.append(
-                f"{name}: {without} of {len(stamps)} readings {lack} at {clock(first)}; a share of {check.min_share:g} is expected to have one{rare}"
+                f"{name}: {without} of {len(stamps)} readings {lack} at {clock(first)}; a share of {check.min_share:g} is expected to have one{_rarity(trajectory)}"
             )
     problems = [*_overlaps(trajectory), *problems, *_jumps(trajectory, check)]
     return Finding(problems, {"with_pose": shares}, list(losses))
@@ -56,6 +52,14 @@ def poses_complete(counts: JsonMapping, what: str, max_lost: float) -> Iterator[
         f"{number} of {counts['read']} {what} gave no pose ({why}). If that is acceptable, raise "
         "limits.reported_losses in the recipe; else name another source as ego_pose"
     )
+
+
+def _rarity(trajectory: Trajectory) -> str:
+    """Return the end of a sentence about readings without pose, if all poses are too far apart; else ""."""
+    apart_ns = np.median(np.diff(trajectory.stamps_ns)) if len(trajectory.stamps_ns) > 1 else 0
+    if apart_ns <= trajectory.max_gap_ns:
+        return ""
+    return f"; poses come every {apart_ns / 1e9:.3g} s only: raise max_gap_s of ego_pose ({trajectory.max_gap_ns / 1e9:g})"
 
 
 def _overlaps(trajectory: Trajectory) -> Iterator[str]:

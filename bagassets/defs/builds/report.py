@@ -124,6 +124,7 @@ def _copies(bags: Iterable[LockedBag]) -> Iterator[str]:
     """Yield a sentence about recordings with the same images and clouds, as of one that was converted; equal files are left out."""
     alike: dict[tuple[str, ...], list[str]] = {}
     for bag in bags:
+        # A part may name its recording, but not so what its files are linked from; one without links is all there is.
         if any(bag.counts.values()):
             alike.setdefault(tuple(bag.needs[1:] or bag.needs), []).append(bag.key)
     for keys in alike.values():
