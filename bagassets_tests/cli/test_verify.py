@@ -415,6 +415,7 @@ class TestMinutes:
         self.verified(project)
         gone = artifact_of(project, "calibration")
         shutil.rmtree(gone.folder)
+        self.set_times(project, lambda _, at: at - 100)  # something in the store is the oldest, no recording
         self.verified(project, minutes=self.MOMENT)
         assert gone.digest not in self.times(project)
         build_all(project)
@@ -453,6 +454,7 @@ class TestMinutes:
             assert not {artifact.digest, torn.stem[:2]} & set(self.times(project))
 
     def test_a_whole_check_counts_too(self, project):
+        self.verified(project, "--recordings")  # they are not what is verified next
         overwrite(artifact_of(project, "calibration").path("calibration.json"), b"?")
         run(project, "--report-only", status=3)
         share = self.verified(project, "--report-only", minutes=self.MOMENT, status=3)
