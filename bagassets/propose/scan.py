@@ -8,7 +8,7 @@ Messages are decoded as a build decodes them, by plug-ins, too: what a build wou
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
-from math import isfinite
+from math import inf, isfinite
 from statistics import median
 from typing import Any
 
@@ -31,7 +31,7 @@ from bagassets.propose.naming import is_radar_list
 from bagassets.propose.poses import propose_pose
 from bagassets.propose.radar_velocities import velocities_of
 from bagassets.propose.sensors import find_sensors, modality_of
-from bagassets.propose.signals import elements_of, text_in
+from bagassets.propose.signals import elements_of, says_episodes, text_in
 from bagassets.propose.summary import Edge, RecordingSummary, TopicSummary, merge_topics, transform_topics
 from bagassets.recipe.model import Limits, Scenes
 from bagassets.recordings.heads import head_of
@@ -45,6 +45,7 @@ Facts = dict[str, Any]
 
 _SECONDS = 5.0
 _MESSAGES = 20
+_EVENTS = 1000
 _BULK_MESSAGES = 3
 _LATE_MESSAGES = 3
 _PATIENCE = 5  # times as many, as long as none can be used: sensors and receivers take time to start
@@ -70,7 +71,9 @@ def scan_recording(recording: Recording) -> RecordingSummary:
     readable = {name for name, scan in scans.items() if scan.problem is None}
     bulk = {name for name in readable if recording.topics[name].msgtype in bulk_types("yes")}
     _read(recording, scans, bulk, _BULK_MESSAGES, _SECONDS)
-    _read(recording, scans, readable - bulk, _MESSAGES, _SECONDS)
+    events = {name for name in readable if says_episodes(name, recording.topics[name].msgtype)}
+    _read(recording, scans, readable - bulk - events, _MESSAGES, _SECONDS)
+    _read(recording, scans, events, _EVENTS, inf)  # the first episode that is aborted may come late
     # Latched transforms may come late.
     _read(recording, scans, {name for name in readable if scans[name].count == 0}, _LATE_MESSAGES, None)
     topics = {

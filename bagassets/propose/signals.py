@@ -87,6 +87,11 @@ def text_in(message: Message, msgtype: str) -> str:
     return text if isinstance(text, str) and len(text) <= _LONGEST_TEXT else ""
 
 
+def says_episodes(topic: str, msgtype: str) -> bool:
+    """Tell whether a topic's texts say where episodes are, by its type and name."""
+    return msgtype in _TEXTS and not _EPISODES.isdisjoint(tokens(topic))
+
+
 def find_signals(summary: RecordingSummary, *, cameras: bool = False) -> list[SignalProposal]:
     """Return the signals of recordings, states first, in order of topic; drivers that share a topic have one each.
 
