@@ -43,6 +43,7 @@ class _Head(TypedDict):
         folders: name -> modification time (ns) and inode of a folder with links.
         lists: part of a recording -> bytes of each piece of the list of its links.
         torn_since_s: see `Publication.torn_since_s`.
+        left: see `Publication.left`.
     """
 
     root: str
@@ -51,6 +52,7 @@ class _Head(TypedDict):
     folders: dict[str, list[int]]
     lists: dict[str, list[int]]
     torn_since_s: NotRequired[float]
+    left: NotRequired[list[str]]
 
 
 class Publication:
@@ -72,6 +74,22 @@ class Publication:
             return self._head()["root"]
         except PlanNeeded:
             return None
+
+    @property
+    def left(self) -> Sequence[str]:
+        """The folders that it had before, as far as they are there."""
+        try:
+            return list(filter(os.path.isdir, self._head().get("left", ())))
+        except PlanNeeded:
+            return ()
+
+    @property
+    def names(self) -> Iterable[str]:
+        """The files that were written for it; none if nothing is on record."""
+        try:
+            return self._head()["files"]
+        except PlanNeeded:
+            return ()
 
     @property
     def torn_since_s(self) -> float | None:
@@ -174,6 +192,7 @@ class Publication:
             head = _Head(root=root, files={}, digests={}, folders={}, lists={})
             changes.drop_below(_LINKS, self.asset)
         before = head["lists"]
+        left = {*head.get("left", ()), head["root"]} - {root}
         # If the process is killed from here on, nothing is on record.
         changes.drop(_HEAD, self.asset)
         if not self._cache.write(changes):
@@ -212,6 +231,7 @@ class Publication:
                     for name in sorted(map(os.fsdecode, folders))
                 },
                 lists=lists,
+                left=sorted(filter(os.path.isdir, left)),
             ),
             changes,
         )
