@@ -23,6 +23,7 @@ _LATE_POSE_S = 10.0
 # From a reading to its log; longer, the clock of the stamps may not be that of the log.
 _LATENCY_S = 0.25
 _MARKERS = "visualization_msgs/"  # for whatever somebody wants to see in three dimensions, seldom for boxes
+_BOXES = word_set("bboxes boxes detections objects")
 _TRUTH = word_set("annotation annotations gt ground groundtruth label labels labelled truth")
 
 
@@ -170,16 +171,27 @@ def _placed(summary: RecordingSummary, ego: EgoFrame, sensors: Sequence[Sensor])
 
 
 def boxes_in(summary: RecordingSummary) -> list[str]:
-    """Return topics with boxes: those that look like truth first, then by number of messages."""
+    """Return topics with boxes: those that look like truth first, markers last, then by number of messages."""
     topics = [
         topic
         for topic in summary.topics.values()
         if topic.count > 0
         and topic.problem is None
         and topic.msgtype in types_of("boxes")
-        and (not topic.msgtype.startswith(_MARKERS) or _TRUTH & set(tokens(topic.name)))
+        and (
+            not topic.msgtype.startswith(_MARKERS)
+            or _TRUTH & set(tokens(topic.name))
+            or _BOXES & set(tokens(topic.name)[-1:])
+        )
     ]
-    topics.sort(key=lambda topic: (not _TRUTH & set(tokens(topic.name)), -topic.count, topic.name))
+    topics.sort(
+        key=lambda topic: (
+            not _TRUTH & set(tokens(topic.name)),
+            topic.msgtype.startswith(_MARKERS),
+            -topic.count,
+            topic.name,
+        )
+    )
     return [topic.name for topic in topics]
 
 

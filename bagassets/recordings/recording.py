@@ -71,6 +71,10 @@ class Recording(ABC):
         """Return first and last log time, if the recording is one file with messages, and says so."""
         return None
 
+    def counts(self) -> Mapping[str, int]:
+        """Return topic -> number of messages, as the recording announces it."""
+        return {name: topic.count for name, topic in self.topics.items()}
+
     def check_content(self) -> None:  # noqa: B027  (most formats have no checksums, or always verify them)
         """Verify checksums while messages are read, if the format has any and verifying them costs time."""
 
