@@ -184,6 +184,8 @@ def _write_channel(
     sheet.field(4, f"topic: {yaml_scalar(topic.name)}")
     if topic.unstamped and rig.clock.clock == "header":
         sheet.guess(4, "clock: log", "its header stamps are zero")
+    elif topic.name in rig.clock.odd:
+        sheet.guess(4, "clock: log", "its header stamps are of another clock")
     if sensor.modality == "camera":
         # What was recorded is of this camera for sure, so a file only stands in for it.
         file = None if _has_lens(sensor) else calibration_of(topic.name, calibrations)

@@ -29,10 +29,14 @@ _TRUTH = word_set("annotation annotations gt ground groundtruth label labels lab
 
 @dataclass(frozen=True)
 class ClockProposal:
-    """Which time of messages counts; `reason` is empty if nothing spoke against the usual one."""
+    """Which time of messages counts; `reason` is empty if nothing spoke against the usual one.
+
+    `odd`: topics whose stamps are of another clock than those of the others.
+    """
 
     clock: Literal["header", "log"]
     reason: str = ""
+    odd: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -120,13 +124,15 @@ def propose_rig(
                 )
     pose = propose_pose(summary, ego.name, group.pose_sources or None)
     has_only_cameras = all(one.modality == "camera" for one in sensors)
-    signals = find_signals(summary, cameras=bool(sensors)) if has_only_cameras else ()
+    signals = find_signals(summary, cameras=bool(sensors)) if has_only_cameras else []
+    clock = _clock(sensors, signals, summary.topics.get(pose.fields.get("topic", "")))
+    signals = [replace(one, by_log_time=one.by_log_time or one.topic.name in clock.odd) for one in signals]
     rig = RigProposal(
         name=_rig_name(match, taken, next(iter(summary.robots), "")),
         match=match,
         recordings=group.recordings,
         ego=ego,
-        clock=_clock(sensors, signals, summary.topics.get(pose.fields.get("topic", ""))),
+        clock=clock,
         pose=pose,
         channels={},
         reasons={},
@@ -214,9 +220,14 @@ def _clock(
     latest, earliest = max(offsets, key=offsets.__getitem__), min(offsets, key=offsets.__getitem__)
     apart_s = offsets[latest] - offsets[earliest]
     if apart_s > _LARGE_OFFSET_S:
-        return ClockProposal(
-            "log", f"header stamps of {earliest} and {latest} are {span_text(apart_s)} apart"
-        )
+        reason = f"header stamps of {earliest} and {latest} are {span_text(apart_s)} apart"
+        odd = frozenset(name for name, offset_s in offsets.items() if not 0 <= offset_s <= _LATENCY_S)
+        # Of those to which the log is near the stamps count, also beside others by log time.
+        if len(odd) < len(offsets) and 0 <= (late_s or 0) <= _LATE_POSE_S:
+            return ClockProposal(
+                "header", f"{reason}; those of another clock than the log have `clock: log`", odd
+            )
+        return ClockProposal("log", reason)
     name, offset_s = max(offsets.items(), key=lambda entry: abs(entry[1]))
     if abs(offset_s) <= _LARGE_OFFSET_S:
         return ClockProposal("header")
