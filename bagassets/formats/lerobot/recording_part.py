@@ -377,6 +377,8 @@ def _with_setting(why: str) -> str:
         return f"{why}, or set `at: hold` if each value holds until the next"
     if "has no value within" in why and "raise its" not in why:
         return f"{why}; `gap` of the feature can end the episode there, or hold the value before"
+    if ", more than " in why:
+        return f"{why} (lerobot.episodes.trim_s)"
     is_set = " and must have " in why and not why.endswith(" 2")  # which any episode must have
     return f"{why} (lerobot.episodes.min_length_s)" if is_set else why
 

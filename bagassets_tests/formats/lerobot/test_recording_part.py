@@ -281,7 +281,10 @@ class TestBrokenRules:
         assert left_out(artifact) == [
             "observation.images.wrist (CAM_WRIST) ends at 2.000 s already, more than 1 s before it"
         ]
-        assert artifact.read_json("facts.json")["episodes"] == 0
+        facts = artifact.read_json("facts.json")
+        assert facts["episodes"] == 0
+        (said,) = _all_kept(facts, []).problems
+        assert said.endswith(", more than 1 s before it (lerobot.episodes.trim_s)")
 
     def test_a_camera_that_pauses(self, tmp_path):
         artifact = build(tmp_path, seconds=3.0, skip=lambda topic, time: topic == "/wrist" and 1 < time < 1.5)
