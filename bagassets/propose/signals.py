@@ -123,7 +123,7 @@ def find_signals(summary: RecordingSummary, *, cameras: bool = False) -> list[Si
 
 def _role(topic: TopicSummary, kind: str) -> _Role | None:
     words = tokens(topic.name)
-    is_gripper = kind == "number" and "gripper" in words
+    is_gripper = kind == "number" and is_of_gripper(topic)
     if sounds_commanded(topic) and (is_gripper or kind in {_JOINTS, "array"}):
         return "command"
     if kind == _JOINTS or (is_gripper and words[-1] in _OPENINGS):
@@ -136,6 +136,11 @@ def _role(topic: TopicSummary, kind: str) -> _Role | None:
 def sounds_commanded(topic: TopicSummary) -> bool:
     """Tell whether a topic is one of commands by its name."""
     return bool(set(tokens(topic.name)) & _COMMANDS)
+
+
+def is_of_gripper(topic: TopicSummary) -> bool:
+    """Tell whether a topic is that of a gripper by its name."""
+    return "gripper" in tokens(topic.name)
 
 
 def _apart(elements: Collection[tuple[str, ...]]) -> list[tuple[str, ...]]:
@@ -208,7 +213,7 @@ def write_lerobot(sheet: Sheet, rigs: "Sequence[RigProposal]") -> None:
         sheet.guess(
             2,
             "action: {next_of: observation.state}",
-            "no commands were found, so the next state is the action",
+            "no commands were found that can be used as they are, so the next state is the action",
         )
     for name, topic in cameras.items():
         # Of a camera at about this rate, the latest image would now and then be one twice and none of the next.
