@@ -48,28 +48,25 @@ def why_empty(recipe: Recipe, recipe_file: Path, store: Store, assets: Collectio
 def left_behind(recipe: Recipe) -> dict[Path, str]:
     """Return folder -> a sentence, for each dataset that an earlier build made and the recipe does not ask for."""
     made, found = made_once(recipe), {}
-    roots = [one.published_in for one in made.values()]
+    asked = [one.published_in for one in made.values()]
     folders = {one.folder for one in made.values() if isinstance(one, Dataset)}
     for asset in sorted(on_record(recipe.state)):
-        record = Publication(recipe.state, asset)
-        section = ".".join(section_at(asset.removesuffix("_dataset")))
-        again = (
-            "name it in its `datasets`" if asset.startswith("dataset_") else f"add `{section}: {{}}` to it"
-        )
-        left = {Path(record.root or ""): again}
-        if asset in made:
-            # A copy of a project has the record of folders of the original, which goes on.
-            moved = [root for root in (*left, *map(Path, record.left)) if recipe.state.parent in root.parents]
-            left = dict.fromkeys(moved, "name it as an `output`")
-        for root, again in left.items():
-            tables = {(root / name).parent for name in record.names if name.endswith(LOCK)}
-            if any(one in (root, *root.parents) or root in one.parents for one in roots):
-                gone = {one for one in tables - folders - {root} if (one / LOCK).exists()}
-            else:
-                gone = {root} if (root / GUARD).exists() else set()
-            for folder in gone if asset not in made or root not in roots else ():
-                found[folder] = (
-                    f"{folder}: this dataset is no longer brought up to date and stays as it is, because the recipe does not ask for "
-                    f"it; {again}, or remove the folder."
-                )
+        roots, names = Publication(recipe.state, asset).places()
+        add = f"add `{'.'.join(section_at(asset.removesuffix('_dataset')))}: {{}}` to it"
+        again = "name it in its `datasets`" if asset.startswith("dataset_") else add
+        for number, root in enumerate(map(Path, roots)):
+            if asset in made or number:
+                # A copy of a project has the record of folders of the original, which goes on.
+                is_own = asset in made and root == made[asset].published_in
+                if is_own or recipe.state.parent not in root.parents:
+                    continue
+                again = "name it as an `output`"
+            is_shared = any(one in (root, *root.parents) or root in one.parents for one in asked)
+            tables = {(root / name).parent for name in names if name.endswith(LOCK)} - folders - {root}
+            for folder in tables if is_shared else {root}:
+                if (folder / (LOCK if is_shared else GUARD)).exists():
+                    found[folder] = (
+                        f"{folder}: this dataset is no longer brought up to date and stays as it is, because the recipe does not "
+                        f"ask for it; {again}, or remove the folder."
+                    )
     return found

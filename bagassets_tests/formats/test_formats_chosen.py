@@ -274,6 +274,10 @@ def test_a_dataset_at_another_output_and_one_beside_others_are_left_behind_too(t
     shutil.rmtree(moved)
     shutil.rmtree(beside)
     assert told(text) == {}
+    again = named.format()
+    assert told(text + again) == {}
+    (left,) = told(text + again.replace("dataset/nuscenes", "one")).values()
+    assert left.startswith(f"{beside}: ")
 
 
 def test_each_dataset_and_the_map_say_what_of_theirs_changed(tmp_path, monkeypatch):

@@ -43,7 +43,7 @@ class _Head(TypedDict):
         folders: name -> modification time (ns) and inode of a folder with links.
         lists: part of a recording -> bytes of each piece of the list of its links.
         torn_since_s: see `Publication.torn_since_s`.
-        left: see `Publication.left`.
+        left: folders that it had before.
     """
 
     root: str
@@ -76,28 +76,20 @@ class Publication:
             return None
 
     @property
-    def left(self) -> Sequence[str]:
-        """The folders that it had before, as far as they are there."""
-        try:
-            return list(filter(os.path.isdir, self._head().get("left", ())))
-        except PlanNeeded:
-            return ()
-
-    @property
-    def names(self) -> Iterable[str]:
-        """The files that were written for it; none if nothing is on record."""
-        try:
-            return self._head()["files"]
-        except PlanNeeded:
-            return ()
-
-    @property
     def torn_since_s(self) -> float | None:
         """Since when (Unix seconds) a crash may have torn files that are not on record, until the next `write`; else None."""
         try:
             return self._head().get("torn_since_s")
         except PlanNeeded:
             return None
+
+    def places(self) -> tuple[Sequence[str], Iterable[str]]:
+        """Return its folder with those that it had before, and the files that were written for it; empty if nothing is on record."""
+        try:
+            head = self._head()
+            return [head["root"], *head.get("left", ())], head["files"]
+        except PlanNeeded:
+            return (), ()
 
     def check(self) -> None:
         """Check that the dataset is as it was published.
