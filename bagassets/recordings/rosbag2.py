@@ -133,6 +133,11 @@ class Rosbag2Recording(Recording):
                 found[source.topic] += counts.get(number, 0)
         return {name: found[name] for name in announced}
 
+    @property
+    def files(self) -> tuple[Database | McapFile, ...]:
+        """The open files."""
+        return tuple(self._files)
+
     def close(self) -> None:
         """Close the files."""
         self._stack.close()
