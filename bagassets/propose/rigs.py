@@ -178,27 +178,15 @@ def _placed(summary: RecordingSummary, ego: EgoFrame, sensors: Sequence[Sensor])
 
 def boxes_in(summary: RecordingSummary) -> list[str]:
     """Return topics with boxes: those that look like truth first, markers last, then by number of messages."""
-    topics = [
-        topic
-        for topic in summary.topics.values()
-        if topic.count > 0
-        and topic.problem is None
-        and topic.msgtype in types_of("boxes")
-        and (
-            not topic.msgtype.startswith(_MARKERS)
-            or _TRUTH & set(tokens(topic.name))
-            or _BOXES & set(tokens(topic.name)[-1:])
-        )
-    ]
-    topics.sort(
-        key=lambda topic: (
-            not _TRUTH & set(tokens(topic.name)),
-            topic.msgtype.startswith(_MARKERS),
-            -topic.count,
-            topic.name,
-        )
-    )
-    return [topic.name for topic in topics]
+    found: list[tuple[bool, bool, int, str]] = []
+    for topic in summary.topics.values():
+        words, is_drawn = tokens(topic.name), topic.msgtype.startswith(_MARKERS)
+        is_truth = not _TRUTH.isdisjoint(words)
+        if topic.count == 0 or topic.problem is not None or topic.msgtype not in types_of("boxes"):
+            continue
+        if is_truth or not is_drawn or not _BOXES.isdisjoint(words[-1:]):
+            found.append((not is_truth, is_drawn, -topic.count, topic.name))
+    return [name for *_, name in sorted(found)]
 
 
 def _clock(

@@ -81,8 +81,13 @@ class Recording(ABC):
         return None
 
     def counts(self) -> Mapping[str, int]:
-        """Return topic -> number of messages, as the recording announces it."""
-        return {name: topic.count for name, topic in self.topics.items()}
+        """Return topic -> number of messages as announced; as the files do it if that is none at all, as after a crash."""
+        counts = {name: topic.count for name, topic in self.topics.items()}
+        for file in () if any(counts.values()) else self.files:
+            in_file = file.counts()
+            for number, source in file.sources().items():
+                counts[source.topic] = counts.get(source.topic, 0) + in_file.get(number, 0)
+        return counts
 
     def rewind(self) -> Rewind | None:
         """Return where log times go back in the order in which the recording was written."""

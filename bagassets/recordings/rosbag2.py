@@ -3,7 +3,6 @@
 Topics are those in `metadata.yaml`, and others in its files; these are read in its order.
 """
 
-from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -120,18 +119,6 @@ class Rosbag2Recording(Recording):
             return decompress(bytes(data), "zstd", self._how.limits.message_bytes)
         except TooLargeError:
             return RefusedBytes()
-
-    def counts(self) -> Mapping[str, int]:
-        """Return topic -> number of messages, as the metadata announce it; as the files do if it is none at all, as after a crash."""
-        announced = super().counts()
-        if any(announced.values()):
-            return announced
-        found = Counter[str]()
-        for file in self._files:
-            counts = file.counts()
-            for number, source in file.sources().items():
-                found[source.topic] += counts.get(number, 0)
-        return {name: found[name] for name in announced}
 
     @property
     def files(self) -> tuple[Database | McapFile, ...]:
