@@ -2,6 +2,8 @@
 
 from datetime import UTC, datetime
 
+_LONG_S = 1_000 * 3_600  # as between the epoch and today, in a recording with unset stamps
+
 
 def count_text(number: int, noun: str) -> str:
     """Return a number with its noun: `1 recording`, `2 recordings`, `2 boxes`."""
@@ -34,11 +36,13 @@ def readable_length(length_m: float) -> str:
 
 
 def span_text(seconds: float | None) -> str:
-    """Return a duration: `7.5 s`, `2:03 min`, `1:02:03 h`."""
+    """Return a duration: `7.5 s`, `2:03 min`, `1:02:03 h`, `20,252 days`."""
     if seconds is None:
         return ""
     if seconds < 60:
         return f"{seconds:.1f} s"
+    if seconds >= _LONG_S:
+        return f"{seconds / 86_400:,.0f} days"
     return f"{clock_text(seconds)} {'h' if round(seconds) >= 3600 else 'min'}"
 
 

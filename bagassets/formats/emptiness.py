@@ -5,7 +5,8 @@ from pathlib import Path
 
 from bagassets.base.quantities import count_text
 from bagassets.engine.freshness.published import Publication, on_record
-from bagassets.formats.dataset_build import datasets_of, made_once
+from bagassets.formats.dataset_build import Dataset, datasets_of, made_once
+from bagassets.formats.dataset_lock import LOCK
 from bagassets.formats.format import FACTS
 from bagassets.formats.guard import GUARD
 from bagassets.recipe.format_settings import section_at
@@ -47,15 +48,25 @@ def why_empty(recipe: Recipe, recipe_file: Path, store: Store, assets: Collectio
 def left_behind(recipe: Recipe) -> dict[Path, str]:
     """Return folder -> a sentence, for each dataset that an earlier build made and the recipe does not ask for."""
     made, found = made_once(recipe), {}
-    for asset in sorted(on_record(recipe.state) - made.keys()):
-        root = Path(Publication(recipe.state, asset).root or "")
-        others = [one.published_in for one in made.values()]
-        is_shared = any(one in (root, *root.parents) or root in one.parents for one in others)
-        if (root / GUARD).exists() and not is_shared:
-            add = f"add `{'.'.join(section_at(asset.removesuffix('_dataset')))}: {{}}` to it"
-            again = "name it in its `datasets`" if asset.startswith("dataset_") else add
-            found[root] = (
-                f"{root}: this dataset is no longer brought up to date and stays as it is, because the recipe does not ask for "
-                f"it; {again}, or remove the folder."
-            )
+    asked = [one.published_in for one in made.values()]
+    folders = {one.folder for one in made.values() if isinstance(one, Dataset)}
+    for asset in sorted(on_record(recipe.state)):
+        roots, names = Publication(recipe.state, asset).places()
+        add = f"add `{'.'.join(section_at(asset.removesuffix('_dataset')))}: {{}}` to it"
+        again = "name it in its `datasets`" if asset.startswith("dataset_") else add
+        for number, root in enumerate(map(Path, roots)):
+            if asset in made or number:
+                # A copy of a project has the record of folders of the original, which goes on.
+                is_own = asset in made and root == made[asset].published_in
+                if is_own or recipe.state.parent not in root.parents:
+                    continue
+                again = "name it as an `output`"
+            is_shared = any(one in (root, *root.parents) or root in one.parents for one in asked)
+            tables = {(root / name).parent for name in names if name.endswith(LOCK)} - folders - {root}
+            for folder in tables if is_shared else {root}:
+                if (folder / (LOCK if is_shared else GUARD)).exists():
+                    found[folder] = (
+                        f"{folder}: this dataset is no longer brought up to date and stays as it is, because the recipe does not "
+                        f"ask for it; {again}, or remove the folder."
+                    )
     return found

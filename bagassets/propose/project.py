@@ -14,6 +14,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 
+from bagassets.base.disk_errors import disk_advice
 from bagassets.base.errors import RecipeError
 from bagassets.base.files import make_folder, write_atomically
 from bagassets.recipe.model import Recipe
@@ -198,7 +199,9 @@ def write_project(
         for name, text in files.items():
             write_atomically(project / name, text.encode(), folders=True)
     except OSError as err:
-        raise RecipeError(f"{project}: the project cannot be written ({err.strerror or err}).") from err
+        raise RecipeError(
+            f"{project}: the project cannot be written ({err.strerror or err}); {disk_advice(err)}."
+        ) from err
     return [name for name in (*FILES, *more, *_FOR_DG) if name in files]
 
 
@@ -222,7 +225,9 @@ def dagster_home(recipe_file: Path, recipe: Recipe) -> Path:
         try:
             write_atomically(config, text.encode(), folders=True)
         except OSError as err:
-            raise RecipeError(f"{home}: the Dagster home cannot be made ({err.strerror or err}).") from err
+            raise RecipeError(
+                f"{home}: the Dagster home cannot be made ({err.strerror or err}); {disk_advice(err)}: `state` in the recipe names it."
+            ) from err
     return home
 
 

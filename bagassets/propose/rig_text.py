@@ -184,6 +184,8 @@ def _write_channel(
     sheet.field(4, f"topic: {yaml_scalar(topic.name)}")
     if topic.unstamped and rig.clock.clock == "header":
         sheet.guess(4, "clock: log", "its header stamps are zero")
+    elif topic.name in rig.clock.odd:
+        sheet.guess(4, "clock: log", "its header stamps are of another clock")
     if sensor.modality == "camera":
         # What was recorded is of this camera for sure, so a file only stands in for it.
         file = None if _has_lens(sensor) else calibration_of(topic.name, calibrations)
@@ -287,7 +289,11 @@ def _lack(rig: RigProposal, frame: str) -> str:
     if not connected(rig.summary.edges, rig.ego.name, frame):
         return f"no transform from {rig.ego.name} to {frame} was seen; name a `urdf` of the rig"
     trouble = contradiction(rig.summary, rig.ego.name, frame)
-    return trouble and f"{trouble}; correct that and remove this field"
+    mount = " (a mount that nods or spins? builds do not follow it: leave the channel out)"
+    return (
+        trouble
+        and f"{trouble}{mount if '(tf) changes' in trouble else ''}; correct that and remove this field"
+    )
 
 
 def _numbers(values: list[float]) -> str:

@@ -14,7 +14,7 @@ from bagassets.propose.grouping import Group
 from bagassets.propose.naming import channel_name, free_name, tokens, word_set
 from bagassets.propose.poses import PoseProposal, odometry_of, propose_pose
 from bagassets.propose.sensors import Sensor, find_sensors
-from bagassets.propose.signals import SignalProposal, find_signals, said_in, sounds_commanded
+from bagassets.propose.signals import SignalProposal, find_signals, is_of_gripper, said_in, sounds_commanded
 from bagassets.propose.summary import USES, RecordingSummary, TopicSummary, TopicUse, transform_topics
 
 _LARGE_OFFSET_S = 1.0
@@ -23,15 +23,20 @@ _LATE_POSE_S = 10.0
 # From a reading to its log; longer, the clock of the stamps may not be that of the log.
 _LATENCY_S = 0.25
 _MARKERS = "visualization_msgs/"  # for whatever somebody wants to see in three dimensions, seldom for boxes
+_BOXES = word_set("bboxes boxes detections objects")
 _TRUTH = word_set("annotation annotations gt ground groundtruth label labels labelled truth")
 
 
 @dataclass(frozen=True)
 class ClockProposal:
-    """Which time of messages counts; `reason` is empty if nothing spoke against the usual one."""
+    """Which time of messages counts; `reason` is empty if nothing spoke against the usual one.
+
+    `odd`: topics whose stamps are of another clock than those of the others.
+    """
 
     clock: Literal["header", "log"]
     reason: str = ""
+    odd: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -119,13 +124,15 @@ def propose_rig(
                 )
     pose = propose_pose(summary, ego.name, group.pose_sources or None)
     has_only_cameras = all(one.modality == "camera" for one in sensors)
-    signals = find_signals(summary, cameras=bool(sensors)) if has_only_cameras else ()
+    signals = find_signals(summary, cameras=bool(sensors)) if has_only_cameras else []
+    clock = _clock(sensors, signals, summary.topics.get(pose.fields.get("topic", "")))
+    signals = [replace(one, by_log_time=one.by_log_time or one.topic.name in clock.odd) for one in signals]
     rig = RigProposal(
         name=_rig_name(match, taken, next(iter(summary.robots), "")),
         match=match,
         recordings=group.recordings,
         ego=ego,
-        clock=_clock(sensors, signals, summary.topics.get(pose.fields.get("topic", ""))),
+        clock=clock,
         pose=pose,
         channels={},
         reasons={},
@@ -170,17 +177,16 @@ def _placed(summary: RecordingSummary, ego: EgoFrame, sensors: Sequence[Sensor])
 
 
 def boxes_in(summary: RecordingSummary) -> list[str]:
-    """Return topics with boxes: those that look like truth first, then by number of messages."""
-    topics = [
-        topic
-        for topic in summary.topics.values()
-        if topic.count > 0
-        and topic.problem is None
-        and topic.msgtype in types_of("boxes")
-        and (not topic.msgtype.startswith(_MARKERS) or _TRUTH & set(tokens(topic.name)))
-    ]
-    topics.sort(key=lambda topic: (not _TRUTH & set(tokens(topic.name)), -topic.count, topic.name))
-    return [topic.name for topic in topics]
+    """Return topics with boxes: those that look like truth first, markers last, then by number of messages."""
+    found: list[tuple[bool, bool, int, str]] = []
+    for topic in summary.topics.values():
+        words, is_drawn = tokens(topic.name), topic.msgtype.startswith(_MARKERS)
+        is_truth = not _TRUTH.isdisjoint(words)
+        if topic.count == 0 or topic.problem is not None or topic.msgtype not in types_of("boxes"):
+            continue
+        if is_truth or not is_drawn or not _BOXES.isdisjoint(words[-1:]):
+            found.append((not is_truth, is_drawn, -topic.count, topic.name))
+    return [name for *_, name in sorted(found)]
 
 
 def _clock(
@@ -202,9 +208,14 @@ def _clock(
     latest, earliest = max(offsets, key=offsets.__getitem__), min(offsets, key=offsets.__getitem__)
     apart_s = offsets[latest] - offsets[earliest]
     if apart_s > _LARGE_OFFSET_S:
-        return ClockProposal(
-            "log", f"header stamps of {earliest} and {latest} are {span_text(apart_s)} apart"
-        )
+        reason = f"header stamps of {earliest} and {latest} are {span_text(apart_s)} apart"
+        odd = frozenset(name for name, offset_s in offsets.items() if not 0 <= offset_s <= _LATENCY_S)
+        # Of those to which the log is near the stamps count, also beside others by log time.
+        if len(odd) < len(offsets) and 0 <= (late_s or 0) <= _LATE_POSE_S:
+            return ClockProposal(
+                "header", f"{reason}; those of another clock than the log have `clock: log`", odd
+            )
+        return ClockProposal("log", reason)
     name, offset_s = max(offsets.items(), key=lambda entry: abs(entry[1]))
     if abs(offset_s) <= _LARGE_OFFSET_S:
         return ClockProposal("header")
@@ -267,10 +278,11 @@ def uses_of(
     known = {use.topic.name for use in uses}
     boxes = "boxes, too; the recipe has it as a comment"
     commands = "commands, by its name; if the robot follows them, describe them in `signals`, and add them to `action`"
+    gripper = "of a gripper, by its name; if it is part of the state, describe it in `signals`, and add it to `observation.state`"
     left = {
-        name: commands
+        name: commands if sounds_commanded(topic) else gripper
         for name, topic in summary.topics.items()
-        if signals and topic.count and sounds_commanded(topic)
+        if signals and topic.count and (sounds_commanded(topic) or is_of_gripper(topic))
     } | dict.fromkeys(annotations, boxes)
     uses += [
         TopicUse(topic, "left out" if name in left else "not needed", left.get(name, ""))

@@ -8,7 +8,7 @@ Messages are decoded as a build decodes them, by plug-ins, too: what a build wou
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
-from math import isfinite
+from math import inf, isfinite
 from statistics import median
 from typing import Any
 
@@ -31,7 +31,7 @@ from bagassets.propose.naming import is_radar_list
 from bagassets.propose.poses import propose_pose
 from bagassets.propose.radar_velocities import velocities_of
 from bagassets.propose.sensors import find_sensors, modality_of
-from bagassets.propose.signals import elements_of, text_in
+from bagassets.propose.signals import elements_of, says_episodes, text_in
 from bagassets.propose.summary import Edge, RecordingSummary, TopicSummary, merge_topics, transform_topics
 from bagassets.recipe.model import Limits, Scenes
 from bagassets.recordings.heads import head_of
@@ -45,6 +45,7 @@ Facts = dict[str, Any]
 
 _SECONDS = 5.0
 _MESSAGES = 20
+_EVENTS = 1000
 _BULK_MESSAGES = 3
 _LATE_MESSAGES = 3
 _PATIENCE = 5  # times as many, as long as none can be used: sensors and receivers take time to start
@@ -66,15 +67,18 @@ def scan_recording(recording: Recording) -> RecordingSummary:
     Raises:
         RecordingError: the recording turns out to be damaged.
     """
-    scans = {name: _TopicScan(topic) for name, topic in recording.topics.items() if topic.count > 0}
+    counts = recording.counts()
+    scans = {name: _TopicScan(recording.topics[name], count) for name, count in counts.items() if count > 0}
     readable = {name for name, scan in scans.items() if scan.problem is None}
     bulk = {name for name in readable if recording.topics[name].msgtype in bulk_types("yes")}
     _read(recording, scans, bulk, _BULK_MESSAGES, _SECONDS)
-    _read(recording, scans, readable - bulk, _MESSAGES, _SECONDS)
+    events = {name for name in readable if says_episodes(name, recording.topics[name].msgtype)}
+    _read(recording, scans, readable - bulk - events, _MESSAGES, _SECONDS)
+    _read(recording, scans, events, _EVENTS, inf)  # the first episode that is aborted may come late
     # Latched transforms may come late.
     _read(recording, scans, {name for name in readable if scans[name].count == 0}, _LATE_MESSAGES, None)
     topics = {
-        name: scans[name].result() if name in scans else _summary_of(topic)
+        name: scans[name].result() if name in scans else _summary_of(topic, 0)
         for name, topic in recording.topics.items()
     }
     robots = robots_of({name: (one.msgtype, one.frames) for name, one in topics.items() if one.count > 0})
@@ -158,13 +162,13 @@ class _TopicScan:
         own_times_ns: log times of its own messages.
     """
 
-    def __init__(self, topic: Topic) -> None:
+    def __init__(self, topic: Topic, count: int) -> None:
         self.problem = topic.problem
         self.misfit: str | None = None
         self.count = self._decoded = self._seen = self._first_ns = 0
         self.length_s = 0.0
         self.own_times_ns: list[int] = []
-        self._summary = _summary_of(topic)
+        self._summary = _summary_of(topic, count)
         self.transforms: dict[Edge, list[SE3]] = {}
         self._takers = {**_FACTS, "cloud": self._take_cloud, "transforms": self._take_transforms}
         self._decoders: dict[AnyFamily, Decode] = {}
@@ -297,8 +301,8 @@ def _rate_hz(times_ns: Sequence[int]) -> float | None:
     return 1e9 / float(np.median(steps_ns)) if len(steps_ns) and np.median(steps_ns) > 0 else None
 
 
-def _summary_of(topic: Topic) -> TopicSummary:
-    return TopicSummary(topic.name, topic.msgtype, topic.count, topic.problem)
+def _summary_of(topic: Topic, count: int) -> TopicSummary:
+    return TopicSummary(topic.name, topic.msgtype, count, topic.problem)
 
 
 # Each of these puts into `facts` what a message says, those before the decoder refuses it, too.

@@ -29,6 +29,8 @@ _KINDS: Mapping[str, tuple[tuple[str, ...], str]] = {
     "geometry_msgs/msg/Twist": (("linear", "angular"), "command"),
     "geometry_msgs/msg/TwistStamped": (("twist",), "command"),
     "std_msgs/msg/Bool": (("data",), "episode"),
+    "std_msgs/msg/Float64": (("data",), "number"),
+    "std_msgs/msg/Float32": (("data",), "number"),
 }
 _TEXTS = {"std_msgs/msg/String": "data", "foxglove_msgs/msg/Log": "message"}
 _COMMANDS = word_set(
@@ -42,6 +44,7 @@ _STARTS = word_set("begin begins started start")
 _ENDS = word_set(
     "abort aborted canceled cancelled discard done end ended ends fail failed failure finish finished stop stopped success"
 )
+_OPENINGS = word_set("gripper opening position state width")
 _LONGEST_TEXT, _MOST_FPS = 100, 50
 _ALIKE = 0.2  # share by which rates may differ
 
@@ -84,6 +87,11 @@ def text_in(message: Message, msgtype: str) -> str:
     return text if isinstance(text, str) and len(text) <= _LONGEST_TEXT else ""
 
 
+def says_episodes(topic: str, msgtype: str) -> bool:
+    """Tell whether a topic's texts say where episodes are, by its type and name."""
+    return msgtype in _TEXTS and not _EPISODES.isdisjoint(tokens(topic))
+
+
 def find_signals(summary: RecordingSummary, *, cameras: bool = False) -> list[SignalProposal]:
     """Return the signals of recordings, states first, in order of topic; drivers that share a topic have one each.
 
@@ -100,7 +108,9 @@ def find_signals(summary: RecordingSummary, *, cameras: bool = False) -> list[Si
         named = kind == _JOINTS or topic.msgtype.endswith("/JointTrajectory")
         base = "_".join(tokens(topic.name)) or "signal"
         groups = _apart(topic.elements) if named else [()]
-        for names in groups:
+        for group in groups:
+            # A state and a command of the same joints have them in one order.
+            names = next((one.names for one in found if set(one.names) == set(group)), group)
             taken = [one.name for one in found]
             name = free_name(base if base[0].isalpha() else f"signal_{base}", taken, "_")
             rate_hz = topic.rate_hz and topic.rate_hz / len(groups)  # by turns
@@ -112,18 +122,25 @@ def find_signals(summary: RecordingSummary, *, cameras: bool = False) -> list[Si
 
 
 def _role(topic: TopicSummary, kind: str) -> _Role | None:
-    if kind == _JOINTS:
-        return "command" if sounds_commanded(topic) else "state"
-    if kind == "array":
-        return "command" if sounds_commanded(topic) else None
-    if kind == "episode":
-        return "episode" if set(tokens(topic.name)) & _EPISODES else None
+    words = tokens(topic.name)
+    is_gripper = kind == "number" and is_of_gripper(topic)
+    if sounds_commanded(topic) and (is_gripper or kind in {_JOINTS, "array"}):
+        return "command"
+    if kind == _JOINTS or (is_gripper and words[-1] in _OPENINGS):
+        return "state"
+    if kind == "episode":  # whether one succeeded is said behind it
+        return "episode" if set(words) & _EPISODES and not set(words) & _ENDS else None
     return "command" if kind == "command" else None
 
 
 def sounds_commanded(topic: TopicSummary) -> bool:
     """Tell whether a topic is one of commands by its name."""
     return bool(set(tokens(topic.name)) & _COMMANDS)
+
+
+def is_of_gripper(topic: TopicSummary) -> bool:
+    """Tell whether a topic is that of a gripper by its name."""
+    return "gripper" in tokens(topic.name)
 
 
 def _apart(elements: Collection[tuple[str, ...]]) -> list[tuple[str, ...]]:
@@ -196,7 +213,7 @@ def write_lerobot(sheet: Sheet, rigs: "Sequence[RigProposal]") -> None:
         sheet.guess(
             2,
             "action: {next_of: observation.state}",
-            "no commands were found, so the next state is the action",
+            "no commands were found that can be used as they are, so the next state is the action",
         )
     for name, topic in cameras.items():
         # Of a camera at about this rate, the latest image would now and then be one twice and none of the next.

@@ -19,7 +19,7 @@ from bagassets.recipe.format_settings import OUR_FORMATS, asked_formats, section
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_base import DatasetSettings
 from bagassets.recipe.model_datasets import NamedDataset
-from bagassets.recipe.problems import Problem, explain, open_questions, undecided, with_stand_ins
+from bagassets.recipe.problems import Problem, explain_all, open_questions, undecided, with_stand_ins
 from bagassets.recipe.schema import closest
 from bagassets.recipe.yaml_text import Place, read_yaml
 
@@ -115,7 +115,7 @@ def _validated(data: JsonObject) -> tuple[Recipe | None, list[Problem]]:
         ours = {name: section for name, section in asked_formats(data).items() if name in OUR_FORMATS}
         recipe = Recipe.model_validate_json(json.dumps(ours | data), strict=True)
     except ValidationError as err:
-        return None, [explain(problem, data) for problem in _causes(err)]
+        return None, explain_all(_causes(err), data)
     sections, problems = _read_sections(data)
     return recipe.model_copy(update={"formats": sections}), problems
 
@@ -220,9 +220,8 @@ def _read_sections(data: JsonMapping) -> tuple[JsonObject, list[Problem]]:
         try:
             sections[name] = model.model_validate_json(json.dumps(value), strict=True)
         except ValidationError as err:
-            problems += [
-                explain({**error, "loc": ("formats", name, *error["loc"])}, data) for error in err.errors()
-            ]
+            errors = err.errors()
+            problems += explain_all(({**one, "loc": ("formats", name, *one["loc"])} for one in errors), data)
     return sections, problems
 
 

@@ -11,7 +11,16 @@ from bagassets.base.json_types import Json, JsonMapping, JsonObject
 from bagassets.recipe.format_settings import asked_formats, section_model
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_base import FieldValueError, Transform
-from bagassets.recipe.schema import closest, describe, enter, plain, suggestion, tag_field, variants
+from bagassets.recipe.schema import (
+    closest,
+    describe,
+    enter,
+    member_of,
+    plain,
+    suggestion,
+    tag_field,
+    variants,
+)
 
 Problem = tuple[tuple[str | int, ...], str]
 """A location in the recipe (field names, keys, indices), and what is wrong there, without full stop."""
@@ -22,7 +31,20 @@ _BOUNDS = {
     "less_than": "must be smaller than {lt:g}",
     "less_than_equal": "must not be greater than {le:g}",
 }
+_KINDS: Mapping[type, str] = {dict: "a mapping", list: "a list", str: "text"}
 _NO_RIG = "; `bagassets init` found none: describe one, or have it look into other recordings with --bags and --force"
+
+
+def explain_all(errors: Iterable[Mapping[str, Any]], data: Json) -> list[Problem]:
+    """Return the problems behind entries of `ValidationError.errors()`; of a union, those of the member that a value fits."""
+    return [explain(error, data) for error in errors if not _fits_another_member(error, data)]
+
+
+def _fits_another_member(error: Mapping[str, Any], data: Json) -> bool:
+    at, annotation = _locate(error["loc"][:-1])
+    kind = _KINDS.get(type(value_at(data, at)), "-")
+    is_of_member = error["type"].endswith("_type") and member_of(annotation, error["loc"][-1]) is not None
+    return is_of_member and any(describe(member).startswith(kind) for member in get_args(plain(annotation)))
 
 
 def explain(error: Mapping[str, Any], data: Json) -> Problem:
@@ -35,6 +57,8 @@ def explain(error: Mapping[str, Any], data: Json) -> Problem:
     location, kind = error["loc"], error["type"]
     if kind == "missing" and isinstance(location[-1], int):
         location, kind = location[:-1], "too_short"  # pydantic blames the absent entry of a vector
+    if location and member_of(_locate(location[:-1])[1], location[-1]) is not None:
+        location = location[:-1]
     at, annotation = _locate(location)
     context, value = error.get("ctx", {}), value_at(data, at)
     if kind == "extra_forbidden" and _model(location) is Transform and "file" in value_at(data, at[:-1]):
@@ -59,6 +83,8 @@ def explain(error: Mapping[str, Any], data: Json) -> Problem:
         return at, f"{_BOUNDS[kind].format(**context)}; found {_show(value)}"
     if kind in {"too_short", "too_long"} and value in ([], {}):
         return at, "must have at least one entry"
+    if kind == "too_short" and "min_length" in context:
+        return at, f"must have at least {context['min_length']} entries; found {_show(value)}"
     if kind == "finite_number":
         return at, f"must be a finite number; found {_show(value)}"
     if value is None and kind != "literal_error":
@@ -151,7 +177,9 @@ def _locate(location: tuple[str | int, ...]) -> tuple[tuple[str | int, ...], obj
     at: list[str | int] = []
     annotation: object = Recipe
     for part in location:
-        if variants(annotation) and part in variants(annotation):
+        if (member := member_of(annotation, part)) is not None:
+            annotation = member
+        elif variants(annotation) and part in variants(annotation):
             annotation = enter(annotation, part)
         elif part != "[key]":
             annotation = enter(annotation, part)

@@ -71,6 +71,20 @@ def enter(annotation: object, part: str | int) -> object:
     return None
 
 
+def member_of(annotation: object, label: str | int) -> object:
+    """Return the member of a union without tags that pydantic's label in an error location means; None for other types."""
+    annotation = plain(annotation)
+    if not _is_union(annotation) or variants(annotation):
+        return None
+    members = [plain(member) for member in get_args(annotation)]
+    names = [getattr(get_origin(member) or member, "__name__", "") for member in members]
+    # A type with a check has a label of its own; so has no more than one of them.
+    return next(
+        (one for one, name in zip(members, names, strict=True) if name == str(label).partition("[")[0]),
+        members[0],
+    )
+
+
 def describe(annotation: object) -> str:
     """Describe a value of this type: `a number`, `a list of texts`."""
     for one in (annotation, plain(annotation)):

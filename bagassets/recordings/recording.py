@@ -80,6 +80,15 @@ class Recording(ABC):
         """Return first and last log time, if the recording is one file with messages, and says so."""
         return None
 
+    def counts(self) -> Mapping[str, int]:
+        """Return topic -> number of messages as announced; as the files do it if that is none at all, as after a crash."""
+        counts = {name: topic.count for name, topic in self.topics.items()}
+        for file in () if any(counts.values()) else self.files:
+            in_file = file.counts()
+            for number, source in file.sources().items():
+                counts[source.topic] = counts.get(source.topic, 0) + in_file.get(number, 0)
+        return counts
+
     def rewind(self) -> Rewind | None:
         """Return where log times go back in the order in which the recording was written."""
         with damage_passed_over(self.path):  # of what reading messages does not need

@@ -497,10 +497,12 @@ class TestCalibration:
     def test_a_camera_without_intrinsics_is_said(self):
         content = calibration()
         content["channels"]["CAM_FRONT"]["camera"] = None
-        (problem,) = self.find(content)
-        assert problem.startswith(
-            "CAM_FRONT: has no intrinsics, so nothing can be projected into its images;"
-        )
+        said = "CAM_FRONT: has no intrinsics, so nothing can be projected into its images; "
+        give = " give `intrinsics` in the recipe"
+        assert self.find(content) == [f"{said}record its CameraInfo, or{give}"]
+        why = "no usable CameraInfo on /info: distortion model 'fov' is not known"  # recorded, it is no help
+        content["notes"] = [f"CAM_FRONT: {why}; its images have no intrinsics."]
+        assert self.find(content) == [f"{said}{why};{give}"]
 
     @pytest.mark.parametrize(
         ("changes", "words"),

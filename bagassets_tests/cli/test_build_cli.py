@@ -183,7 +183,14 @@ def test_an_empty_dataset_is_called_so(report, recordings, is_said):
 
 @pytest.mark.parametrize(
     ("seconds", "text"),
-    [(None, ""), (0.0, "0.0 s"), (59.94, "59.9 s"), (61.0, "1:01 min"), (3723.4, "1:02:03 h")],
+    [
+        (None, ""),
+        (0.0, "0.0 s"),
+        (59.94, "59.9 s"),
+        (61.0, "1:01 min"),
+        (3723.4, "1:02:03 h"),
+        (1749801205.0, "20,252 days"),
+    ],
 )
 def test_durations_are_written_for_people(seconds, text):
     assert span_text(seconds) == text

@@ -1,5 +1,6 @@
 """`bagassets init` as a new user meets it: what it lists, what it asks, how it ends."""
 
+import errno
 import io
 import re
 import runpy
@@ -18,6 +19,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from bagassets.base.errors import RecipeError
 from bagassets.cli.main import main
+from bagassets.propose import project
 from bagassets.propose.project import dagster_home
 from bagassets.recipe import load_recipe
 from bagassets.recordings.discover import discover
@@ -351,3 +353,23 @@ def test_an_env_that_somebody_wrote_is_no_sign_of_a_move(tmp_path, line):
     config = tmp_path / "dagster.yaml"
     config.write_text(config.read_text().replace(str(recipe_file), "recipe.yaml"))
     assert dagster_home(recipe_file, load_recipe(recipe_file)) == tmp_path
+
+
+def test_a_folder_that_cannot_be_written_is_named_with_what_to_do(init, tmp_path, monkeypatch):
+    """Images of containers are often mounted read-only; the first command may be a build or `init`."""
+    write_drive(tmp_path / "bags" / "a.bag", "ros1", duration_s=0.5)
+    recipe_file = make_project(tmp_path / "other", ())
+    (tmp_path / "other" / "dagster.yaml").unlink()
+
+    def refuse(*_arguments, **_options):
+        raise OSError(errno.EROFS, "Read-only file system")
+
+    monkeypatch.setattr(project, "write_atomically", refuse)
+    advice = r"\(Read-only file system\); mount its disk for writing, or use another folder"
+    status, _, said = init()
+    assert status == 1
+    assert re.search(f"/project: the project cannot be written {advice}", said)
+    with pytest.raises(
+        RecipeError, match=f"the Dagster home cannot be made {advice}: `state` in the recipe names it"
+    ):
+        dagster_home(recipe_file, load_recipe(recipe_file))

@@ -249,6 +249,37 @@ def test_a_section_that_was_removed_from_the_recipe_leaves_its_dataset(
     assert nothing_to_do(quick)
 
 
+def test_a_dataset_at_another_output_and_one_beside_others_are_left_behind_too(tmp_path, monkeypatch):
+    named = "datasets: [{{name: one, output: dataset/nuscenes, version: v1.0-one}}]\n"
+    recipe_file = make_project(tmp_path, ("a.bag",), text=QUICK + named)
+    build(recipe_file, monkeypatch)
+    text = recipe_file.read_text().replace(named.format(), "")
+    dataroot, moved = tmp_path / "dataset" / "nuscenes", tmp_path / "moved"
+
+    def told(text, *, built=True):
+        recipe_file.write_text(text)
+        if built:
+            build(recipe_file, monkeypatch)
+        warned = command("status", recipe=recipe_file, status=0 if built else 3).split("warning: ")[1:]
+        return {line.partition(": this dataset is no longer")[0]: line.strip() for line in warned}
+
+    beside = dataroot / "v1.0-one"
+    assert list(told(text)) == [str(beside)]
+    elsewhere = text.replace("{version: v1.0-test}", f"{{version: v1.0-test, output: {moved}}}")
+    for built in (False, True):  # the folder is told as a whole: nothing in it is brought up to date any more
+        (left,) = told(elsewhere, built=built).values()
+        assert left.startswith(f"{dataroot}: ")
+        assert left.endswith("; name it as an `output`, or remove the folder.")
+    assert list(told(text)) == [str(beside), str(moved)]
+    shutil.rmtree(moved)
+    shutil.rmtree(beside)
+    assert told(text) == {}
+    again = named.format()
+    assert told(text + again) == {}
+    (left,) = told(text + again.replace("dataset/nuscenes", "one")).values()
+    assert left.startswith(f"{beside}: ")
+
+
 def test_each_dataset_and_the_map_say_what_of_theirs_changed(tmp_path, monkeypatch):
     text = QUICK.replace("preview: {{enabled: false}}\n", "preview: {{columns: 1}}\nvision: {{frames: 4}}\n")
     recipe_file = make_project(tmp_path, ("a.bag",), text=text)

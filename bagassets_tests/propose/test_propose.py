@@ -454,11 +454,13 @@ def test_ego_frame(one, expected):
     ("offsets_s", "clock", "words"),
     [
         ({}, "header", ""),
+        # The others keep their stamps: by the log, they were where the vehicle was a little later.
         (
             {"/velodyne_points": -37.0},
-            "log",
-            "header stamps of /velodyne_points and /cam_front/image_raw are 37.0 s apart",
+            "header",
+            "clock: log guess: its header stamps are of another clock",
         ),
+        ({"/velodyne_points": -37.0, "/cam_front/image_raw": 0.5}, "log", "are 37.5 s apart"),
         # A receiver that counts GPS time, 18 s ahead of UTC; poses that took a while to compute.
         ({"/odom": -18.0}, "log", "header stamps of /odom and /cam_front/image_raw are 18.0 s apart"),
         ({"/odom": 4.0}, "header", ""),
@@ -507,6 +509,28 @@ def test_boxes_truth_first_and_the_others_commented_out(tmp_path):
     assert [entry.topic for entry in proposed(one, tmp_path).rigs[0].annotations] == ["/ground_truth/boxes"]
     assert "# - topic: /detections" in text_of(one)
     assert "/lane_markers" not in text_of(one)
+
+
+def test_boxes_drawn_as_markers_are_boxes_if_there_are_no_others_and_the_name_says_so(tmp_path):
+    markers = topic("/objects", "visualization_msgs/msg/MarkerArray", 900)
+    texts = topic("/objects_text", "visualization_msgs/msg/MarkerArray", 900)
+    assert [one.topic for one in proposed(car(markers, texts), tmp_path).rigs[0].annotations] == ["/objects"]
+    both = car(markers, texts, topic("/tracks", "vision_msgs/msg/Detection3DArray", 100))
+    assert [one.topic for one in proposed(both, tmp_path).rigs[0].annotations] == ["/tracks"]
+    assert "# - topic: /objects\n" in text_of(both)
+    assert "/objects_text" not in text_of(both)
+
+
+@pytest.mark.parametrize("moves", [True, False])
+def test_a_lidar_on_a_mount_that_nods_is_asked_for_as_such(moves, tmp_path):
+    """Nothing in its TF is wrong: builds have one place for a sensor."""
+    edge = ("base_link", "velodyne")
+    one = replace(
+        car(), moving=frozenset({("odom", "base_link"), edge}), static=frozenset() if moves else {edge}
+    )
+    (said,) = (question.text for question in propose_recipe({"a": one}, name="yard", root="/").questions)
+    assert ("leave the channel out" in said) == moves
+    assert "correct that and remove this field, or measure `extrinsics`" in said
 
 
 @pytest.mark.parametrize(

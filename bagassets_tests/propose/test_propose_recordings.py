@@ -15,9 +15,11 @@ from bagassets.propose.scan import scan_recording
 from bagassets.propose.sensors import find_sensors, modality_of
 from bagassets.propose.summary import merge_recordings
 from bagassets.recipe import parse_recipe
+from bagassets.recordings.discover import find_one
 from bagassets.recordings.open import open_recording
 from bagassets.recordings.recording import Recording
 from bagassets_tests.ncom_data import ncom
+from bagassets_tests.recorded_bags import NOON_NS, SECOND, text, write_ros2
 from bagassets_tests.sweep_data import vlp16_packets
 
 pytestmark = pytest.mark.once
@@ -134,6 +136,18 @@ def test_one_rig_whatever_the_format(tmp_path):
         len(parse_recipe(propose_recipe(seen, name="x", root=tmp_path).text, tmp_path / "recipe.yaml").rigs)
         == 1
     )
+
+
+@pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
+def test_metadata_that_announce_no_message_at_all_are_not_believed(storage, tmp_path):
+    """A recorder writes them first and counts at its end, which it may not have lived to see."""
+    bag = write_ros2(tmp_path / "bag", [text(NOON_NS + number * SECOND) for number in range(3)], storage)
+    metadata = bag / "metadata.yaml"
+    announced = metadata.read_text()
+    metadata.write_text(announced.replace("message_count: 3", "message_count: 0"))
+    with open_recording(find_one(bag)) as recording:
+        found = scan_recording(recording).topics["/text"]
+    assert (found.count, found.rate_hz) == (3, 1.0)
 
 
 def test_moving_edges_and_sign_of_quaternions(tmp_path):

@@ -77,7 +77,7 @@ def test_the_arm_gets_all_that_it_needs(arms, kind):
 
 
 def test_commands_that_no_rule_makes_a_signal_are_left_out_with_a_word(tmp_path):
-    """A gripper's width, say: the action would lack it, and `not needed` would be untrue."""
+    """The height of a lift, say: the action would lack it, and `not needed` would be untrue."""
 
     def number(topic):
         return Message(topic, "std_msgs/msg/Float64", NOON_NS, lambda s: s.types["std_msgs/msg/Float64"](0.5))
@@ -87,15 +87,17 @@ def test_commands_that_no_rule_makes_a_signal_are_left_out_with_a_word(tmp_path)
         return store.types[JOINT](header(store, NOON_NS, ""), ["a"], np.zeros(1), empty, empty)
 
     topics = [
-        number("/gripper/command"),
+        number("/lift/command"),
         number("/temperature"),
+        number("/gripper/force"),
         Message("/joint_states", JOINT, NOON_NS, joints),
     ]
     write_ros1(tmp_path / "a.bag", topics)
     proposal, _ = proposed(tmp_path / "a.bag")
     uses = {use.topic.name: (use.status, use.text) for use in proposal.rigs[0].topic_uses}
-    assert uses["/gripper/command"][0] == "left out"
-    assert uses["/gripper/command"][1].startswith("commands, by its name; ")
+    assert uses["/lift/command"][0] == "left out"
+    assert uses["/lift/command"][1].startswith("commands, by its name; ")
+    assert uses["/gripper/force"][1].startswith("of a gripper, by its name; if it is part of the state, ")
     assert uses["/temperature"] == ("not needed", "")
 
 
@@ -185,12 +187,41 @@ def test_commands_without_header_and_episodes_by_a_flag(tmp_path):
     assert "# task: " in proposal.text
 
 
-def test_what_was_aborted_ends_an_episode_too(tmp_path):
-    """Else it would go on until the next begins, with all that the robot did in between."""
+def test_a_gripper_with_a_topic_of_its_own_and_a_flag_that_says_what_succeeded(tmp_path):
+    """The flag is set once, behind an episode: as the signal of episodes it left all of them out."""
+
+    def number(topic, kind="std_msgs/msg/Float32"):
+        return lambda n: of(kind, topic, n, lambda t: t[kind](0.5))
+
+    makers = [
+        lambda n: state(n, "ba" if n % 2 else "ab", topic="/follower/joint_states"),
+        lambda n: state(n, "ba", topic="/leader/joint_states"),
+        number("/gripper/position"),
+        number("/gripper/command", "std_msgs/msg/Float64"),
+        number("/gripper/temperature"),
+    ]
+    messages = [make(n) for n in range(50) for make in makers]
     kind = "std_msgs/msg/String"
-    said = ((5, "start"), (20, "stop"), (25, "start"), (40, "aborted"))
+    messages += [
+        of(kind, "/episode_event", n, lambda t, n=n: t[kind]("start" if n == 1 else "stop")) for n in (1, 49)
+    ]
+    messages.append(of("std_msgs/msg/Bool", "/episode/success", 50, lambda t: t["std_msgs/msg/Bool"](True)))
+    _, recipe = proposed(write_ros1(tmp_path / "a.bag", sorted(messages, key=lambda m: m.log_time_ns)))
+    features = recipe["lerobot"]["features"]
+    assert features["observation.state"] == {"signals": ["follower_joint_states", "gripper_position"]}
+    assert features["action"] == {"signals": ["gripper_command", "leader_joint_states"]}
+    # A policy whose state and action count joints differently learns nothing useful from their difference.
+    signals = recipe["rigs"][0]["signals"]
+    assert signals["leader_joint_states"]["names"] == signals["follower_joint_states"]["names"] == ["a", "b"]
+    assert recipe["lerobot"]["episodes"]["topic"] == "/episode_event"
+
+
+def test_what_was_aborted_ends_an_episode_too(tmp_path):
+    """Else it would go on until the next begins, with all that the robot did in between; nothing is to be missed because it comes late."""
+    kind = "std_msgs/msg/String"
+    said = ((5, "start"), (20, "stop"), (25, "start"), (700, "aborted"))
     texts = [of(kind, "/episode", n, lambda t, text=text: t[kind](text)) for n, text in said]
-    messages = sorted([*(state(n, "ab") for n in range(50)), *texts], key=lambda one: one.log_time_ns)
+    messages = sorted([*(state(n, "ab") for n in range(750)), *texts], key=lambda one: one.log_time_ns)
     _, recipe = proposed(write_ros1(tmp_path / "a.bag", messages))
     assert recipe["lerobot"]["episodes"]["end"] == ["stop", "aborted"]
 
@@ -246,7 +277,8 @@ def test_a_computer_whose_clock_is_days_ahead_of_that_of_the_cameras(tmp_path, a
         ahead = state(n + int(ahead_s * 50), ("a", "b"))
         messages.append(replace(ahead, log_time_ns=messages[n].log_time_ns))
     proposal, recipe = proposed(write_ros1(tmp_path / "a.bag", messages))
-    assert recipe["clock"] == clock
+    assert recipe["clock"] == "header"
+    assert recipe["rigs"][0]["signals"]["joint_states"].get("clock", "header") == clock
     said = "header stamps of /joint_states and /wrist/image_raw are 177:53:33 h apart"
     assert (said in " ".join(proposal.text.replace("#", "").split())) == (clock == "log")
 

@@ -322,3 +322,48 @@ def test_any_field_with_any_value_gives_a_recipe_or_a_line(line, value):
     except RecipeError as err:
         for entry in str(err).splitlines():
             assert re.match(r"/nowhere/recipe\.yaml:\d+: ", entry), entry
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("{topic: /j, field: position}", "{topic: /j, field: 5}",
+         ["12: rigs[arm].signals.joints.field: expected text or a list, each entry text; found the number 5."]),
+        ("field: position", "field: [a, 5]",
+         ["12: rigs[arm].signals.joints.field[1]: expected text; found the number 5; put it in quotes if it is meant as text."]),
+        ("field: position", 'field: "a[["',
+         ["12: rigs[arm].signals.joints.field: must be the path of a field, as in `position`, `pose.position` or `axes[2]`; found 'a[['."]),
+        ("task: Push it.", "task: [Push it.]", ["19: lerobot.task: expected text or a mapping; found a list of 1."]),
+        ("task: Push it.", "task: {topik: /task, topic: /task}",
+         ["19: lerobot.task.topik: no such field here; the fields are topic, field. `bagassets docs recipe` explains them."]),
+        ("a.bag: true", "a.bag: joined",
+         ["5: bags.series.a.bag: expected true or false or a list, each entry text; found 'joined'."]),
+        ("a.bag: true", "a.bag: [a_0.bag]",
+         ["5: bags.series.a.bag: must have at least 2 entries; found a list of 1."]),
+    ],
+)  # fmt: skip
+def test_of_a_field_that_takes_several_types_one_sentence_says_which(old, new, said, tmp_path):
+    """Pydantic has an error for each of them, in terms of its own."""
+    text = """
+name: arm
+bags:
+  root: bags
+  series: {a.bag: true}
+rigs:
+  - name: arm
+    channels:
+      CAM_WRIST:
+        {modality: camera, topic: /wrist, undistort: false}
+    signals:
+      joints: {topic: /j, field: position}
+lerobot:
+  fps: 30
+  features:
+    action:
+      signals:
+        [joints]
+  task: Push it.
+"""
+    assert text.count(old) == 1
+    parse_recipe(text, tmp_path / "recipe.yaml")
+    assert refused(text.replace(old, new), tmp_path) == said

@@ -39,9 +39,15 @@ def calibration_plausible(calibration: Calibration, rig: Rig, check: Calibration
             problems += [f"{name}: {text}" for text in _intrinsics(camera, check)]
             facts[name] = {"view_deg": round(_view_deg(camera), 1)}
         elif is_camera:
+            start, end = f"{name}: no usable", "; its images have no intrinsics."
+            unusable = (
+                note[len(name) + 2 :].removesuffix(end)
+                for note in calibration.notes
+                if note.startswith(start)
+            )
+            why = next((f"{note};" for note in unusable), "record its CameraInfo, or")
             problems.append(
-                f"{name}: has no intrinsics, so nothing can be projected into its images; record its CameraInfo, or give "
-                "`intrinsics` in the recipe"
+                f"{name}: has no intrinsics, so nothing can be projected into its images; {why} give `intrinsics` in the recipe"
             )
     return Finding([*problems, *_copies(channels, rig)], {"sensors": len(channels), "cameras": facts})
 

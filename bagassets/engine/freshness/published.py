@@ -43,6 +43,7 @@ class _Head(TypedDict):
         folders: name -> modification time (ns) and inode of a folder with links.
         lists: part of a recording -> bytes of each piece of the list of its links.
         torn_since_s: see `Publication.torn_since_s`.
+        left: folders that it had before.
     """
 
     root: str
@@ -51,6 +52,7 @@ class _Head(TypedDict):
     folders: dict[str, list[int]]
     lists: dict[str, list[int]]
     torn_since_s: NotRequired[float]
+    left: NotRequired[list[str]]
 
 
 class Publication:
@@ -80,6 +82,14 @@ class Publication:
             return self._head().get("torn_since_s")
         except PlanNeeded:
             return None
+
+    def places(self) -> tuple[Sequence[str], Iterable[str]]:
+        """Return its folder with those that it had before, and the files that were written for it; empty if nothing is on record."""
+        try:
+            head = self._head()
+            return [head["root"], *head.get("left", ())], head["files"]
+        except PlanNeeded:
+            return (), ()
 
     def check(self) -> None:
         """Check that the dataset is as it was published.
@@ -174,6 +184,7 @@ class Publication:
             head = _Head(root=root, files={}, digests={}, folders={}, lists={})
             changes.drop_below(_LINKS, self.asset)
         before = head["lists"]
+        left = {*head.get("left", ()), head["root"]} - {root}
         # If the process is killed from here on, nothing is on record.
         changes.drop(_HEAD, self.asset)
         if not self._cache.write(changes):
@@ -212,6 +223,7 @@ class Publication:
                     for name in sorted(map(os.fsdecode, folders))
                 },
                 lists=lists,
+                left=sorted(filter(os.path.isdir, left)),
             ),
             changes,
         )

@@ -61,7 +61,8 @@ class Frames:
         times_ns: their times, (N,).
         picked: which of its values they get, for each source.
         counts: feature -> number, of values in the episode that no frame has (`dropped`), of frames with the value of the frame
-            before (`repeated`), and of those with the latest value, since none was near (`held`).
+            before (`repeated`), and of those with the latest value, since none was near (`held`). Where a gap ends the episode, of
+            the frames that it would have had from there on (`cut`).
     """
 
     times_ns: Stamps
@@ -124,7 +125,9 @@ def frames_of(
             counts["held"][source.feature] += len(gaps)
             gaps = np.flatnonzero(~one.has_value)
         if len(gaps) and source.rule.gap == "end":
-            number = min(number, int(gaps[0]))
+            if gaps[0] < number:
+                number = int(gaps[0])
+                counts["cut"] = Counter({source.feature: len(times_ns) - number})
         elif len(gaps):
             raise DecodeError(_no_value(source, at(int(times_ns[gaps[0]])), fps))
         picked.append(one)

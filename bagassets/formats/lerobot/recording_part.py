@@ -26,6 +26,7 @@ from bagassets.assets.signals import SIGNALS, TABLE
 from bagassets.base.alike import names_text
 from bagassets.base.errors import DatasetError, DecodeError
 from bagassets.base.json_types import JsonMapping, JsonObject
+from bagassets.base.quantities import count_text
 from bagassets.base.trace import span
 from bagassets.formats.format import FACTS
 from bagassets.formats.lerobot import statistics
@@ -52,6 +53,7 @@ ROWS, EPISODES = "rows.parquet", "episodes.json"
 _MOST_ENCODERS = 8
 _MOST_TOPICS = 12  # that are named
 _MOST_REPEATED = 0.25  # of the frames
+_MOST_CUT = 0.05
 
 
 @dataclass(frozen=True)
@@ -317,6 +319,7 @@ def make(use: Use[EpisodesUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
     if columns:
         out.write_table(ROWS, pa.table({name: as_column(values) for name, values in columns.items()}))
     frames = sum(one["length"] for one in episodes)
+    counted = dict.fromkeys([*COUNTED, *(what for one in made for what in one.frames.counts)])
     facts = {
         "rig": params.rig,
         "fps": params.fps,
@@ -326,10 +329,13 @@ def make(use: Use[EpisodesUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
         "features": _specifications(maker, params, columns, episodes),
         "left_out": maker.left_out,
         "why_none": maker.why_none,
-        **{what: dict(sum((one.frames.counts[what] for one in made), Counter())) for what in COUNTED},
+        **{
+            what: dict(sum((one.frames.counts.get(what, Counter()) for one in made), Counter()))
+            for what in counted
+        },
     }
     out.write_json(FACTS, facts)
-    shown = ("episodes", "frames", "left_out", "why_none", *COUNTED)
+    shown = ("episodes", "frames", "left_out", "why_none", *counted)
     return {name: facts[name] for name in shown}
 
 
@@ -371,6 +377,8 @@ def _with_setting(why: str) -> str:
         return f"{why}, or set `at: hold` if each value holds until the next"
     if "has no value within" in why and "raise its" not in why:
         return f"{why}; `gap` of the feature can end the episode there, or hold the value before"
+    if ", more than " in why:
+        return f"{why} (lerobot.episodes.trim_s)"
     is_set = " and must have " in why and not why.endswith(" 2")  # which any episode must have
     return f"{why} (lerobot.episodes.min_length_s)" if is_set else why
 
@@ -394,17 +402,26 @@ def _all_kept(summary: JsonMapping, topics: Sequence[str]) -> Finding:
                 f"{name}: {repeated} of {frames} frames repeat the image before: the camera is slower than lerobot.fps, or jitters, for "
                 "which there is `at: nearest`"
             )
+    for name, cut in summary.get("cut", {}).items():
+        if cut > _MOST_CUT * (frames + cut):
+            warnings.append(
+                f"{name}: {count_text(cut, 'frame')} behind a gap left out, by its `gap: end`; {frames} are kept"
+            )
     return Finding(problems, {"episodes": summary["episodes"], "left_out": len(left_out)}, warnings)
 
 
 LEROBOT_EPISODES = Asset(
     name="lerobot_episodes",
-    version=3,
+    version=4,
     changes={
         2: "ends an episode of a file of ranges before the frame at its end",
         3: "holds the value before a gap, though the one after it is nearer",
+        4: "counts the frames behind a gap that ends an episode",
     },
-    spared={3: lambda use: not use.params.holds_nearest},
+    spared={
+        3: lambda use: not use.params.holds_nearest,
+        4: lambda use: all(one.rule.gap != "end" for one in use.params.features),
+    },
     libraries=(PYAV, "opencv-python-headless", "pyarrow"),
     title="This recording's episodes for the LeRobot dataset: rows, videos and statistics.",
     description="""Videos are encoded once; datasets are joined from them by copying packets. Episodes that break a rule of the recipe

@@ -74,6 +74,8 @@ class _Samples(Sequence["Sample"]):
     def __getitem__(self, index: int | slice) -> "Sample | list[Sample]":
         if isinstance(index, slice):
             return [Sample(self._source, number) for number in self._numbers[index]]
+        if not -len(self) <= index < len(self):
+            raise IndexError(f"there is no sample {index} in {self!r}")
         return Sample(self._source, self._numbers[index])
 
     def __iter__(self) -> "Iterator[Sample]":

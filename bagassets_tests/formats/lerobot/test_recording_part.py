@@ -12,7 +12,7 @@ from bagassets.decode import video
 from bagassets.engine.execute import BuildFailure
 from bagassets.formats.lerobot.frames import time_text
 from bagassets.formats.lerobot.parameters import EpisodesParams, EpisodesUse
-from bagassets.formats.lerobot.recording_part import LEROBOT_EPISODES
+from bagassets.formats.lerobot.recording_part import LEROBOT_EPISODES, _all_kept
 from bagassets_tests.arm_recordings import (
     RECIPE,
     arm_messages,
@@ -281,7 +281,10 @@ class TestBrokenRules:
         assert left_out(artifact) == [
             "observation.images.wrist (CAM_WRIST) ends at 2.000 s already, more than 1 s before it"
         ]
-        assert artifact.read_json("facts.json")["episodes"] == 0
+        facts = artifact.read_json("facts.json")
+        assert facts["episodes"] == 0
+        (said,) = _all_kept(facts, []).problems
+        assert said.endswith(", more than 1 s before it (lerobot.episodes.trim_s)")
 
     def test_a_camera_that_pauses(self, tmp_path):
         artifact = build(tmp_path, seconds=3.0, skip=lambda topic, time: topic == "/wrist" and 1 < time < 1.5)
@@ -302,6 +305,12 @@ class TestBrokenRules:
         if gap == "hold":
             assert shown[32:46] == [30] * 13 + [45]
             assert episode["held"] == {"observation.images.wrist": 13}
+        else:
+            (said,) = _all_kept(artifact.read_json("facts.json"), []).warnings
+            assert (
+                said
+                == "observation.images.wrist: 58 frames behind a gap left out, by its `gap: end`; 32 are kept"
+            )
 
     def test_what_is_held_is_the_image_before_even_if_the_next_is_nearer(self, tmp_path):
         recipe = changed("{camera: CAM_WRIST}", "{camera: CAM_WRIST, at: nearest, gap: hold}")
@@ -314,11 +323,15 @@ class TestBrokenRules:
 
     @pytest.mark.parametrize(
         ("rule", "version"),
-        [("at: nearest, gap: hold", 3), ("at: nearest", 2), ("gap: hold", 2), ("at: linear, gap: hold", 2)],
+        [
+            ("at: nearest, gap: hold", 3),
+            ("at: nearest", 2),
+            ("gap: hold", 2),
+            ("at: linear, gap: hold", 2),
+            ("gap: end", 4),
+        ],
     )
-    def test_only_what_holds_beside_the_nearest_is_made_again_after_the_upgrade(
-        self, tmp_path, rule, version
-    ):
+    def test_only_what_has_other_bytes_is_made_again_after_the_upgrade(self, tmp_path, rule, version):
         recipe = changed("{signals: [command]}", f"{{signals: [command], {rule}}}")
         settings = make_project(tmp_path, recipe)
         params = EpisodesUse(params=EpisodesParams.of(settings, settings.rigs[0]), start_ns=0, end_ns=1)

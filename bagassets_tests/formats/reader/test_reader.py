@@ -350,8 +350,9 @@ class TestNames:
         assert [sample.token for sample in dataset] == [dataset[i].token for i in range(len(dataset))]
         assert dataset[-1].token == dataset.scenes[-1][-1].token == dataset[len(dataset) - 1].token
         assert [sample.index for sample in dataset[1:3]] == [1, 2]
-        with pytest.raises(IndexError):
-            dataset[len(dataset)]
+        for samples in (dataset, dataset.scenes[0]):
+            with pytest.raises(IndexError, match=rf"there is no sample {len(samples)} in <"):
+                samples[len(samples)]
         assert dataset.channels == CHANNELS
         assert set(dataset.splits) == {"custom_train", "custom_val"}
         assert dataset.scene(dataset.splits["custom_val"][0])[0].token in {sample.token for sample in dataset}
