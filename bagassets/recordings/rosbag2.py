@@ -1,11 +1,12 @@
 """ROS 2 bag folders: SQLite or MCAP, split, compressed by file or by message.
 
-Topics are those in `metadata.yaml`, and others in its files; these are read in its order.
+Topics are those in `metadata.yaml`, and others in its files; these are read in order of time: it may list part 10 before 2.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
+from itertools import accumulate
 from pathlib import Path, PurePosixPath
 
 import yaml
@@ -103,7 +104,9 @@ class Rosbag2Recording(Recording):
         return listed + list(_unlisted(self._files, within, listed))
 
     def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
-        for file in self._files:
+        # One that says no time stays behind the one before it.
+        starts = accumulate(self._files, lambda last, file: (file.span_ns() or (last,))[0], initial=0)
+        for _, file in sorted(zip([*starts][1:], self._files, strict=True), key=lambda one: one[0]):
             wanted = self._carrying(topics, file.sources())
             for number, log_time_ns, data in file.messages(wanted.keys()) if wanted else ():
                 content = self._decompressed(wanted[number][0], log_time_ns, data)
@@ -228,10 +231,8 @@ def named_files(path: Path, metadata: JsonMapping) -> list[Path]:
 
 
 def _perhaps_unpacked(file: Path) -> Path:
-    if file.suffix != ZSTD or file.exists():
-        return file
     plain = file.with_suffix("")
-    return plain if plain.exists() else file
+    return plain if file.suffix == ZSTD and not file.exists() and plain.exists() else file
 
 
 def _storage_files(path: Path, metadata: JsonMapping) -> list[Path]:
