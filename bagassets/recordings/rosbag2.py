@@ -134,7 +134,6 @@ def _unlisted(
     listed: Sequence[TopicSource],
 ) -> Iterator[TopicSource]:
     """Yield what is in the files of a bag and not in its metadata, as if the recorder was killed: topics, and other types of one."""
-    names = {source.topic for source in listed}
     pairs = {(source.topic, source.msgtype) for source in listed}
     for file, sources in zip(files, within, strict=True):
         new = {
@@ -144,7 +143,7 @@ def _unlisted(
         }
         counts = file.counts() if new else {}
         for number, source in new.items():
-            if source.topic in names:
+            if any(source.topic == topic for topic, _ in pairs):
                 yield replace(source, count=0)  # the metadata have counted them
             elif counts.get(number):
                 yield replace(source, count=counts[number])
@@ -186,8 +185,7 @@ def read_metadata(file: Path) -> JsonObject:
             int(_plain(entry["message_count"], "message_count"))
     except (KeyError, TypeError, ValueError) as err:
         raise DamageError(f"its {METADATA} does not describe its topics") from err
-    version = metadata.get("version")
-    if isinstance(version, int) and version > _NEWEST_VERSION:
+    if isinstance(version := metadata.get("version"), int) and version > _NEWEST_VERSION:
         raise DamageError(f"its format version {version} is not supported")
     return metadata
 
