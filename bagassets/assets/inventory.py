@@ -6,7 +6,7 @@ Files: `inventory.json`, and `messages.parquet` with the small messages that oth
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import compress
 from math import inf
 from pathlib import Path
@@ -22,6 +22,7 @@ from bagassets.assets.quality.finding import clock
 from bagassets.assets.quality.topic_rules import (
     channels_present,
     recording_whole,
+    rewind_text,
     stamps_monotonic,
     topic_rates,
 )
@@ -175,6 +176,9 @@ def make_inventory(
     if damage is not None:
         value["notes"] += damage.sentences()
         value["damage"] = damage.as_json()
+    elif (rewind := recording.rewind()) is not None:
+        value["notes"].append(f"{rewind_text(rewind)}.")
+        value["rewind"] = asdict(rewind)
     out.write_json("inventory.json", value | {"size": size})
     return {
         "messages": sum(topic["count"] for topic in value["topics"]),
@@ -417,10 +421,11 @@ def _losses(summary: JsonMapping) -> list[Loss]:
 
 INVENTORY = Asset(
     name="inventory",
-    version=8,
+    version=9,
     changes={
         7: "lists topics that metadata.yaml leaves out, and knows stray fixes and clocks that were set",
         8: "reads messages in protobuf and JSON, and the stamps of Foxglove's in ROS 2",
+        9: "notes where log times go back, and the codec of video in CompressedImage",
     },
     spared={8: lambda use: use.format == "ros1"},
     # rosbags has the standard types, which recordings without definitions are decoded with.
@@ -461,8 +466,9 @@ for them: `inventory.json`, `messages.parquet`.""",
         RecordingCheck(
             "stamps_monotonic",
             "stamps_monotonic",
-            "Header stamps of channels and poses go forward and agree with log times, if it is not `clock: log` that counts.",
-            "more than `max_backward` header stamps go back in time; the median stamp is more than `max_offset_s` from "
+            "Log times go forward as they were written; so do header stamps of channels and poses, and agree with log times, if it "
+            "is not `clock: log` that counts.",
+            "log times go back as they were written, so that two runs are mixed; more than `max_backward` header stamps go back in time; the median stamp is more than `max_offset_s` from "
             "the log time, or those of two topics differ in that by more than `max_apart_s`",
             lambda e: stamps_monotonic(e.rig, e.inventory, e.checks.stamps_monotonic, e.clock_of),
         ),

@@ -23,6 +23,7 @@ from bagassets.decode.fields import byte_array, head
 from bagassets.decode.image import demosaic
 from bagassets.decode.image_structure import JPEG, PNG, check_jpeg, check_png
 from bagassets.decode.model import ImageReading
+from bagassets.decode.rvl import decode_rvl, rvl_size
 from bagassets.geometry.undistortion import Pixels
 from bagassets.recordings.model import Message
 
@@ -31,19 +32,19 @@ _COLOUR = re.compile(r"\s*(rgb|bgr)a?(8|16)\s*;")
 
 
 def decode_compressed_image(message: Message) -> ImageReading:
-    """Return the image with the bytes as recorded; `encoding` is `jpeg` or `png`.
+    """Return the image with the bytes as recorded; `encoding` is `jpeg` or `png`, of depth also `rvl`.
 
     If viewers would show the wrong colours, a colon and the layout of the pixels follow: `rgb`, or the Bayer
     pattern. The first bytes decide between JPEG and PNG, because `format` is often empty and sometimes wrong. The bytes are a view of the message's; `checked_size` finds out whether they are whole.
 
     Raises:
-        DecodeError: it is neither a JPEG nor a PNG, or `compressedDepth` of another kind than 16 bit or metres as PNG.
+        DecodeError: it is neither a JPEG nor a PNG, or `compressedDepth` of another kind than 16 bit or metres as PNG or RVL.
     """
     stamp_ns, frame_id = head(message)
     text = str(message.format)
     data = byte_array(message.data).data
     if "compressedDepth" in text:
-        image, encoding = compressed_depth(text.partition(";")[0], data)
+        image, encoding = compressed_depth(text, data)
         return ImageReading(stamp_ns, frame_id, None, image, encoding)
     start = bytes(data[: len(PNG)])
     kind = "jpeg" if start.startswith(JPEG) else "png" if start == PNG else ""
@@ -68,12 +69,12 @@ def _inside(text: str) -> str:
 
 
 def checked_size(encoded: memoryview | bytes, encoding: str) -> tuple[int, int]:
-    """Return width and height of a JPEG or PNG without decoding it.
+    """Return width and height of a JPEG, PNG or RVL without decoding it.
 
     Raises:
-        DecodeError: it is cut off or damaged.
+        DecodeError: it is cut off or damaged, which of an RVL only decoding finds out.
     """
-    check = check_png if encoding.startswith("png") else check_jpeg
+    check = {"png": check_png, "rvl": rvl_size}.get(encoding.partition(":")[0], check_jpeg)
     return check(memoryview(encoded))
 
 
@@ -85,12 +86,15 @@ def decode_pixels(encoded: bytes | memoryview, encoding: str) -> Pixels | NDArra
     Raises:
         DecodeError: the bytes do not decode.
     """
+    kind, _, inside = encoding.partition(":")
+    if kind == "rvl":
+        levels = decode_rvl(encoded)
+        return metres(inside, levels) if inside.startswith("depth") else levels
     pixels = cv2.imdecode(np.frombuffer(encoded, np.uint8), cv2.IMREAD_UNCHANGED)
     if pixels is None:
-        raise DecodeError(f"the {encoding.partition(':')[0].upper()} does not decode")
+        raise DecodeError(f"the {kind.upper()} does not decode")
     if pixels.ndim == 3 and pixels.shape[2] == 4:
         pixels = pixels[:, :, :3]
-    inside = encoding.partition(":")[2]
     if inside.startswith("depth"):
         return metres(inside, pixels)
     if inside == "rgb" and pixels.ndim == 3:

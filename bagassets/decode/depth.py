@@ -1,4 +1,4 @@
-"""Depth images: `32FC1` in metres, and `compressedDepth`, a PNG behind a header of 12 bytes (compressed_depth_image_transport).
+"""Depth images: `32FC1` in metres, and `compressedDepth`, a PNG or RVL behind a header of 12 bytes (compressed_depth_image_transport).
 
 In the latter, depth of 16 bit is as it was, mostly in millimetres (REP 118); depth in metres is quantised by its inverse,
 finely near the camera, and the header has the two numbers for the way back.
@@ -18,30 +18,32 @@ _HEADER = struct.Struct("<iff")  # kind of compression, and the parameters A and
 _MOST_STEPS = 65535
 
 
-def compressed_depth(recorded: str, data: memoryview) -> tuple[memoryview, str]:
-    """Return the PNG in a `compressedDepth` message, and its encoding for `ImageReading`.
+def compressed_depth(text: str, data: memoryview) -> tuple[memoryview, str]:
+    """Return the PNG or RVL in a `compressedDepth` message, and its encoding for `ImageReading`.
 
     Args:
-        recorded: encoding of the raw image, with which `format` begins.
+        text: `format` of the message, which begins with the encoding of the raw image.
         data: bytes of the message.
 
     Raises:
-        DecodeError: it is compressed otherwise (RVL), or of another kind of image.
+        DecodeError: it is neither, or of another kind of image.
     """
     image = data[_HEADER.size :]
-    if bytes(image[: len(PNG)]) != PNG:
-        raise DecodeError("its compressedDepth is no PNG; RVL is not supported")
+    is_png = bytes(image[: len(PNG)]) == PNG
+    recorded, _, how = text.partition(";")
+    if not is_png and not how.rstrip().endswith("rvl"):
+        raise DecodeError(f"format '{text}' is neither PNG by its first bytes nor RVL")
     kind = recorded.strip().upper()
     if kind in {"16UC1", "MONO16"}:
-        return image, "png"
+        return image, "png" if is_png else "rvl:levels"
     if kind != "32FC1":
         raise DecodeError(f"compressedDepth of '{recorded.strip()}' is not supported (16UC1 and 32FC1 are)")
     _, a, b = _HEADER.unpack(data[: _HEADER.size])
-    return image, f"png:depth:{a!r}:{b!r}"
+    return image, f"{'png' if is_png else 'rvl'}:depth:{a!r}:{b!r}"
 
 
 def metres(inside: str, quantised: NDArray[Any]) -> NDArray[np.float32]:
-    """Return (H, W) depth in metres, NaN where there is none, from a PNG and what `compressed_depth` says is inside.
+    """Return (H, W) depth in metres, NaN where there is none, from the levels in a file and what `compressed_depth` says is inside.
 
     Raises:
         DecodeError: the PNG does not hold 16-bit grey.

@@ -17,9 +17,9 @@ class ImageReading:
         stamp_ns: header stamp.
         frame_id: sensor frame, without leading slash.
         pixels: (H, W) or (H, W, 3) BGR, uint8 or uint16; (H, W) float32 is depth in metres; None if there is only `encoded`.
-        encoded: the recorded bytes of a JPEG or PNG, possibly a view of the message; else None.
+        encoded: the recorded bytes of a JPEG, PNG or RVL, possibly a view of the message; else None.
         encoding: the raw encoding as recorded; or `jpeg` or `png`, followed by `:rgb` if red and blue are swapped, or by a
-            colon and the Bayer pattern of a compressed mosaic, or what the numbers in a PNG of depth mean.
+            colon and the Bayer pattern of a compressed mosaic; `png` or `rvl` by what the numbers of depth mean.
     """
 
     stamp_ns: int

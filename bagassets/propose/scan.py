@@ -312,7 +312,7 @@ def _image(facts: Facts, decode: Decode, value: Message, msgtype: str) -> None:
     if reading.pixels is not None:
         is_16_bit = bool(reading.pixels.dtype != np.uint8)
     else:
-        is_16_bit = (
+        is_16_bit = reading.encoding.startswith("rvl") or (
             reading.encoding.startswith("png") and bytes((reading.encoded or b"")[24:25]) == _PNG_16_BIT
         )
     facts |= {"frames": (reading.frame_id,), "encoding": reading.encoding, "is_16_bit": is_16_bit}

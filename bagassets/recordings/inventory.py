@@ -14,6 +14,7 @@ from bagassets.base.errors import RecordingError
 from bagassets.base.json_types import JsonMapping
 from bagassets.base.quantities import count_text
 from bagassets.recordings.model import Definition, Format, Serialization
+from bagassets.recordings.rewinds import Rewind
 from bagassets.recordings.salvage.damage_map import DamageMap
 
 Daylight = Literal["day", "night", "twilight"]
@@ -147,6 +148,7 @@ class Inventory:
         daylight: by the elevation of the sun at the first fix; None without GNSS.
         notes: sentences about what is unusual, for people.
         damage: what is damaged, if it was read all the same.
+        rewind: where log times go back in the order in which it was written; None if they do not.
     """
 
     format: Format
@@ -158,6 +160,7 @@ class Inventory:
     daylight: Daylight | None
     notes: tuple[str, ...]
     damage: DamageMap | None = None
+    rewind: Rewind | None = None
 
     @classmethod
     def from_json(cls, value: JsonMapping) -> Self:
@@ -174,6 +177,7 @@ class Inventory:
             daylight=value["daylight"],
             notes=tuple(value["notes"]),
             damage=DamageMap.from_json(value["damage"]) if "damage" in value else None,
+            rewind=Rewind(**value["rewind"]) if "rewind" in value else None,
         )
 
     @property

@@ -45,6 +45,7 @@ _FORMATS = {"ros1msg": "msg", "ros2msg": "msg", "ros2idl": "idl", "omgidl": "idl
 # Waiting messages in chunks that overlap in time; their places take a few hundred megabytes.
 _MOST_WAITING = 10_000_000
 _CHANNEL, _TIME_AT, _TIME_END = Struct("<H"), 6, 14
+_FEW_CHUNKS = 100  # as many seeks as the index behind each of them takes
 
 
 class McapFile:
@@ -107,6 +108,16 @@ class McapFile:
         """Return first and last log time; None without messages, or if the file does not say."""
         return self._index.span_ns
 
+    def log_times_as_written(self) -> dict[int, NDArray[np.int64]]:
+        """Return channel -> (N,) log times in nanoseconds in the order in which they were written, of many chunks when they begin."""
+        if len(self._index.chunks) <= _FEW_CHUNKS:
+            return self.log_times()
+        starts: dict[int, list[int]] = {}
+        for chunk in sorted(self._index.chunks, key=lambda one: one.offset):
+            for channel in chunk.channels or ():
+                starts.setdefault(channel, []).append(chunk.start_ns)
+        return {channel: np.array(some) for channel, some in starts.items()}
+
     def log_times(self) -> dict[int, NDArray[np.int64]]:
         """Return channel -> (N,) log times in nanoseconds, but for those in chunks without an index."""
         times: dict[int, list[NDArray[np.int64]]] = {}
@@ -116,7 +127,9 @@ class McapFile:
                 self._file.seek(begin)
                 data = self._file.read(_TIME_END if opcode == Opcode.MESSAGE else end - begin)
                 (channel,) = _CHANNEL.unpack_from(data)
-                times.setdefault(channel, []).append(np.frombuffer(data, "<i8", offset=_TIME_AT)[::2])
+                values = np.frombuffer(data, "<i8", offset=_TIME_AT)
+                as_written = np.argsort(values[1::2], kind="stable") if len(values) > 1 else [0]
+                times.setdefault(channel, []).append(values[::2][as_written])
         return {channel: np.concatenate(some) for channel, some in times.items()}
 
     def messages(self, channels: Collection[int]) -> Iterator[tuple[int, int, bytes | memoryview]]:

@@ -10,11 +10,15 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, NamedTuple, Self, TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 from bagassets.base.errors import BagAssetsError
 from bagassets.recipe.model import Limits
-from bagassets.recordings.damage import DamageError, unreadable
+from bagassets.recordings.damage import DamageError, damage_passed_over, unreadable
 from bagassets.recordings.merge_topics import merge_topics
 from bagassets.recordings.model import Format, Message, OnRead, RawMessage
+from bagassets.recordings.rewinds import Rewind, find_rewind, join_in_order
 from bagassets.recordings.salvage.damage_map import Damage
 from bagassets.recordings.topic import ForeignBytes, RefusedBytes, Topic, TopicSource
 
@@ -54,6 +58,11 @@ class Recording(ABC):
     def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
         """Yield the messages of `topics`, which the recording has, in order of log time, with the types of their connections."""
 
+    @property
+    def files(self) -> Sequence["Database | McapFile | IndexReader"]:
+        """The open files that it is read from in their order."""
+        return ()
+
     def close(self) -> None:  # noqa: B027  (a pack is open during reads only, and a view belongs to whoever opened it)
         """Close the files."""
 
@@ -69,6 +78,12 @@ class Recording(ABC):
 
     def span_ns(self) -> tuple[int, int] | None:
         """Return first and last log time, if the recording is one file with messages, and says so."""
+        return None
+
+    def rewind(self) -> Rewind | None:
+        """Return where log times go back in the order in which the recording was written."""
+        with damage_passed_over(self.path):  # of what reading messages does not need
+            return find_rewind(join_in_order(_log_times_of(file) for file in self.files))
         return None
 
     def check_content(self) -> None:  # noqa: B027  (most formats have no checksums, or always verify them)
@@ -217,6 +232,17 @@ def merged(streams: Sequence[tuple[int, int, Iterator[T]]], time_of: Callable[[T
                 heappop(reading)
             else:
                 heapreplace(reading, (time_of(following), its_number, following, stream))
+
+
+def _log_times_of(file: "Database | McapFile | IndexReader") -> dict[str, NDArray[np.int64]]:
+    """Return topic -> (N,) log times as they were written, of topics that one connection carries."""
+    sources, times = file.sources(), file.log_times_as_written()
+    connections = Counter(sources[number].topic for number in times)
+    return {
+        source.topic: times[number]
+        for number, source in sources.items()
+        if connections[source.topic] == 1 and number in times
+    }
 
 
 class RestrictedRecording(Recording):

@@ -198,6 +198,14 @@ class IndexReader(rosbag1.Reader):
         """Return connection -> (N,) log times in nanoseconds."""
         return {one.id: self._index(one.id)[0] for one in self.connections}
 
+    def log_times_as_written(self) -> dict[int, NDArray[np.int64]]:
+        """Return connection -> (N,) log times in nanoseconds, in the order in which they were written."""
+        indexes = {one.id: self._index(one.id) for one in self.connections}
+        return {
+            number: times_ns[np.lexsort((offsets, positions))]
+            for number, (times_ns, positions, offsets) in indexes.items()
+        }
+
     def messages(  # type: ignore[override]  # by their numbers, and without the objects of connections
         self, connections: Collection[int]
     ) -> Iterator[tuple[int, int, bytes | memoryview]]:

@@ -123,6 +123,11 @@ class Rosbag2Recording(Recording):
         except TooLargeError:
             return RefusedBytes()
 
+    @property
+    def files(self) -> tuple[Database | McapFile, ...]:
+        """The open files."""
+        return tuple(self._files)
+
     def close(self) -> None:
         """Close the files."""
         self._stack.close()

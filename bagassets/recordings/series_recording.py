@@ -9,6 +9,7 @@ from bagassets.base.errors import RecordingError
 from bagassets.recordings.merge_topics import latched_topics, merge_topics
 from bagassets.recordings.model import RawMessage, RecordingFiles
 from bagassets.recordings.recording import How, Recording, merged
+from bagassets.recordings.rewinds import Rewind
 from bagassets.recordings.topic import TopicSource
 from bagassets.store.canonical import digest_bytes
 
@@ -120,6 +121,14 @@ class SeriesRecording(Recording):
                     yield self._checked(named, len(message.data))
                 else:
                     yield message
+
+    def rewind(self) -> Rewind | None:
+        """Return where log times go back in the order in which one of its parts was written."""
+        for _, _, path in self._parts:
+            with self._opened(path) as part:
+                if (found := part.rewind()) is not None:
+                    return found
+        return None
 
     def close(self) -> None:
         """Close the parts."""

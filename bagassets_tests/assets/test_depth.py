@@ -11,6 +11,7 @@ import pytest
 from bagassets.assets.frames import FrameExtractor
 from bagassets.base.errors import DecodeError, LossLimitError, RecipeError
 from bagassets.decode.compressed_image import decode_compressed_image
+from bagassets.decode.rvl import decode_rvl
 from bagassets.recordings.model import RawMessage
 from bagassets.store.artifact import ArtifactWriter
 from bagassets_tests.cameras import camera_use
@@ -45,6 +46,35 @@ def inverse(depth_m, *, quantisation=100.0, farthest_m=100.0):
     there = np.isfinite(depth_m) & (depth_m > 0) & (depth_m < farthest_m)
     levels = np.where(there, a / np.where(there, depth_m, 1.0) + b, 0).astype(np.uint16)
     return struct.pack("<iff", 0, a, b) + png(levels)
+
+
+def rvl(levels):
+    """Compress levels as in Wilson's paper, pixel by pixel, behind their size."""
+    digits = []
+
+    def number(value):
+        while value > 7:
+            digits.append(value & 7 | 8)
+            value >>= 3
+        digits.append(value)
+
+    flat, last, at = levels.ravel().tolist(), 0, 0
+    while at < len(flat):
+        zeros = next((k for k, level in enumerate(flat[at:]) if level), len(flat) - at)
+        at += zeros
+        run = next((k for k, level in enumerate(flat[at:]) if not level), len(flat) - at)
+        number(zeros)
+        number(run)
+        for level in flat[at : at + run]:
+            delta, last = level - last, level
+            number(2 * delta if delta >= 0 else -2 * delta - 1)
+        at += run
+    digits += [0] * (-len(digits) % 8)
+    words = [int("".join(f"{digit:x}" for digit in digits[k : k + 8]), 16) for k in range(0, len(digits), 8)]
+    return struct.pack(f"<II{len(words)}I", levels.shape[1], levels.shape[0], *words)
+
+
+NO_PARAMETERS = struct.pack("<iff", 0, 0.0, 0.0)
 
 
 class Recorded:
@@ -83,7 +113,7 @@ def test_another_unit_is_that_of_the_recipe(tmp_path):
 
 def test_depth_of_16_bit_stays_as_it_was(tmp_path):
     levels = np.array([[0, 1, 65535], [500, 1000, 2000]], np.uint16)
-    message = compressed(struct.pack("<iff", 0, 0.0, 0.0) + png(levels), "16UC1; compressedDepth png")
+    message = compressed(NO_PARAMETERS + png(levels), "16UC1; compressedDepth png")
     image, channel = written(tmp_path, message, COMPRESSED)
     assert image.tolist() == levels.tolist()
     assert "depth" not in channel
@@ -108,7 +138,7 @@ def test_a_jpeg_of_depth_needs_a_rule(tmp_path):
 @pytest.mark.parametrize(
     ("data", "text", "reason"),
     [
-        (b"\0" * 40, "16UC1; compressedDepth rvl", "RVL is not supported"),
+        (b"\0" * 40, "16UC1; compressedDepth zip", "neither PNG by its first bytes nor RVL"),
         (struct.pack("<iff", 0, 1.0, 1.0) + png(np.zeros((2, 2), np.uint8)), "8UC1; compressedDepth png", "of '8UC1' is not supported"),
     ],
 )  # fmt: skip
@@ -126,3 +156,66 @@ def test_inverse_depth_of_8_bit_is_lost(tmp_path):
 def test_depth_that_is_cut_off_is_lost(tmp_path):
     with pytest.raises(LossLimitError, match="the PNG is cut off"):
         written(tmp_path, compressed(inverse(DEPTH_M)[:-30], "32FC1; compressedDepth"), COMPRESSED)
+
+
+def levels_of(shape, seed=0):
+    """Return a sloping wall with noise and holes, and a corner at the end of the range."""
+    random = np.random.default_rng(seed)
+    levels = np.linspace(700, 9000, shape[0] * shape[1]).astype(np.uint16).reshape(shape)
+    levels += random.integers(0, 9, shape, np.uint16)
+    levels[random.random(shape) < 0.1] = 0
+    levels[shape[0] // 2 :, : shape[1] // 3] = 0
+    levels[0, 0] = 65535
+    return levels
+
+
+@pytest.mark.parametrize(
+    "levels",
+    [
+        levels_of((48, 64)),
+        np.zeros((5, 7), np.uint16),
+        np.full((3, 5), 65535, np.uint16),
+        np.random.default_rng(1).integers(0, 65536, (9, 11)).astype(np.uint16),
+        np.array([[7]], np.uint16),
+    ],
+    ids=["a wall", "nothing", "far", "noise", "a pixel"],
+)
+def test_depth_in_rvl_stays_as_it_was(tmp_path, levels):
+    message = compressed(NO_PARAMETERS + rvl(levels), "16UC1; compressedDepth rvl")
+    image, channel = written(tmp_path, message, COMPRESSED)
+    assert (image.dtype, image.tolist()) == (np.uint16, levels.tolist())
+    assert "depth" not in channel
+
+
+def test_rvl_of_another_encoder():
+    """What pyrvl 0.0.1, which wraps the code of the paper, makes of a row."""
+    data = struct.pack("<II", 8, 1) + bytes.fromhex("112c223400000000")
+    assert decode_rvl(data).tolist() == [[0, 0, 0, 1, 2, 3, 9, 0]]
+
+
+def test_inverse_depth_in_rvl_is_that_in_a_png(tmp_path):
+    truth = np.array([[0.4, 1.0, 2.5], [8.0, np.nan, 20.0]], np.float32)
+    as_png = inverse(truth)
+    quantised = cv2.imdecode(np.frombuffer(as_png[12:], np.uint8), cv2.IMREAD_UNCHANGED)
+    message = compressed(as_png[:12] + rvl(quantised), "32FC1; compressedDepth rvl")
+    image, channel = written(tmp_path / "rvl", message, COMPRESSED)
+    expected, its = written(tmp_path / "png", compressed(as_png, "32FC1; compressedDepth png"), COMPRESSED)
+    assert image.tolist() == expected.tolist()
+    assert channel["depth"] == its["depth"]
+
+
+@pytest.mark.parametrize(
+    ("data", "reason"),
+    [
+        (rvl(levels_of((48, 64)))[:-400], "the RVL is cut off"),
+        (rvl(levels_of((48, 64)))[:7], "the RVL is cut off"),
+        (struct.pack("<II", 64, 0), "the RVL has no pixels"),
+        (struct.pack("<II", 64, 20) + rvl(levels_of((48, 64)))[8:], "more pixels than its size says"),
+        (struct.pack("<II", 64, 48) + b"\xff" * 400 + bytes(4), "a number of more than 32 bit"),
+        (struct.pack("<II", 60_000, 60_000) + bytes(64), "limits"),
+    ],
+    ids=["cut", "size cut", "no pixels", "smaller", "no number", "huge"],
+)
+def test_damaged_rvl_is_lost(tmp_path, data, reason):
+    with pytest.raises(LossLimitError, match=reason):
+        written(tmp_path, compressed(NO_PARAMETERS + data, "16UC1; compressedDepth rvl"), COMPRESSED)

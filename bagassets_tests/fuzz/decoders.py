@@ -5,6 +5,7 @@ in CDR, protobuf and JSON as their writers define them.
 """
 
 import dataclasses
+import struct
 import tempfile
 import zlib
 from functools import cache
@@ -100,6 +101,7 @@ def _of_rosbags():
                     seeds += [bytes(pack(packet, kind)) for packet in _packets(whole, "format")]
                 elif kind.endswith("CompressedImage"):
                     seeds += [bytes(pack(_compressed(whole, name), kind)) for name in (".jpg", ".png")]
+                    seeds.append(bytes(pack(_depth_in_rvl(whole), kind)))
                 seeds.append(bytes(pack(whole, kind)))
                 yield Case(line, _source(kind, Definition("msg", text), how), tuple(seeds))
 
@@ -107,6 +109,14 @@ def _of_rosbags():
 def _compressed(message, suffix):
     pixels = np.arange(24 * 32 * 3, dtype=np.uint8).reshape(24, 32, 3)
     return dataclasses.replace(message, format=suffix[1:], data=cv2.imencode(suffix, pixels)[1].reshape(-1))
+
+
+def _depth_in_rvl(message):
+    # A row of 0, 0, 0, 1, 2, 3, 9, 0 behind parameters and size.
+    data = struct.pack("<iffII", 0, 0.0, 0.0, 8, 1) + bytes.fromhex("112c223400000000")
+    return dataclasses.replace(
+        message, format="16UC1; compressedDepth rvl", data=np.frombuffer(data, np.uint8)
+    )
 
 
 def _of_ours():

@@ -8,6 +8,7 @@ from bagassets.recipe.model import Rig
 from bagassets.recipe.model_base import Clock
 from bagassets.recipe.model_checks import ChannelsCheck, StampsCheck, TopicLimits, TopicsCheck
 from bagassets.recordings.inventory import Inventory, TopicRecord
+from bagassets.recordings.rewinds import Rewind
 
 
 def watched_topics(rig: Rig) -> dict[str, str]:
@@ -129,11 +130,20 @@ def _span(seconds: float) -> str:
     return f"{seconds:g} s"
 
 
+def rewind_text(rewind: Rewind) -> str:
+    """Return what is wrong where log times go back as they were written."""
+    places = "once" if rewind.times == 1 else f"{rewind.times} times, at first"
+    return (
+        f"Log times go back {places} from {clock(rewind.from_ns)} to {clock(rewind.to_ns)} in the order in which they were "
+        "written, as if a simulation was reset or a clock set back, and messages from before and after are mixed; record each run by itself"
+    )
+
+
 def stamps_monotonic(
     rig: Rig, inventory: Inventory, check: StampsCheck, clock_of: Callable[[str], Clock] = lambda _: "header"
 ) -> Finding:
-    """Check that header stamps go forward and agree with log times, where `clock_of` a channel or signal says that they count."""
-    problems = []
+    """Check that log times go forward as written, and that header stamps do and agree with them, where `clock_of` a channel or signal says that these count."""
+    problems = [] if inventory.rewind is None else [rewind_text(inventory.rewind)]
     backward: dict[str, int] = {}
     offsets_s: dict[str, float] = {}
     for topic, name in watched_topics(rig).items():

@@ -108,11 +108,6 @@ class SalvagedFolder(Rosbag2Recording):
                     database.topics[number] = TopicRow(name, msgtype, how, "")
         database.note_unnamed()
 
-    @property
-    def files(self) -> tuple[Database | McapFile, ...]:
-        """The open files."""
-        return tuple(self._files)
-
     def rows(self, file: SalvagedDatabase) -> Iterator[tuple[int, int, bytes | memoryview]]:
         """Yield topic id, log time and payload of the messages in one of the files, decompressed."""
         for number, log_time_ns, data in file.messages(file.topics):
