@@ -104,9 +104,7 @@ class Rosbag2Recording(Recording):
         return listed + list(_unlisted(self._files, within, listed))
 
     def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
-        # One that says no time stays behind the one before it.
-        starts = accumulate(self._files, lambda last, file: (file.span_ns() or (last,))[0], initial=0)
-        for _, file in sorted(zip([*starts][1:], self._files, strict=True), key=lambda one: one[0]):
+        for file in self.files:
             wanted = self._carrying(topics, file.sources())
             for number, log_time_ns, data in file.messages(wanted.keys()) if wanted else ():
                 content = self._decompressed(wanted[number][0], log_time_ns, data)
@@ -125,8 +123,10 @@ class Rosbag2Recording(Recording):
 
     @property
     def files(self) -> tuple[Database | McapFile, ...]:
-        """The open files."""
-        return tuple(self._files)
+        """The open files in order of time; one that says no time stays behind the one that is listed before it."""
+        starts = accumulate(self._files, lambda last, file: (file.span_ns() or (last,))[0], initial=0)
+        pairs = sorted(zip([*starts][1:], self._files, strict=True), key=lambda one: one[0])
+        return tuple(file for _, file in pairs)
 
     def close(self) -> None:
         """Close the files."""

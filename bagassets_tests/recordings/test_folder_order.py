@@ -44,6 +44,7 @@ def test_messages_are_in_order_of_time(tmp_path, storage, order):
     path = write(tmp_path / "drive", storage, order)
     with open_recording(path) as recording:
         times = [message.log_time_ns for message in recording.messages(["/speed"])]
+        assert recording.rewind() is None
     assert times == [START_NS + number * STEP_NS for number in range(PARTS * EACH)]
 
 
