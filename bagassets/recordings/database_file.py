@@ -151,7 +151,8 @@ class Database:
 
     def span_ns(self) -> tuple[int, int] | None:
         """Return first and last log time; None without messages."""
-        ((first, last),) = self._select("SELECT min(timestamp), max(timestamp) FROM messages")
+        ends = "SELECT min(timestamp) FROM messages UNION ALL SELECT max(timestamp) FROM messages"
+        (first,), (last,) = self._select(ends)  # asked for both at once, SQLite looks at all
         return None if first is None else (int(first), int(last))
 
     def log_times(self) -> dict[int, NDArray[np.int64]]:

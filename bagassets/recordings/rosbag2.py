@@ -1,11 +1,12 @@
 """ROS 2 bag folders: SQLite or MCAP, split, compressed by file or by message.
 
-Topics are those in `metadata.yaml`, and others in its files; these are read in its order.
+Topics are those in `metadata.yaml`, and others in its files; these are read in order of time: it may list part 10 before 2.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
+from itertools import accumulate
 from pathlib import Path, PurePosixPath
 
 import yaml
@@ -103,7 +104,7 @@ class Rosbag2Recording(Recording):
         return listed + list(_unlisted(self._files, within, listed))
 
     def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
-        for file in self._files:
+        for file in self.files:
             wanted = self._carrying(topics, file.sources())
             for number, log_time_ns, data in file.messages(wanted.keys()) if wanted else ():
                 content = self._decompressed(wanted[number][0], log_time_ns, data)
@@ -122,8 +123,10 @@ class Rosbag2Recording(Recording):
 
     @property
     def files(self) -> tuple[Database | McapFile, ...]:
-        """The open files."""
-        return tuple(self._files)
+        """The open files in order of time; one that says no time stays behind the one that is listed before it."""
+        starts = accumulate(self._files, lambda last, file: (file.span_ns() or (last,))[0], initial=0)
+        pairs = sorted(zip([*starts][1:], self._files, strict=True), key=lambda one: one[0])
+        return tuple(file for _, file in pairs)
 
     def close(self) -> None:
         """Close the files."""
@@ -136,7 +139,6 @@ def _unlisted(
     listed: Sequence[TopicSource],
 ) -> Iterator[TopicSource]:
     """Yield what is in the files of a bag and not in its metadata, as if the recorder was killed: topics, and other types of one."""
-    names = {source.topic for source in listed}
     pairs = {(source.topic, source.msgtype) for source in listed}
     for file, sources in zip(files, within, strict=True):
         new = {
@@ -146,7 +148,7 @@ def _unlisted(
         }
         counts = file.counts() if new else {}
         for number, source in new.items():
-            if source.topic in names:
+            if any(source.topic == topic for topic, _ in pairs):
                 yield replace(source, count=0)  # the metadata have counted them
             elif counts.get(number):
                 yield replace(source, count=counts[number])
@@ -188,8 +190,7 @@ def read_metadata(file: Path) -> JsonObject:
             int(_plain(entry["message_count"], "message_count"))
     except (KeyError, TypeError, ValueError) as err:
         raise DamageError(f"its {METADATA} does not describe its topics") from err
-    version = metadata.get("version")
-    if isinstance(version, int) and version > _NEWEST_VERSION:
+    if isinstance(version := metadata.get("version"), int) and version > _NEWEST_VERSION:
         raise DamageError(f"its format version {version} is not supported")
     return metadata
 
@@ -233,10 +234,8 @@ def named_files(path: Path, metadata: JsonMapping) -> list[Path]:
 
 
 def _perhaps_unpacked(file: Path) -> Path:
-    if file.suffix != ZSTD or file.exists():
-        return file
     plain = file.with_suffix("")
-    return plain if plain.exists() else file
+    return plain if file.suffix == ZSTD and not file.exists() and plain.exists() else file
 
 
 def _storage_files(path: Path, metadata: JsonMapping) -> list[Path]:
