@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
 # An episode of AgiBot World Beta (proprio_stats.h5: what the joints of two arms were commanded, and what they did a tenth of a second later) becomes a LeRobot dataset with
-# embodied-data; and a LeRobot dataset of a teleoperated robot becomes one of AgiBot. Guess: `action` is what was commanded, as in either format, and what was
-# measured is `state`. Seen with embodied-data 0.3.1 on 2026-11-30:
-# - to LeRobot, after "done: 90 frames (20-dim state + first-diff action)": commands are not read. `action` is the way from this reading to the next, in radians per frame, the last one twice, under the names of the joints. That
-#   a gripper was told to close (0.8, where the object stops it at 0.3) is nowhere; `validate` finds nothing amiss
+# embodied-data; and a LeRobot dataset of a teleoperated robot becomes one of AgiBot. Guess: `action` is what was commanded, as in either format, and what was measured is
+# `state`. Seen with embodied-data 0.3.1 on 2026-11-30:
+# - to LeRobot, after "done: 90 frames (20-dim state + first-diff action)": commands are not read. `action` is the way from this reading to the next, in radians per frame,
+#   the last one twice, under the names of the joints. That a gripper was told to close (0.8, where the object stops it at 0.3) is nowhere; `validate` finds nothing amiss
 # - to AgiBot, after "done: 90 frames": `action` is the READINGS of the same frame, so that a policy learns to stay where it is
 set -euo pipefail
 folder=$(mktemp -d)
@@ -63,7 +63,9 @@ table = pq.read_table(next(Path("from_beta/data").rglob("*.parquet")))
 state, action = (np.array(table[name].to_pylist()) for name in ("observation.state", "action"))
 with h5py.File("beta/327/648642/proprio_stats.h5") as file:
     told, closed = file["action/joint/position"][:], file["action/effector/position"][:]
-print(f"to LeRobot: first joint in frame 60 at {state[60, 0]:.3f}, action {action[60, 0]:.4f}, told {told[60, 0]:.3f} rad; gripper in the last frame {state[-1, 14]:.2f}, action {action[-1, 14]:.2f}, told {closed[-1, 0]:.2f}")
+print(f"to LeRobot: first joint in frame 60 at {state[60, 0]:.3f}, action {action[60, 0]:.4f}, told {told[60, 0]:.3f} rad")
+print(f"  gripper in the last frame at {state[-1, 14]:.2f}, action {action[-1, 14]:.2f}, told {closed[-1, 0]:.2f}")
+assert state[-1, 14] < 0.31 and action[-1, 14] == 0 and closed[-1, 0] == 0.8
 assert np.allclose(action[:-1], np.diff(state, axis=0), atol=1e-6) and np.array_equal(action[-1], action[-2])
 with h5py.File(next(Path("from_lerobot").rglob("*.h5"))) as file:
     state, action = file["state/joint/position"][:], file["action/joint/position"][:]

@@ -44,7 +44,8 @@ assert np.allclose(by_rows[:, 0], WALL_M)
 off_deg = np.degrees(beam_inclinations(ROWS, [], *ENDS_RAD) - rows_rad)
 ahead = np.abs(by_rows[:, 1]) < 0.2  # what is straight ahead of the lidar
 top = np.argmax(np.where(ahead, by_rows[:, 2], -np.inf))
-print(f"rows from {off_deg.min():.2f} to {off_deg.max():.2f} degrees off; the wall's top at {by_rows[top, 2]:.2f} m is at {by_ends[top, 2]:.2f} m, and {by_ends[top, 0]:.2f} m away")
+print(f"rows from {off_deg.min():.2f} to {off_deg.max():.2f} degrees off")
+print(f"the wall's top at {by_rows[top, 2]:.2f} m is at {by_ends[top, 2]:.2f} m, and {by_ends[top, 0]:.2f} m away")
 assert np.allclose([off_deg.min(), off_deg.max()], [-0.3, 0.3])
 assert np.allclose(by_ends[top, [0, 2]] - by_rows[top, [0, 2]], [-0.045, 0.078], atol=0.01)
 PYTHON
