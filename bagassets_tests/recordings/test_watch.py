@@ -86,7 +86,7 @@ def watching(root, index, *, settle_s=0.2, rescan_s=300.0, ready=True, **options
         yield events
     finally:
         watcher.stop()
-        thread.join(10)
+        thread.join(60)
         assert not thread.is_alive()
 
 

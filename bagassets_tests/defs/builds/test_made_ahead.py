@@ -189,7 +189,7 @@ def test_a_run_that_waits_tells_how_far_the_other_process_is(project, monkeypatc
         with only_reader(assets.store, recording, stat), reading_left(recipe.state, recording):
             waiting = pool.submit(wait)
             tell_progress(reading)
-            assert is_told.wait(10.0)
+            assert is_told.wait(60)
         assert waiting.result().digest.hashed_bytes == recording.size
     assert told == [reading], "each report once"
     assert not list((recipe.state / "ahead").glob("*.reading"))
