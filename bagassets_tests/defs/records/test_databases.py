@@ -376,8 +376,8 @@ def test_a_build_waits_while_another_program_writes(tmp_path, monkeypatch):
     with closing(sqlite3.connect(path, isolation_level=None, check_same_thread=False)) as other:
         other.execute("BEGIN IMMEDIATE")
         release = threading.Timer(BUSY_S, other.execute, ["COMMIT"])
-        release.start()
         began = time.monotonic()
+        release.start()
         report, _ = build(recipe_file, monkeypatch, jobs=1)
         assert time.monotonic() - began > BUSY_S
         release.join()
