@@ -580,7 +580,7 @@ def test_a_server_starts_whatever_another_left_of_socket_and_lock(tmp_path, text
     if text is not None:
         files.lock.write_bytes(text.replace(b"SOCKET", bytes(files.choose_socket())))
     assert Client.connect(files) is None
-    with Client.ensure(spec, timeout_s=20.0) as client:
+    with Client.ensure(spec, timeout_s=60.0) as client:
         assert client.files.socket == files.choose_socket()
         client.shutdown()
 

@@ -96,7 +96,7 @@ def test_it_shows_the_project_and_leaves_nothing_behind(project):
             capture_output=True,
             text=True,
             env=bare_environment(),
-            timeout=60,
+            timeout=180,
         )
         assert second.returncode == 1
         assert f"is running already at {url}" in second.stderr
