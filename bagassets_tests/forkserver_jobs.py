@@ -53,13 +53,6 @@ def preload_with_a_pause(modules):
     return steps()
 
 
-def wait_and_tell_steps(args):
-    """Stay as long as there is a file; return the steps that had been done when this began."""
-    while Path(args["file"]).exists():
-        time.sleep(0.02)
-    return STEPS_DONE
-
-
 def steps_done(_args):
     return STEPS_DONE
 
@@ -150,9 +143,10 @@ def touch(args):
 
 
 def watch_for_server(args):
-    """As first job: write down whether the server served when this began, and wait until it does."""
+    """As first job: write down whether the server served when this began, wait until it does, and write that down, too."""
     files = ServerFiles(Path(args["state"]), args["stamp"])
     began = "after" if files.socket is not None else "before"
+    Path(args["file"]).write_text(f"began {began} it served", "utf-8")
     while files.socket is None:
         time.sleep(0.02)
     Path(args["file"]).write_text(f"began {began} it served, ended after", "utf-8")

@@ -286,9 +286,8 @@ class Watcher:
             digest = hash_file(path, stat, self._checkpoint)
             for wrong in disagreements(path, stat, digest, self._index):
                 self._report(WatchEvent("wrong", str(wrong), path, digest=digest, size=stat.st_size))
-            kept, _ = put_on_record(path, stat, digest, self._index)
-            after = path.stat()
-            if signature_of(after)[:3] != signature_of(stat)[:3]:
+            kept, held = put_on_record(path, stat, digest, self._index)
+            if signature_of(path.stat())[:3] != signature_of(stat)[:3]:
                 return
         except (ChangedWhileReadError, FileNotFoundError):
             return  # the next scan sees what it has become
@@ -296,8 +295,8 @@ class Watcher:
             file.retry_at_s = time.monotonic() + self._rescan_s
             self._report_once(WatchEvent("problem", str(err), path))
             return
-        # Writing our attribute changed its ctime.
-        file.state = file.settled = signature_of(after)
+        # Writing our attribute changed its ctime; the next scan sees whether it was edited since.
+        file.state = file.settled = signature_of(held)
         file.suspect, file.retry_at_s = False, None
         self._reported = {message for message in self._reported if not message.startswith(f"{path}:")}
         seconds = time.monotonic() - started_s

@@ -211,10 +211,10 @@ def merge_bomb(levels, of):
 def test_a_recipe_of_aliases_of_aliases_is_refused_at_once(tmp_path, text):
     path = tmp_path / "recipe.yaml"
     path.write_text(RECIPE.format(name="test", root="bags") + text)
-    begun = time.monotonic()
+    begun_s = time.process_time()
     with pytest.raises(RecipeError, match=r"recipe\.yaml:\d+: .*aliases stand for more than \d+ values"):
         load_recipe(path)
-    assert time.monotonic() - begun < SECONDS
+    assert time.process_time() - begun_s < SECONDS
 
 
 def test_aliases_that_spare_some_lines_are_fine(tmp_path):

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from bagassets.cli.main import main
+from bagassets.defs.runs.exclusive import exclusive
 from bagassets.recipe import load_recipe
 from bagassets.recordings.digest_record import read_attribute
 from bagassets_tests.in_process import building_here
@@ -207,9 +208,11 @@ def test_a_recipe_without_the_dataset_is_refused(tmp_path, drive, capsys):
     assert "asks for no vision dataset; add `vision: {}`" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("number", "moment"), [(signal.SIGINT, "starting"), (signal.SIGTERM, "start    ")])
+@pytest.mark.parametrize(
+    ("number", "moment"), [(signal.SIGINT, "starting"), (signal.SIGTERM, "start    drive.bag")]
+)
 def test_an_interrupt_leaves_nothing_behind(tmp_path, temporary, number, moment):
-    """While the server starts, and while it builds, which takes a second, so that the signal is in time."""
+    """While the server starts, and while it builds."""
     drive = write_drive(tmp_path / "bags" / "drive.bag", "ros1", 200.0)
     process = subprocess.Popen(
         [sys.executable, "-m", "bagassets", "convert", str(drive), str(tmp_path / "out")],
@@ -219,12 +222,14 @@ def test_an_interrupt_leaves_nothing_behind(tmp_path, temporary, number, moment)
         # Whatever starts tests in the background may have it ignore Ctrl-C.
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509
     )
-    if moment == "starting":
-        eventually(lambda: list(temporary.glob("*/forkserver/*.lock")), "a server that starts", 300)
-    else:
-        assert any(moment in line for line in process.stderr)
-    process.send_signal(number)
-    _, said = process.communicate(timeout=90)
+    lock, *_ = eventually(lambda: list(temporary.glob("*/forkserver/*.lock")), "a server that starts", 300)
+    # While this process holds the recording, its run cannot end, however late the signal comes.
+    locks = lock.parents[1] / "locks"
+    with exclusive(locks, "drive.bag", keep_waiting=lambda _asked: True) as held:
+        assert held
+        assert moment == "starting" or any(moment in line for line in process.stderr)
+        process.send_signal(number)
+        _, said = process.communicate(timeout=90)
     assert process.returncode == 130, said
     assert names(tmp_path) == ["bags", "tmp"]
     eventually(lambda: not servers_below(temporary), "the end of all processes")

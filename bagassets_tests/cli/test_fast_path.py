@@ -20,6 +20,7 @@ from bagassets.engine.freshness.artifacts import are_unchanged, folders_of, grou
 from bagassets.engine.freshness.decide import nothing_to_do
 from bagassets.engine.freshness.plan_cache import CachedPlan, PlanCache, RecordingFingerprint
 from bagassets.recipe import load_recipe
+from bagassets_tests.file_clock import next_tick
 from bagassets_tests.in_process import build, make_project, states, survey
 
 pytestmark = pytest.mark.once
@@ -407,6 +408,7 @@ def test_of_a_large_store_only_changed_groups_and_some_others_are_looked_at(tmp_
     assert is_unchanged()
     monkeypatch.setattr(artifacts, "MOST_CHECKED", 4)
     monkeypatch.setattr(artifacts.random, "random", lambda: 1.0)
+    next_tick()
     (folders[names[0]] / "files" / "x").unlink()
     assert is_unchanged(), "inside an artifact: not seen at once"
     monkeypatch.setattr(artifacts.random, "random", lambda: 0.0)
@@ -430,6 +432,7 @@ def test_a_run_between_two_looks_checks_what_changed_alone(tmp_path):
         looking = PlanCache(tmp_path, root, checked)
         return looking.holds(looking.load()["a.bag"].made)
 
+    next_tick()
     (folders[0] / "files" / "x").unlink()
     assert {one: holds(one) for one in ("all", "sample", "changed", "fewest")} == {
         "all": False,

@@ -33,6 +33,7 @@ from bagassets.store.lease import action_lock, in_use, in_use_since_s
 from bagassets.store.store import Store
 from bagassets.store.users import User, forget_user, note_user, users_of
 from bagassets_tests import in_process
+from bagassets_tests.file_clock import next_tick
 from bagassets_tests.nuscenes_checks import check_dataset
 from bagassets_tests.store_check import check_store
 from bagassets_tests.whole.test_end_to_end import build_all, build_of, make_project
@@ -152,6 +153,7 @@ class TestWhileBuildsRun:
         make(store, "step")
         now_s = time.time()
         found = find_garbage(store, set(), now_s - DAY_S, now_s)
+        next_tick()
         pending = store.begin(Step("step", 2).action({}, {}))
         pending.out.write("file", b"step")
         outcome = pending.commit({"size": 4})

@@ -19,6 +19,8 @@ import bagassets
 from bagassets.base.errors import BagAssetsError, RecipeError, RecordingError
 from bagassets.cli.remote import end_servers
 from bagassets.defs.builds.pending_work import open_project
+from bagassets.defs.runs.exclusive import exclusive
+from bagassets.recipe import load_recipe
 from bagassets.sample.drive import Target, write_recordings
 from bagassets.sample.recipe import sample_recipe
 from bagassets_tests.arm_recordings import make_project, write_arm
@@ -135,8 +137,10 @@ def test_errors_are_those_of_bagassets(folder):
 def test_an_interrupt_ends_the_runs_and_the_next_build_goes_on(folder):
     write_recordings([Target(folder / "recordings" / "long.bag", "ros1")], seed=1, duration_s=20.0)
     (folder / "recipe.yaml").write_text(text())
-    log = folder / "log"
-    with log.open("w") as file:
+    log, locks = folder / "log", load_recipe(folder / "recipe.yaml").state / "locks"
+    # While this process holds the recording, its run cannot end.
+    with log.open("w") as file, exclusive(locks, "long.bag", keep_waiting=lambda _asked: True) as held:
+        assert held
         process = subprocess.Popen(
             [sys.executable, "-u", "-c", CODE, "recipe.yaml"],
             stdout=file,
@@ -144,9 +148,9 @@ def test_an_interrupt_ends_the_runs_and_the_next_build_goes_on(folder):
             # A shell that starts the tests in the background has them ignore it.
             preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509  (no threads here)
         )
-    eventually(lambda: "start    long.bag" in log.read_text(), "it is at work", 120)
-    process.send_signal(signal.SIGINT)
-    assert process.wait(120) != 0
+        eventually(lambda: "start    long.bag" in log.read_text(), "it is at work", 120)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(120) != 0
     assert "KeyboardInterrupt: " in log.read_text()
     with open_project(folder / "recipe.yaml") as workspace:
         instance = workspace.instance

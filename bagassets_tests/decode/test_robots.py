@@ -100,10 +100,10 @@ def test_which_robot_has_sensors_is_told():
 def test_thousands_of_topics_take_no_time():
     names = [f"/r{number:04}" for number in range(2500)]
     many = {topic: given for name in names for topic, given in robot(name, frame=name[1:]).items()}
-    started = time.monotonic()
+    started_s = time.process_time()
     assert robots_of(many) == {}
     assert len(robots_of(robot(*names, **OWN_TF))) == 100  # each has two sources, of which 200 are looked at
-    assert time.monotonic() - started < 10
+    assert time.process_time() - started_s < 10
 
 
 def test_a_topic_belongs_to_the_robot_in_whose_namespace_it_is():

@@ -31,6 +31,7 @@ from bagassets.recordings.recording import Recording
 from bagassets.sample.drive import Target, write_recordings
 from bagassets.sample.recipe import sample_recipe
 from bagassets.store import canonical
+from bagassets_tests.file_clock import next_tick
 from bagassets_tests.in_process import build, make_project
 
 pytestmark = pytest.mark.once
@@ -279,6 +280,7 @@ def test_a_recording_that_changes_meanwhile(project, monkeypatch, how):
     def change(self, topics):
         for number, message in enumerate(real(self, topics)):
             if number == 5:
+                next_tick()
                 spoil(path, content, how)
             yield message
 

@@ -26,6 +26,7 @@ from bagassets.engine.plan import AssetState, BagPlan, KeptPlan
 from bagassets.engine.run_action import run_action
 from bagassets.store.action import Action
 from bagassets.store.store import Store
+from bagassets_tests.file_clock import next_tick
 
 pytestmark = pytest.mark.once
 
@@ -193,6 +194,7 @@ class TestMarkOfARecording:
         stat = path.stat()
         path.write_bytes(b"longer content")
         found.append(self.of(folder))
+        next_tick()
         path.write_bytes(b"c0ntent")
         os.utime(path, ns=(stat.st_atime_ns, stat.st_mtime_ns))
         found.append(self.of(folder))  # size and time as before, another time of change
@@ -317,13 +319,16 @@ class TestArtifacts:
     def test_files_that_come_or_go_are_seen(self, artifact):
         before = self.of(artifact)
         assert self.of(artifact) == before
+        next_tick()
         artifact.path("one").unlink()
         without = self.of(artifact)
+        next_tick()
         artifact.path("one").write_bytes(b"1")
         assert len({before, without, self.of(artifact)}) == 3
 
     def test_another_manifest_is_seen(self, artifact):
         before = self.of(artifact)
+        next_tick()
         (artifact.folder / "manifest.json").write_bytes(b"{}")
         assert self.of(artifact) != before
         (artifact.folder / "manifest.json").unlink()
@@ -382,6 +387,7 @@ class TestPlanCache:
         cache = PlanCache(tmp_path / "state", store)
         self.save(cache, PLAN)
         (entry,) = cache.load().values()
+        next_tick()
         path = store / "c1" / ("c1" * 32) / "files" / "new"
         path.write_text("")
         assert not cache.holds(entry.made)
@@ -412,6 +418,7 @@ class TestPlanCache:
             return cache.holds(cache.load()[PLAN.key].made)
 
         assert holds("sample")
+        next_tick()
         (store / "c1" / ("c2" * 32)).mkdir()  # another one in the folder of one of them
         assert holds("sample")
         file = store / "ab" / ("ab" * 32) / "files" / "new"
@@ -435,6 +442,7 @@ class TestPlanCache:
         cache = PlanCache(tmp_path / "state", store)
         cache.load()
         self.save(cache, PLAN)
+        next_tick()
         (store / "ab" / ("ab" * 32) / "files" / "new").write_text("")
         cache = PlanCache(tmp_path / "state", store, checked)
         assert cache.holds(cache.load()[PLAN.key].made) != is_seen

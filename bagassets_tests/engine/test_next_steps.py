@@ -107,9 +107,9 @@ def test_a_build_doubts_that_all_recordings_are_gone_unless_it_is_told_so(gone):
 
 def test_dealing_many_recordings_takes_no_time():
     todo = {f"{number:06}": SMALL for number in range(40_000)}
-    began = time.perf_counter()
+    began_s = time.process_time()
     steps = next_steps(state(todo={**todo, "large": LARGE}), BUILD)
-    assert time.perf_counter() - began < 5  # and 40 if each is sought among all
+    assert time.process_time() - began_s < 5  # and 40 if each is sought among all
     assert sorted(key for run in steps.runs for key in run) == sorted([*todo, "large"])
 
 

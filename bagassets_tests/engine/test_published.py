@@ -18,6 +18,7 @@ from bagassets.engine.freshness.published import Publication
 from bagassets.forkserver.process import ProcessId
 from bagassets.formats import after_crash
 from bagassets.recipe import load_recipe
+from bagassets_tests.file_clock import next_tick
 from bagassets_tests.in_process import build, make_project, survey
 from bagassets_tests.small_drive import RECIPE
 
@@ -69,6 +70,7 @@ def empty_list(path):
 def same_size(path):
     """Other bytes, with size and time of writing put back."""
     stat = path.stat()
+    next_tick()
     path.chmod(0o644)
     path.write_bytes(b"\0" * stat.st_size)
     os.utime(path, ns=(stat.st_atime_ns, stat.st_mtime_ns))
@@ -77,6 +79,7 @@ def same_size(path):
 def replaced(path):
     """A file of the same size moved over it."""
     other = path.with_name("other")
+    next_tick()
     other.write_bytes(b"?" * path.stat().st_size)
     other.replace(path)
 

@@ -8,6 +8,7 @@ from bagassets.base.cache import Cache, Changes
 from bagassets.base.fingerprints import PlanNeeded
 from bagassets.engine.freshness import published
 from bagassets.engine.freshness.published import Publication
+from bagassets_tests.file_clock import next_tick
 
 pytestmark = pytest.mark.once
 
@@ -73,6 +74,7 @@ def test_another_time_it_reads_others(publication, monkeypatch):
 
 
 def test_what_differs_is_named(publication, root):
+    next_tick()
     (root / "a1").unlink()
     (root / "b2").write_bytes(b"longer than before")
     os.utime(root / "c0", ns=(1, 1))
@@ -86,6 +88,7 @@ def test_a_piece_that_is_lost_needs_a_plan(publication, root, tmp_path):
     Cache(tmp_path).write(changes)
     with pytest.raises(PlanNeeded, match="links"):
         publication._changed_links(publication._head(), None)
+    next_tick()
     (root / "mine").write_bytes(b"")  # a folder that changed has all links looked at
     assert publication.changed_files(root) is None
 

@@ -14,6 +14,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
+from itertools import count
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -322,25 +323,29 @@ def test_the_stamp_covers_what_counts(tmp_path, monkeypatch):
 
 
 def test_a_step_may_wait_until_no_job_is_at_work(tmp_path):
-    file = tmp_path / "at work"
-    file.touch()
+    file = tmp_path / "go"
     preload = f"{JOBS}:preload_with_a_pause"
     with Client.ensure(spec_in(tmp_path / "state", preload=preload)) as client:
-        job = client.submit(f"{JOBS}:wait_and_tell_steps", {"file": str(file)}, label="at work")
-        time.sleep(1.0)  # more than a quiet moment lasts
-        during = client.submit(f"{JOBS}:steps_done", {}, label="during")
-        assert end_of(client, during)["result"] == ["at once"]
-        file.unlink()
-        assert end_of(client, job)["result"] == ["at once"]
-        time.sleep(1.5)
-        after = client.submit(f"{JOBS}:steps_done", {}, label="after")
-        assert end_of(client, after)["result"] == ["at once", "when no job is at work"]
+        numbers = count()
+
+        def done(pause_s=0.0):
+            time.sleep(pause_s)
+            job = client.submit(f"{JOBS}:steps_done", {}, label=f"steps-{next(numbers)}")
+            return end_of(client, job)["result"]
+
+        job = client.submit(f"{JOBS}:wait", {"until": str(file)}, label="at work")
+        eventually(done, "the first step is done")
+        assert done(pause_s=1.0) == ["at once"], "even after more than a quiet moment"
+        file.touch()
+        assert end_of(client, job)["result"] == "waited"
+        # Each job that asks makes it wait for another quiet moment.
+        eventually(lambda: done(pause_s=1.5) == ["at once", "when no job is at work"])
         client.shutdown(grace_s=0.0)
 
 
 def test_what_can_wait_is_prepared_while_the_server_serves(tmp_path):
     with Client.ensure(spec_in(tmp_path / "state", preload=f"{JOBS}:preload_in_steps")) as client:
-        numbers = iter(range(10_000))
+        numbers = count()
 
         def done():
             job = client.submit(f"{JOBS}:steps_done", {}, label=f"steps-{next(numbers)}")
@@ -355,9 +360,10 @@ def test_what_can_wait_is_prepared_while_the_server_serves(tmp_path):
 
 
 def test_a_first_job_works_while_the_server_imports(tmp_path):
-    slow = write_module(tmp_path / "code", "slow_module", "import time\ntime.sleep(1.5)\n")
-    spec = spec_in(tmp_path / "state", **slow)
     file = tmp_path / "order"
+    began = f"Path({os.fspath(file)!r}).exists()"
+    slow = f"import time\nfrom pathlib import Path\nwhile not {began}: time.sleep(0.02)\n"
+    spec = spec_in(tmp_path / "state", **write_module(tmp_path / "code", "slow_module", slow))
     ServerStart(spec, 60.0, (f"{JOBS}:watch_for_server", {"file": str(file)})).wait()
     with Client.ensure(spec) as client:
         eventually(lambda: file.exists() and file.read_text() == "began before it served, ended after")
@@ -574,7 +580,7 @@ def test_a_server_starts_whatever_another_left_of_socket_and_lock(tmp_path, text
     if text is not None:
         files.lock.write_bytes(text.replace(b"SOCKET", bytes(files.choose_socket())))
     assert Client.connect(files) is None
-    with Client.ensure(spec, timeout_s=20.0) as client:
+    with Client.ensure(spec, timeout_s=60.0) as client:
         assert client.files.socket == files.choose_socket()
         client.shutdown()
 

@@ -52,7 +52,7 @@ def rebuilding(build, states):
             build(state)
 
     builder = threading.Thread(target=rebuild)
-    deadline = time.monotonic() + 20
+    deadline = time.monotonic() + 120  # a busy machine may need it; others have seen enough within seconds
     builder.start()
     try:
         yield lambda: time.monotonic() < deadline and builder.is_alive()

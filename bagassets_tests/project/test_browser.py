@@ -1,8 +1,8 @@
 """The web UI, the report and the map in a real Chromium, in a large window and in a small one."""
 
+import json
 import shutil
 import sys
-import time
 from pathlib import Path
 from urllib.request import urlopen
 
@@ -129,7 +129,6 @@ def test_without_a_network_the_map_has_names_and_a_legend(tmp_path, browser):
     name = "[...document.querySelectorAll('#nomap .legend [data-way]')][0]"
     box = browser.box(name)
     browser.call("Input.dispatchMouseEvent", type="mouseMoved", x=box["x"] + 5, y=box["y"] + 5)
-    time.sleep(0.2)
-    pointed_at = browser.run(f"[{name}.dataset.way, document.querySelector('polyline.on')?.dataset.way]")
-    assert pointed_at == [routes[0].key, routes[0].key]
+    pointed_at = f"[{name}.dataset.way, document.querySelector('polyline.on')?.dataset.way]"
+    browser.wait_for(f"{pointed_at}.every(way => way === {json.dumps(routes[0].key)})")
     disconnect(browser, offline=False)

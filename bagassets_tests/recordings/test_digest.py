@@ -28,6 +28,7 @@ from bagassets.recordings.digest_record import ATTRIBUTE, DigestIndex, is_unchan
 from bagassets.recordings.discover import find_one
 from bagassets.store import canonical
 from bagassets.store.canonical import digest_bytes, digest_json
+from bagassets_tests.file_clock import next_tick
 
 
 @pytest.fixture
@@ -79,6 +80,7 @@ def attributes(monkeypatch):
 def rewrite_in_place(path, content):
     """Write other content of the same length and put the modification time back."""
     stat = path.stat()
+    next_tick()
     path.write_bytes(content)
     os.utime(path, ns=(stat.st_atime_ns, stat.st_mtime_ns))
 
@@ -368,6 +370,7 @@ def test_the_index_is_read_once_and_again_when_another_process_wrote(bag, tmp_pa
     assert ours.row(bag.path) is None
     theirs.put(bag.path, bag.path.stat(), "1" * 64)
     assert ours.get(bag.path, bag.path.stat()) == "1" * 64
+    next_tick()
     theirs.put(bag.path, bag.path.stat(), "2" * 64)
     assert ours.get(bag.path, bag.path.stat()) == "2" * 64
     (tmp_path / "store" / "digests.sqlite").unlink()
@@ -441,6 +444,7 @@ def test_the_index_is_safe_for_several_processes(tmp_path):
 @pytest.mark.parametrize("change", ["grow", "replace"])
 def test_a_file_that_changes_while_it_is_hashed(bag, attributes, monkeypatch, change):
     def hash_and_change(path, between):
+        next_tick()
         if change == "grow":
             path.write_bytes(b"content and more")
         else:

@@ -493,7 +493,7 @@ class TestBounds:
             "from bagassets.recordings.salvage.open import open_salvaged\n"
             "with open_salvaged(Path(sys.argv[1])) as one: print(sum(1 for _ in one.messages(list(one.topics))))\n"
         )
-        measured = run_measured([sys.executable, "-c", code, path], cwd=tmp_path, timeout_s=60)
+        measured = run_measured([sys.executable, "-c", code, path], cwd=tmp_path, timeout_s=300)
         assert measured.returncode == 0, measured.output
         assert int(measured.output) > 25_000
         assert measured.peak_bytes < 400_000_000

@@ -32,6 +32,7 @@ from bagassets.recordings.series import Part, PartFacts, candidates, judge
 from bagassets.recordings.topic import ForeignBytes, RefusedBytes
 from bagassets.sample.recorder import open_recorder
 from bagassets.store.canonical import digest_bytes, digest_json
+from bagassets_tests.file_clock import next_tick
 from bagassets_tests.killed_recorder import leave_journal, leave_log
 from bagassets_tests.pose_data import Written
 from bagassets_tests.series import write_part, write_parts
@@ -594,6 +595,7 @@ def test_what_was_seen_of_parts_is_remembered_by_process_and_project(cut, tmp_pa
     monkeypatch.setattr(join_parts, "_judged", {})  # as in another process
     assert list(discover(of_project).recordings) == ["drive.bag"]
     assert len(looked) == 3
+    next_tick()
     os.utime(cut / "drive_1.bag")
     assert list(discover(of_project).recordings) == ["drive.bag"]
     assert looked[3:] == ["drive_1.bag"]

@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from contextlib import contextmanager
+from types import SimpleNamespace
 
 import pytest
 from blake3 import blake3
@@ -54,7 +55,11 @@ class Events(list):
         return [event.message for event in self if event.kind == kind]
 
 
-def eventually(holds, seconds=15.0):
+def refused(*args):
+    raise OSError(30, "Read-only file system")
+
+
+def eventually(holds, seconds=60.0):
     end = time.monotonic() + seconds
     while not holds():
         assert time.monotonic() < end, "it never came about"
@@ -81,7 +86,7 @@ def watching(root, index, *, settle_s=0.2, rescan_s=300.0, ready=True, **options
         yield events
     finally:
         watcher.stop()
-        thread.join(10)
+        thread.join(60)
         assert not thread.is_alive()
 
 
@@ -180,10 +185,7 @@ class TestCatchingUp:
         assert "digests cannot be stored" in problem
 
     def test_a_read_only_root_uses_the_index(self, root, index, monkeypatch):
-        def refuse(*args):
-            raise OSError(30, "Read-only file system")
-
-        monkeypatch.setattr(os, "setxattr", refuse)
+        monkeypatch.setattr(os, "setxattr", refused)
         (root / "a.bag").write_bytes(b"content")
         assert catch_up(root, index).of("problem") == []
         assert index.get(root / "a.bag", (root / "a.bag").stat()) == hex_of(b"content")
@@ -191,16 +193,25 @@ class TestCatchingUp:
 
 
 class TestFollowing:
-    def test_a_recording_is_hashed_once_when_it_is_finished(self, root, index):
-        with watching(root, index, settle_s=0.6) as events:
-            with (root / "a.bag").open("wb") as stream:
-                for _ in range(12):
-                    stream.write(b"x" * 1000)
-                    stream.flush()
-                    time.sleep(0.1)
-                assert events == []
-            eventually(lambda: events.hashed() == ["a.bag"])
-            assert stored_digest(find_one(root / "a.bag"), index) == hex_of(b"x" * 12000)
+    def test_a_recording_is_hashed_once_when_it_is_finished(self, root, index, monkeypatch):
+        """By a clock of its own: on a busy machine, more time may pass between two writes than settling takes."""
+        path, later_s, events = root / "a.bag", [0.0], Events()
+        clock = SimpleNamespace(time=time.time, monotonic=lambda: time.monotonic() + later_s[0])
+        monkeypatch.setattr(module, "time", clock)
+        watcher = Watcher(Bags(root=root, settle_s=600.0), index, events)
+        with path.open("wb") as stream:
+            for _ in range(4):
+                stream.write(b"x" * 1000)
+                stream.flush()
+                watcher.run(once=True)
+                later_s[0] += 400.0
+        watcher.run(once=True)
+        assert events == []
+        for _ in range(2):
+            later_s[0] += 400.0
+            watcher.run(once=True)
+        assert events.hashed() == ["a.bag"]
+        assert stored_digest(find_one(path), index) == hex_of(b"x" * 4000)
 
     def test_a_burst(self, root, index, tmp_path):
         (tmp_path / "upload").mkdir()
@@ -209,7 +220,8 @@ class TestFollowing:
             folder.mkdir(exist_ok=True)
             (folder / f"{i}.bag").write_bytes(str(i).encode())
         with watching(root, index) as events:
-            shutil.copytree(tmp_path / "upload", root / "new")
+            # Whole ones, as `rsync` has them appear: one of which a busy machine writes half would be hashed twice.
+            shutil.copytree(tmp_path / "upload", root / "new", copy_function=os.link)
             eventually(lambda: len(events.hashed()) == 400)
             time.sleep(1.0)
         assert sorted(events.hashed()) == sorted(f"{i}.bag" for i in range(400))
@@ -236,6 +248,32 @@ class TestFollowing:
             eventually(lambda: stored_digest(find_one(bag), known) == hex_of(b"CONTENT"))
         if attributes_work(bag):
             assert events.of("wrong")
+
+    @pytest.mark.parametrize("record", ["attribute", "index"])
+    def test_an_edit_in_place_while_its_digest_is_recorded_is_seen(self, root, index, monkeypatch, record):
+        bag = root / "a.bag"
+        bag.write_bytes(b"content")
+        if record == "index":
+            monkeypatch.setattr(os, "setxattr", refused)
+        elif not attributes_work(bag):
+            pytest.skip("this file system has no extended attributes")
+        events, put = Events(), module.put_on_record
+        watcher = Watcher(Bags(root=root, settle_s=0.0), index, events)
+
+        def put_and_edit(*args):
+            monkeypatch.setattr(module, "put_on_record", put)
+            done = put(*args)
+            rewrite_in_place(bag, b"CONTENT")
+            return done
+
+        monkeypatch.setattr(module, "put_on_record", put_and_edit)
+        watcher.run(once=True)
+        watcher.run(once=True)
+        assert [event.digest for event in events if event.kind == "hashed"] == [
+            hex_of(b"content"),
+            hex_of(b"CONTENT"),
+        ]
+        assert stored_digest(find_one(bag), index) == hex_of(b"CONTENT")
 
     def test_what_comes_before_the_first_notification_is_not_missed(self, root, index, monkeypatch):
         real, looked = module.Watcher._scan, []
@@ -289,7 +327,7 @@ class TestFollowing:
             eventually(lambda: events.hashed() == ["a.bag"])
             time.sleep(0.6)  # by now it follows the new folder
             (root / "b.bag").write_bytes(b"content")
-            eventually(lambda: events.hashed() == ["a.bag", "b.bag"], seconds=15)
+            eventually(lambda: events.hashed() == ["a.bag", "b.bag"])
 
     def test_a_file_that_failed_is_tried_again(self, root, index, monkeypatch):
         real = module.hash_file
@@ -330,7 +368,7 @@ class TestService:
         (root / "a.bag").write_bytes(b"content")
         time.sleep(0.5)
         service.send_signal(number)
-        assert service.wait(5) == 0
+        assert service.wait(20) == 0
         assert "sparse.bag" not in service.stdout.read()
         service.stdout.close()
         (root / "sparse.bag").unlink()
@@ -339,7 +377,7 @@ class TestService:
         again.stdout.readline()
         lines = {json.loads(again.stdout.readline())["path"] for _ in range(2)}
         again.terminate()
-        assert again.wait(5) == 0
+        assert again.wait(60) == 0
         again.stdout.close()
         assert lines == {str(root / "a.bag"), str(root / "while-down.bag")}
 
@@ -357,7 +395,7 @@ class TestService:
             for name, content in contents.items():
                 assert stored_digest(find_one(root / name), index) in {None, hex_of(content)}
         done = self.start(root, tmp_path / "state", "--once", "--settle", "0")
-        assert done.wait(30) == 0
+        assert done.wait(120) == 0
         done.stdout.close()
         for name, content in contents.items():
             assert stored_digest(find_one(root / name), index) == hex_of(content)
@@ -365,14 +403,14 @@ class TestService:
     def test_once_with_verify_shows_by_its_status(self, root, tmp_path):
         (root / "a.bag").write_bytes(b"content")
         with self.start(root, tmp_path / "state", "--once", "--settle", "0") as service:
-            assert service.wait(20) == 0
+            assert service.wait(120) == 0
         rewrite_in_place(root / "a.bag", b"CONTENT")
         shutil.rmtree(tmp_path / "state" / ".bagassets")
         index = DigestIndex(tmp_path / "state" / ".bagassets")
         index.put(root / "a.bag", (root / "a.bag").stat(), hex_of(b"content"))
         service = self.start(root, tmp_path / "state", "--once", "--verify", "--settle", "0")
         lines = [json.loads(line) for line in service.stdout]
-        assert service.wait(20) == 3
+        assert service.wait(120) == 3
         service.stdout.close()
         assert [line["event"] for line in lines if line["event"] == "wrong"]
         assert lines[-1] == {**lines[-1], "event": "hashed", "digest": hex_of(b"CONTENT")}

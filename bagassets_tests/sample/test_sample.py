@@ -228,7 +228,7 @@ def test_a_killed_demo_leaves_no_process_behind(tmp_path):
         return False
 
     try:
-        eventually(is_gone, "its workers have ended", 20)
+        eventually(is_gone, "its workers have ended")
     finally:
         if not is_gone():
             os.killpg(process.pid, signal.SIGKILL)

@@ -63,12 +63,22 @@ def make_instance(tmp_path):
 
 
 def launch(instance, key, *assets, **tags):
-    run_id = create_run(instance, assets, partition_key=key or None, location=LOCATION, tags=tags)
+    (run_id,) = launch_together(instance, [key], *assets, **tags)
+    return run_id
+
+
+def launch_together(instance, keys, *assets, **tags):
+    """Launch runs of recordings one right after the other."""
+    run_ids = [
+        create_run(instance, assets, partition_key=key or None, location=LOCATION, tags=tags) for key in keys
+    ]
     with RunPool(
         Records(instance, Naming("test")), 1, lambda _: None, Path(instance.root_directory) / "log", LOCATION
     ) as pool:
-        instance.launch_run(run_id, pool._workspace.for_launcher())
-    return run_id
+        workspace = pool._workspace.for_launcher()
+        for run_id in run_ids:
+            instance.launch_run(run_id, workspace)
+    return run_ids
 
 
 def wait(condition, what, timeout_s=WAIT_S):
@@ -130,10 +140,10 @@ def test_a_job_that_has_none_left_takes_the_next_run(make_instance):
 
 @pytest.mark.long
 def test_a_run_at_work_and_one_that_waits_are_cancelled(make_instance, slurm, steering):
-    instance = make_instance(cpus=1)
+    # Two runs fill a job; until then it is waited for them, however busy the machine is.
+    instance = make_instance(cpus=1, runs_per_job=2, gather_s=300.0)
     (steering / "hold").touch()
-    at_work = launch(instance, "drive", "first")
-    waiting = launch(instance, "walk", "first")
+    at_work, waiting = launch_together(instance, ["drive", "walk"], "first")
     wait((steering / "spans").exists, "the first run begins")
     assert instance.run_launcher.terminate(waiting)
     assert instance.get_run_by_id(waiting).status == dg.DagsterRunStatus.CANCELED
@@ -288,13 +298,7 @@ def test_who_launches_many_runs_does_not_wait_for_slurm(make_instance, slurm, mo
     instance = make_instance(options=["--begin=now+1hour"], runs_per_job=25)
     keys = [f"recording {number}" for number in range(60)]
     instance.add_dynamic_partitions(small_definitions.recordings.name, keys)
-    run_ids = [create_run(instance, ["first"], partition_key=key, location=LOCATION) for key in keys]
-    with RunPool(
-        Records(instance, Naming("test")), 1, lambda _: None, Path(instance.root_directory) / "log", LOCATION
-    ) as pool:
-        workspace = pool._workspace.for_launcher()
-        for run_id in run_ids:
-            instance.launch_run(run_id, workspace)
+    run_ids = launch_together(instance, keys, "first")
     wait(lambda: all("slurm/job" in run.tags for run in instance.get_runs()), "all are submitted")
     here = threading.current_thread()
     assert {thread for _, thread in asked if thread is here} == set()
@@ -346,12 +350,17 @@ def test_a_dead_job_fails_the_runs_that_it_had_begun_and_the_others_get_another(
 ):
     instance = make_instance(cpus=1, gather_s=4.0)  # a busy machine takes its time between two launches
     (steering / "hold").touch()
-    begun, waiting = launch(instance, "drive", "first"), launch(instance, "walk", "first")
+    begun, waiting = launch_together(instance, ["drive", "walk"], "first")
     spans = wait(
         lambda: (steering / "spans").exists() and (steering / "spans").read_text().split(), "one begins"
     )
     assert spans[1] == "drive"
-    jobs = {run_id: instance.get_run_by_id(run_id).tags["slurm/job"] for run_id in (begun, waiting)}
+    jobs = {
+        run_id: wait(
+            lambda run_id=run_id: instance.get_run_by_id(run_id).tags.get("slurm/job"), "its job is known"
+        )
+        for run_id in (begun, waiting)
+    }
     assert jobs[begun] == jobs[waiting]
     slurm.ask(
         "sbatch", "--partition=urgent", "--nodes=2", "--exclusive", "--wrap=sleep 2", "--output=/dev/null"

@@ -24,6 +24,7 @@ from bagassets.propose.project import dagster_home
 from bagassets.recipe import load_recipe
 from bagassets_tests.in_process import make_project
 from bagassets_tests.series import write_parts
+from bagassets_tests.slurm_cluster import NODES
 
 WAIT_S = 120
 pytestmark = pytest.mark.long
@@ -115,7 +116,14 @@ def test_two_nodes_that_are_asked_for_the_same_at_once_agree(tmp_path, slurm, pr
         recipe_file.write_text(f"{recipe_file.read_text()}store: {tmp_path / 'store'}\n")
         use_slurm(recipe_file)
         projects.append(recipe_file)
-    processes = [start(recipe_file) for recipe_file in (one, two)]
+    # None begins before both wait, or one node could do the work of both, one after the other.
+    set_nodes(slurm, "State=DRAIN", "Reason=test")
+    try:
+        processes = [start(recipe_file) for recipe_file in (one, two)]
+        for recipe_file in (one, two):
+            wait(lambda file=recipe_file: "slurm/job" in tags_of_runs(file), "its job waits")
+    finally:
+        set_nodes(slurm, "State=RESUME")
     for process in processes:
         out, err = process.communicate(timeout=WAIT_S)
         assert process.returncode == 0, out + err
@@ -128,6 +136,17 @@ def test_two_nodes_that_are_asked_for_the_same_at_once_agree(tmp_path, slurm, pr
         verified = subprocess.run(command_line, capture_output=True, text=True, check=False)
         assert verified.returncode == 0, verified.stdout + verified.stderr
     assert not list((tmp_path / "store/tmp").iterdir()), "nothing half-made is left"
+
+
+def set_nodes(slurm, *settings):
+    for node in NODES:
+        slurm.ask("scontrol", "update", f"NodeName={node}", *settings)
+
+
+def tags_of_runs(recipe_file):
+    """The names of tags that all runs have; none if there is no run yet."""
+    names = [set(run.tags) for run in runs(recipe_file)]
+    return set.intersection(*names) if names else set()
 
 
 def follow_output(process, pattern):
@@ -161,9 +180,11 @@ def test_ctrl_c_cancels_what_waits_in_slurm(project, slurm):
 
 
 def test_jobs_survive_the_build_and_the_next_one_follows_them(project, slurm):
-    use_slurm(project, options=["--begin=now+1hour"])
+    # The three runs fill a job; until then it is waited for them, however busy the machine is.
+    use_slurm(project, options=["--begin=now+1hour"], runs_per_job=3, gather_s=300.0)
     process = start(project)
     follow_output(process, r"is queued \(BeginTime\)")
+    wait(lambda: "slurm/job" in tags_of_runs(project), "the job of each is known")
     (before,) = {run.tags["slurm/job"] for run in runs(project)}
     for client in Client.all_of(load_recipe(project).state):
         for job in client.status()["jobs"]:
@@ -178,7 +199,8 @@ def test_jobs_survive_the_build_and_the_next_one_follows_them(project, slurm):
 
 
 def test_a_worker_that_was_declared_dead_and_goes_on_records_nothing(tmp_path, slurm, projects):
-    project = make_project(tmp_path / "p", ("a.bag",), duration_s=15.0)
+    # Long enough to be frozen before its end, however late that is noticed.
+    project = make_project(tmp_path / "p", ("a.bag",), duration_s=60.0)
     use_slurm(project)
     projects.append(project)
     process = start(project)

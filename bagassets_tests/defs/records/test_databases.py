@@ -28,7 +28,9 @@ from bagassets.defs.records import databases
 from bagassets.defs.records.databases import database_errors_explained, make_whole
 from bagassets.defs.records.events import event_database
 from bagassets.defs.records.instances import open_instance
+from bagassets.defs.runs.exclusive import exclusive
 from bagassets.forkserver.client import Client
+from bagassets.recipe import load_recipe
 from bagassets_tests.in_process import build, make_project, survey
 
 BUSY_S = 10.0
@@ -183,19 +185,22 @@ def test_databases_appear_whole_or_not_at_all(home):
     code = (
         f"from bagassets.defs.records.instances import open_instance\nwith open_instance({str(home)!r}): pass"
     )
-    process = subprocess.Popen([sys.executable, "-c", code])
-    looks = 0
+    code += "\ninput()"  # it stays until it was looked at, however busy the machine is
+    process = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE)
+    looked_at = set()
     while process.poll() is None:
         time.sleep(0.0002)
         for name in DATABASES:
             path = storage_of(home) / name
             if path.exists():
-                looks += 1
+                looked_at.add(name)
                 with closing(sqlite3.connect(f"file:{path}?mode=ro", uri=True)) as connection:
                     assert connection.execute("SELECT count(*) FROM secondary_indexes").fetchone()[0] > 1
                     assert connection.execute("SELECT count(*) FROM alembic_version").fetchone()[0] == 1
+        if len(looked_at) == len(DATABASES) and not process.stdin.closed:
+            process.communicate(b"\n")
     assert process.returncode == 0
-    assert looks
+    assert looked_at == {*DATABASES}
     assert not list(storage_of(home).glob("new-*"))
 
 
@@ -339,16 +344,19 @@ def test_a_build_killed_in_its_first_second_is_no_obstacle_to_the_next(tmp_path,
     state, mark = tmp_path / ".bagassets", f"BAGASSETS_TEST_MARK={uuid4()}"
     command = [sys.executable, "-m", "bagassets", "build", "--recipe", str(recipe), "--json"]
     surroundings = os.environ | dict([mark.split("=")])
-    process = subprocess.Popen(
-        command, env=surroundings, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-    )
-    try:
-        while process.poll() is None and not MOMENTS[moment](state):
-            time.sleep(0.0005)
-        time.sleep(delay_s)
-    finally:
-        kill_all(mark)
-        process.wait()
+    # While this process holds the recording, its run cannot end, however late the kill comes.
+    with exclusive(load_recipe(recipe).state / "locks", "a.bag", keep_waiting=lambda _asked: True) as held:
+        assert held
+        process = subprocess.Popen(
+            command, env=surroundings, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+        try:
+            while process.poll() is None and not MOMENTS[moment](state):
+                time.sleep(0.0005)
+            time.sleep(delay_s)
+        finally:
+            kill_all(mark)
+            process.wait()
     assert process.returncode == -signal.SIGKILL, "the build was over before"
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     for client in Client.all_of(state):
@@ -368,8 +376,8 @@ def test_a_build_waits_while_another_program_writes(tmp_path, monkeypatch):
     with closing(sqlite3.connect(path, isolation_level=None, check_same_thread=False)) as other:
         other.execute("BEGIN IMMEDIATE")
         release = threading.Timer(BUSY_S, other.execute, ["COMMIT"])
-        release.start()
         began = time.monotonic()
+        release.start()
         report, _ = build(recipe_file, monkeypatch, jobs=1)
         assert time.monotonic() - began > BUSY_S
         release.join()

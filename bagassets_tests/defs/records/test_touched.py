@@ -200,7 +200,7 @@ def test_one_that_is_hashed_ahead_of_the_build_is_not_hashed_again(built, monkey
     monkeypatch.setattr(digest, "digest_file", noted)
     other = threading.Thread(target=ahead)
     other.start()
-    assert begun.wait(10)
+    assert begun.wait(60)
     monkeypatch.setattr(digest, "digest_file", begins)
     _, runs = build(built, monkeypatch)
     other.join()

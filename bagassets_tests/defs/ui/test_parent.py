@@ -22,11 +22,11 @@ def test_the_status_is_that_of_the_process_and_nothing_printed_is_lost(main, sta
 import sys, threading, time
 from bagassets.defs.ui.parent import end_after
 def main():
-    threading.Thread(target=time.sleep, args=(60,)).start()
+    threading.Thread(target=time.sleep, args=(600,)).start()
     {main}
 end_after(main)
 """
     ended = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=20, check=False
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False
     )
     assert (ended.returncode, ended.stdout.strip()) == (status, said)

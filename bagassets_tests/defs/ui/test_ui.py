@@ -96,7 +96,7 @@ def test_it_shows_the_project_and_leaves_nothing_behind(project):
             capture_output=True,
             text=True,
             env=bare_environment(),
-            timeout=60,
+            timeout=180,
         )
         assert second.returncode == 1
         assert f"is running already at {url}" in second.stderr
@@ -110,7 +110,7 @@ def test_it_shows_the_project_and_leaves_nothing_behind(project):
         process.send_signal(signal.SIGINT)
         assert process.wait(60) == 0
         assert [pid for session in sessions for pid in processes_of(session)] == []
-        eventually(lambda: servers_of(project) == [], "the fork server has ended", 10)
+        eventually(lambda: servers_of(project) == [], "the fork server has ended")
     left = {path.name for path in project.iterdir()}
     assert left == {
         "recipe.yaml",
@@ -371,7 +371,7 @@ def end(server, cancel):
     files = server.files
     server.close()
     end_servers([files], reported.append, cancel=cancel)
-    eventually(lambda: Client.connect(files) is None, "the server has ended", 10)
+    eventually(lambda: Client.connect(files) is None, "the server has ended")
     return reported
 
 

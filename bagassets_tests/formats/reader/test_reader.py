@@ -527,7 +527,7 @@ class TestAhead:
         results = context.Queue()
         child = context.Process(target=lambda: results.put(facts_in_order([current, *samples])), daemon=True)
         child.start()
-        assert before + results.get(timeout=20) == [facts_of(dataset[i]) for i in range(len(dataset))]
+        assert before + results.get(timeout=120) == [facts_of(dataset[i]) for i in range(len(dataset))]
         child.join(30)
         assert child.exitcode == 0
         assert before + facts_in_order([current, *samples]) == facts_in_order(dataset)
