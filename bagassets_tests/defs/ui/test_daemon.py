@@ -22,7 +22,7 @@ from bagassets_tests.small_drive import write_drive
 pytestmark = pytest.mark.xdist_group("daemon")
 
 PARTITIONS = "test_recordings"
-SETTLE_S = 4.0
+SETTLE_S = 2.0
 
 
 class Watched:
