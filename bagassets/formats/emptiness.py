@@ -53,14 +53,14 @@ def left_behind(recipe: Recipe) -> dict[Path, str]:
     for asset in sorted(on_record(recipe.state)):
         roots, names = Publication(recipe.state, asset).places()
         add = f"add `{'.'.join(section_at(asset.removesuffix('_dataset')))}: {{}}` to it"
-        again = "name it in its `datasets`" if asset.startswith("dataset_") else add
-        for number, root in enumerate(map(Path, roots)):
-            if asset in made or number:
-                # A copy of a project has the record of folders of the original, which goes on.
-                is_own = asset in made and root == made[asset].published_in
-                if is_own or recipe.state.parent not in root.parents:
-                    continue
+        its_own = made[asset].published_in if asset in made else None
+        for root in map(Path, roots):
+            if asset not in made and root == Path(roots[0]):
+                again = "name it in its `datasets`" if asset.startswith("dataset_") else add
+            elif recipe.state.parent in root.parents and root != its_own:
                 again = "name it as an `output`"
+            else:  # asked for; or, in a copy of a project, that of the original, which goes on
+                continue
             is_shared = any(one in (root, *root.parents) or root in one.parents for one in asked)
             tables = {(root / name).parent for name in names if name.endswith(LOCK)} - folders - {root}
             for folder in tables if is_shared else {root}:
