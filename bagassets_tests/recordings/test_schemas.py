@@ -1,6 +1,7 @@
 """Messages that are not ROS: any field of any protobuf or JSON schema is reached by attributes, beside ROS in one file."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from bagassets.recordings.inventory import Inventory
 from bagassets.recordings.open import open_recording
 from bagassets.recordings.pack import PACK_FILE, Pack, PackedRecording
 from bagassets.store.artifact import Artifact, ArtifactWriter
+from bagassets_tests.damaged_files import entries, write_folder
 from bagassets_tests.foxglove_files import NS, M, T, pose, write_protobuf
 from bagassets_tests.recorded_bags import ROS2
 
@@ -176,6 +178,19 @@ def test_extended_cdr_is_named(tmp_path, store_of, data):
     value, _ = store_of(write(tmp_path / "a.mcap", dds("/a", "robot::State", idl, data)))
     (topic,) = value["topics"]
     assert topic["problem"] == f"none of its messages can be decoded: {EXTENDED}"
+
+
+def test_messages_whose_compression_is_not_told_name_what_tells_it(tmp_path, store_of):
+    folder = write_folder(tmp_path / "drive", entries(30), mode="MESSAGE")
+    metadata = folder / "metadata.yaml"
+    told = metadata.read_text()
+    metadata.write_text(re.sub("compression_(format|mode): .*", r"compression_\1: ''", told))
+    value, _ = store_of(folder)
+    (problem,) = {topic["problem"] for topic in value["topics"]}
+    assert "it is compressed by zstd, which nothing says; give its folder a metadata.yaml with" in problem
+    metadata.write_text(re.sub("compression_format: .*", "compression_format: zstd", told))
+    with open_recording(folder) as recording:
+        assert len(list(recording.messages(list(recording.topics)))) == len(entries(30))
 
 
 def test_optional_members_of_omg_idl_are_refused(tmp_path):
