@@ -31,6 +31,8 @@ NOTED_DEG = 0.01
 ROTATION_ERROR = 1e-3
 # A shorter baseline in P is a rounding error.
 LEAST_BASELINE_M = 1e-5
+WITHOUT_INTRINSICS = "; its images have no intrinsics."
+"""How a note ends on a camera whose CameraInfo cannot be used."""
 
 
 def camera_intrinsics(
@@ -93,7 +95,7 @@ def _from_messages(
         problem = f"{name}: no usable CameraInfo on {topic}{_reasons(lost)}"
         if needed:
             raise CalibrationError(f"{problem}; give `intrinsics` or set `undistort: false`.")
-        notes.append(f"{problem}; its images have no intrinsics.")
+        notes.append(f"{problem}{WITHOUT_INTRINSICS}")
         return None, SE3()
     if lost:
         notes.append(f"{name}: {sum(lost.values())} messages on {topic} cannot be used{_reasons(lost)}.")

@@ -12,6 +12,7 @@ With any other text (`jpeg`, `png`), viewers show the file correctly.
 """
 
 import re
+from typing import Any
 
 import cv2
 import numpy as np
@@ -87,10 +88,11 @@ def decode_pixels(encoded: bytes | memoryview, encoding: str) -> Pixels | NDArra
         DecodeError: the bytes do not decode.
     """
     kind, _, inside = encoding.partition(":")
-    if kind == "rvl":
-        levels = decode_rvl(encoded)
-        return metres(inside, levels) if inside.startswith("depth") else levels
-    pixels = cv2.imdecode(np.frombuffer(encoded, np.uint8), cv2.IMREAD_UNCHANGED)
+    pixels: NDArray[Any] | None = (
+        decode_rvl(encoded)
+        if kind == "rvl"
+        else cv2.imdecode(np.frombuffer(encoded, np.uint8), cv2.IMREAD_UNCHANGED)
+    )
     if pixels is None:
         raise DecodeError(f"the {kind.upper()} does not decode")
     if pixels.ndim == 3 and pixels.shape[2] == 4:

@@ -35,7 +35,7 @@ def compressed_depth(text: str, data: memoryview) -> tuple[memoryview, str]:
         raise DecodeError(f"format '{text}' is neither PNG by its first bytes nor RVL")
     kind = recorded.strip().upper()
     if kind in {"16UC1", "MONO16"}:
-        return image, "png" if is_png else "rvl:levels"
+        return image, "png" if is_png else "rvl:"  # the colon, as viewers do not show it
     if kind != "32FC1":
         raise DecodeError(f"compressedDepth of '{recorded.strip()}' is not supported (16UC1 and 32FC1 are)")
     _, a, b = _HEADER.unpack(data[: _HEADER.size])

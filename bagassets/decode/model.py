@@ -19,7 +19,7 @@ class ImageReading:
         pixels: (H, W) or (H, W, 3) BGR, uint8 or uint16; (H, W) float32 is depth in metres; None if there is only `encoded`.
         encoded: the recorded bytes of a JPEG, PNG or RVL, possibly a view of the message; else None.
         encoding: the raw encoding as recorded; or `jpeg` or `png`, followed by `:rgb` if red and blue are swapped, or by a
-            colon and the Bayer pattern of a compressed mosaic; `png` or `rvl` by what the numbers of depth mean.
+            colon and the Bayer pattern of a compressed mosaic; or `png` or `rvl:`, of depth in metres by what its numbers mean.
     """
 
     stamp_ns: int

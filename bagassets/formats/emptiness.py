@@ -1,6 +1,6 @@
 """Datasets that hold nothing, although there are recordings, or that nothing asks for any more, and the way out."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 
 from bagassets.base.quantities import count_text
@@ -52,21 +52,39 @@ def left_behind(recipe: Recipe) -> dict[Path, str]:
     folders = {one.folder for one in made.values() if isinstance(one, Dataset)}
     for asset in sorted(on_record(recipe.state)):
         roots, names = Publication(recipe.state, asset).places()
-        add = f"add `{'.'.join(section_at(asset.removesuffix('_dataset')))}: {{}}` to it"
+        tables = {Path(name).parent for name in names if name.endswith(LOCK)}
         its_own = made[asset].published_in if asset in made else None
-        for root in map(Path, roots):
-            if asset not in made and root == Path(roots[0]):
-                again = "name it in its `datasets`" if asset.startswith("dataset_") else add
-            elif recipe.state.parent in root.parents and root != its_own:
-                again = "name it as an `output`"
-            else:  # asked for; or, in a copy of a project, that of the original, which goes on
-                continue
-            is_shared = any(one in (root, *root.parents) or root in one.parents for one in asked)
-            tables = {(root / name).parent for name in names if name.endswith(LOCK)} - folders - {root}
-            for folder in tables if is_shared else {root}:
-                if (folder / (LOCK if is_shared else GUARD)).exists():
-                    found[folder] = (
-                        f"{folder}: this dataset is no longer brought up to date and stays as it is, because the recipe does not "
-                        f"ask for it; {again}, or remove the folder."
-                    )
+        for root, again in _no_longer_asked(recipe, asset, [Path(root) for root in roots], its_own):
+            if any(one in (root, *root.parents) or root in one.parents for one in asked):
+                # Others are beside it in one dataroot: its tables tell whether it is still there.
+                inside = {root / one for one in tables} - folders - {root}
+                left = [folder for folder in inside if (folder / LOCK).exists()]
+            else:
+                left = [root] if (root / GUARD).exists() else []
+            for folder in left:
+                found[folder] = (
+                    f"{folder}: this dataset is no longer brought up to date and stays as it is, because the recipe does not "
+                    f"ask for it; {again}, or remove the folder."
+                )
     return found
+
+
+def _no_longer_asked(
+    recipe: Recipe, asset: str, roots: Sequence[Path], its_own: Path | None
+) -> Iterator[tuple[Path, str]]:
+    """Yield the folders that the recipe does not ask for, and how it would.
+
+    Args:
+        recipe: the recipe.
+        asset: the asset of a dataset.
+        roots: where it was published, the last one first.
+        its_own: where the recipe has it; None if it has no such dataset.
+    """
+    for root in roots:
+        if its_own is None and root == roots[0]:
+            section = ".".join(section_at(asset.removesuffix("_dataset")))
+            is_named = asset.startswith("dataset_")
+            yield root, "name it in its `datasets`" if is_named else f"add `{section}: {{}}` to it"
+        # In a copy of a project, the folders on record are those of the original, which goes on.
+        elif recipe.state.parent in root.parents and root != its_own:
+            yield root, "name it as an `output`"

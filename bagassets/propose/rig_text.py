@@ -289,11 +289,7 @@ def _lack(rig: RigProposal, frame: str) -> str:
     if not connected(rig.summary.edges, rig.ego.name, frame):
         return f"no transform from {rig.ego.name} to {frame} was seen; name a `urdf` of the rig"
     trouble = contradiction(rig.summary, rig.ego.name, frame)
-    mount = " (a mount that nods or spins? builds do not follow it: leave the channel out)"
-    return (
-        trouble
-        and f"{trouble}{mount if '(tf) changes' in trouble else ''}; correct that and remove this field"
-    )
+    return trouble and f"{trouble}; correct that and remove this field"
 
 
 def _numbers(values: list[float]) -> str:

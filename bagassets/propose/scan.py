@@ -35,6 +35,7 @@ from bagassets.propose.signals import elements_of, says_episodes, text_in
 from bagassets.propose.summary import Edge, RecordingSummary, TopicSummary, merge_topics, transform_topics
 from bagassets.recipe.model import Limits, Scenes
 from bagassets.recordings.heads import head_of
+from bagassets.recordings.layouts import ZSTD_MAGIC
 from bagassets.recordings.model import Message, RawMessage
 from bagassets.recordings.recording import Recording
 from bagassets.recordings.topic import ForeignBytes, Topic
@@ -55,7 +56,6 @@ _PNG_16_BIT = b"\x10"  # the bit depth of a PNG is its byte 24
 _STILL_M_RAD = 1e-4
 _STRING = "std_msgs/msg/String"
 _URDF_BEGINS = re.compile(r"(?:\s|<\?.*?\?>|<!--.*?-->)*<robot\b", re.DOTALL)
-_ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"  # no serialization begins like that
 _COMPRESSED = (
     "its messages are compressed, which only the metadata.yaml of its bag says; put that file beside it"
 )
@@ -207,7 +207,7 @@ class _TopicScan:
         try:
             value = recording.decode(message)
         except DecodeError as err:
-            self.misfit = self.misfit or (_COMPRESSED if message.data[:4] == _ZSTD_MAGIC else str(err))
+            self.misfit = self.misfit or (_COMPRESSED if message.data[:4] == ZSTD_MAGIC else str(err))
             return
         self._decoded += 1
         if message.msgtype == _STRING and _URDF_BEGINS.match(value.data):

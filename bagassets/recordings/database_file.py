@@ -151,8 +151,9 @@ class Database:
 
     def span_ns(self) -> tuple[int, int] | None:
         """Return first and last log time; None without messages."""
-        ends = "SELECT min(timestamp) FROM messages UNION ALL SELECT max(timestamp) FROM messages"
-        (first,), (last,) = self._select(ends)  # asked for both at once, SQLite looks at all
+        # Asked for both in one query, SQLite looks at all messages, and not at the ends of its index.
+        ends = "SELECT (SELECT min(timestamp) FROM messages), (SELECT max(timestamp) FROM messages)"
+        ((first, last),) = self._select(ends)
         return None if first is None else (int(first), int(last))
 
     def log_times(self) -> dict[int, NDArray[np.int64]]:

@@ -48,7 +48,7 @@ _IDL_SECTION = re.compile(r"^=+\r?\nIDL: .*$", re.MULTILINE)
 _PLAIN_CDR = frozenset({0, 1, 6, 7})
 _EXTENDED_CDR = "it is in extended CDR (XCDR2, or a list of parameters); record it in plain CDR (XCDR1)"
 
-_ZSTD = b"\x28\xb5\x2f\xfd"
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"  # no serialization begins like that
 _UNTOLD_ZSTD = (
     "it is compressed by zstd, which nothing says; give its folder a metadata.yaml with compression_mode: MESSAGE and "
     "compression_format: zstd"
@@ -121,7 +121,7 @@ class Layout:
         """
         encoding = data[1] if self.serialization == "cdr" and len(data) > 1 else 0
         if encoding not in _PLAIN_CDR:
-            raise DecodeError(_UNTOLD_ZSTD if bytes(data[:4]) == _ZSTD else _EXTENDED_CDR)
+            raise DecodeError(_UNTOLD_ZSTD if bytes(data[:4]) == ZSTD_MAGIC else _EXTENDED_CDR)
         decode = self.store.deserialize_ros1 if self.serialization == "ros1" else self.store.deserialize_cdr
         try:
             return cast("Message", decode(data, self.msgtype))

@@ -195,16 +195,16 @@ class IndexReader(rosbag1.Reader):
         return min(chunk.start_time for chunk in filled), max(chunk.end_time for chunk in filled) - 1
 
     def log_times(self) -> dict[int, NDArray[np.int64]]:
-        """Return connection -> (N,) log times in nanoseconds."""
-        return {one.id: self._index(one.id)[0] for one in self.connections}
-
-    def log_times_as_written(self) -> dict[int, NDArray[np.int64]]:
         """Return connection -> (N,) log times in nanoseconds, in the order in which they were written."""
         indexes = {one.id: self._index(one.id) for one in self.connections}
         return {
             number: times_ns[np.lexsort((offsets, positions))]
             for number, (times_ns, positions, offsets) in indexes.items()
         }
+
+    def log_times_as_written(self) -> dict[int, NDArray[np.int64]]:
+        """Return the same: they are all in memory."""
+        return self.log_times()
 
     def messages(  # type: ignore[override]  # by their numbers, and without the objects of connections
         self, connections: Collection[int]

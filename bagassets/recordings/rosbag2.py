@@ -139,6 +139,7 @@ def _unlisted(
     listed: Sequence[TopicSource],
 ) -> Iterator[TopicSource]:
     """Yield what is in the files of a bag and not in its metadata, as if the recorder was killed: topics, and other types of one."""
+    names = {source.topic for source in listed}
     pairs = {(source.topic, source.msgtype) for source in listed}
     for file, sources in zip(files, within, strict=True):
         new = {
@@ -148,7 +149,7 @@ def _unlisted(
         }
         counts = file.counts() if new else {}
         for number, source in new.items():
-            if any(source.topic == topic for topic, _ in pairs):
+            if source.topic in names:
                 yield replace(source, count=0)  # the metadata have counted them
             elif counts.get(number):
                 yield replace(source, count=counts[number])
@@ -190,7 +191,8 @@ def read_metadata(file: Path) -> JsonObject:
             int(_plain(entry["message_count"], "message_count"))
     except (KeyError, TypeError, ValueError) as err:
         raise DamageError(f"its {METADATA} does not describe its topics") from err
-    if isinstance(version := metadata.get("version"), int) and version > _NEWEST_VERSION:
+    version = metadata.get("version")
+    if isinstance(version, int) and version > _NEWEST_VERSION:
         raise DamageError(f"its format version {version} is not supported")
     return metadata
 
@@ -234,8 +236,10 @@ def named_files(path: Path, metadata: JsonMapping) -> list[Path]:
 
 
 def _perhaps_unpacked(file: Path) -> Path:
+    if file.suffix != ZSTD or file.exists():
+        return file
     plain = file.with_suffix("")
-    return plain if file.suffix == ZSTD and not file.exists() and plain.exists() else file
+    return plain if plain.exists() else file
 
 
 def _storage_files(path: Path, metadata: JsonMapping) -> list[Path]:

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from math import asin, atan, degrees, isfinite, sqrt
 
+from bagassets.assets.intrinsics import WITHOUT_INTRINSICS
 from bagassets.assets.quality.finding import Finding
 from bagassets.geometry.calibration import UNPLACED, CalibratedSensor, Calibration, RegionOfInterest
 from bagassets.geometry.camera import CameraModel
@@ -39,11 +40,10 @@ def calibration_plausible(calibration: Calibration, rig: Rig, check: Calibration
             problems += [f"{name}: {text}" for text in _intrinsics(camera, check)]
             facts[name] = {"view_deg": round(_view_deg(camera), 1)}
         elif is_camera:
-            start, end = f"{name}: no usable", "; its images have no intrinsics."
             unusable = (
-                note[len(name) + 2 :].removesuffix(end)
+                note.removeprefix(f"{name}: ").removesuffix(WITHOUT_INTRINSICS)
                 for note in calibration.notes
-                if note.startswith(start)
+                if note.startswith(f"{name}: ") and note.endswith(WITHOUT_INTRINSICS)
             )
             why = next((f"{note};" for note in unusable), "record its CameraInfo, or")
             problems.append(

@@ -68,14 +68,6 @@ class Publication:
         self._cache = Cache(state)
 
     @property
-    def root(self) -> str | None:
-        """Its folder; None if nothing is on record."""
-        try:
-            return self._head()["root"]
-        except PlanNeeded:
-            return None
-
-    @property
     def torn_since_s(self) -> float | None:
         """Since when (Unix seconds) a crash may have torn files that are not on record, until the next `write`; else None."""
         try:

@@ -319,6 +319,7 @@ def make(use: Use[EpisodesUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
     if columns:
         out.write_table(ROWS, pa.table({name: as_column(values) for name, values in columns.items()}))
     frames = sum(one["length"] for one in episodes)
+    # What only some count is left out where none does: their artifacts stay as they were.
     counted = dict.fromkeys([*COUNTED, *(what for one in made for what in one.frames.counts)])
     facts = {
         "rig": params.rig,
