@@ -139,7 +139,7 @@ class Services:
         except subprocess.TimeoutExpired:
             os.killpg(self._process.pid, signal.SIGKILL)
             self._process.wait()
-        _end_group(self._process.pid)
+        end_group(self._process.pid)
         self._lock.close()
 
     def end_runs(self, on_wait: Callable[[int], None], *, cancel: Callable[[], bool]) -> None:
@@ -157,11 +157,13 @@ class Services:
         end_servers(ours, on_wait, cancel=cancel)
 
 
-def _end_group(group: int) -> None:
-    """End the remaining processes of a group; Dagster's code server would take up to a minute by itself."""
+def end_group(group: int) -> None:
+    """End the remaining processes of a group; Dagster's code server would take up to a minute by itself.
+
+    They were told to end already. A signal that they handle would interrupt that, and have them print a traceback.
+    """
     deadline = time.monotonic() + _CODE_SERVER_S
     with suppress(ProcessLookupError):  # no process is left
-        os.killpg(group, signal.SIGTERM)
         while time.monotonic() < deadline:
             os.killpg(group, 0)
             time.sleep(_POLL_S / 4)

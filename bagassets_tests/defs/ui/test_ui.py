@@ -23,7 +23,7 @@ from websockets.sync.client import connect
 from bagassets.cli.main import main
 from bagassets.cli.ui import ui
 from bagassets.defs.ui.guard import Guard, own_names
-from bagassets.defs.ui.services import end_servers
+from bagassets.defs.ui.services import end_group, end_servers
 from bagassets.forkserver.client import Client, ServerRefusedError
 from bagassets.forkserver.spec import ServerSpec
 from bagassets_tests.services import (
@@ -403,6 +403,20 @@ def test_an_idle_server_ends_without_a_word(server):
 def test_a_server_that_a_build_uses_stays(server):
     end_servers([server.files], pytest.fail, cancel=lambda: False)
     assert server.status()["draining"] is False
+
+
+def test_what_is_ending_by_itself_is_not_interrupted():
+    """As a code server was now and then, which wrote a traceback to the terminal from where it waited for its threads."""
+    code = (
+        "import signal, time; signal.signal(signal.SIGTERM, lambda *_: print('interrupted', flush=True)); "
+        "print('ending', flush=True); time.sleep(300)"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, start_new_session=True
+    ) as process:
+        assert process.stdout.readline() == "ending\n"
+        end_group(process.pid)
+        assert (process.wait(WAIT_S), process.stdout.read()) == (-signal.SIGKILL, "")
 
 
 def test_an_unknown_host_is_reported_in_a_sentence(project, capsys):
