@@ -20,7 +20,7 @@ def word_set(text: str) -> frozenset[str]:
     return frozenset(text.split())
 
 
-RADAR_WORDS = word_set("ars esr lrr mrr radar radars srr")
+_RADARS = word_set("ars esr lrr mrr radar radars srr")
 _RADAR_LISTS = word_set(
     "cluster clusters detection detections list object objects return returns scan scans target targets track tracks"
 )
@@ -66,6 +66,7 @@ _DERIVED = word_set(
     "features filtered ground heatmap label labels map mask masks matches nonground obstacle obstacles occupancy overlay "
     "rendered result results segmentation semantic submap thumbnail tracked vins viz visualization voxel"
 )
+_PANORAMA = re.compile(r"/(nearir|range|reflec|signal)_image2?$")  # that ouster_ros makes of the points
 
 
 def tokens(name: str) -> list[str]:
@@ -87,14 +88,17 @@ def sensor_of(topic: str) -> str:
 
 def is_derived(topic: str) -> bool:
     """Tell whether a topic looks computed from a sensor's data rather than recorded from the sensor."""
-    return not _DERIVED.isdisjoint(tokens(topic))
+    return not _DERIVED.isdisjoint(tokens(topic)) or _PANORAMA.search(topic) is not None
+
+
+def is_of_radar(*names: str) -> bool:
+    """Tell whether a name has a word for a radar in it, with or without a number: `/ars548/points`, `radar0`."""
+    return any(word.rstrip("0123456789") in _RADARS for name in names for word in tokens(name))
 
 
 def is_radar_list(msgtype: str) -> bool:
     """Tell whether a message type is named like the targets of a radar, as each driver has a type of its own for."""
-    package, _, name = msgtype.partition("/msg/")
-    words = tokens(name)
-    return not _RADAR_LISTS.isdisjoint(words[-1:]) and not RADAR_WORDS.isdisjoint((*tokens(package), *words))
+    return not _RADAR_LISTS.isdisjoint(tokens(msgtype)[-1:]) and is_of_radar(msgtype)
 
 
 def is_sensor_type(msgtype: str) -> bool:

@@ -14,7 +14,7 @@ from bagassets.propose.grouping import Group
 from bagassets.propose.naming import channel_name, free_name, tokens, word_set
 from bagassets.propose.poses import PoseProposal, odometry_of, propose_pose
 from bagassets.propose.sensors import Sensor, find_sensors
-from bagassets.propose.signals import SignalProposal, find_signals, is_of_gripper, said_in, sounds_commanded
+from bagassets.propose.signals import SignalProposal, find_signals, is_measured, said_in, sounds_commanded
 from bagassets.propose.summary import USES, RecordingSummary, TopicSummary, TopicUse, transform_topics
 
 _LARGE_OFFSET_S = 1.0
@@ -278,11 +278,11 @@ def uses_of(
     known = {use.topic.name for use in uses}
     boxes = "boxes, too; the recipe has it as a comment"
     commands = "commands, by its name; if the robot follows them, describe them in `signals`, and add them to `action`"
-    gripper = "of a gripper, by its name; if it is part of the state, describe it in `signals`, and add it to `observation.state`"
+    state = "measured, by type and name; if it is part of the state, describe it in `signals`, and add it to `observation.state`"
     left = {
-        name: commands if sounds_commanded(topic) else gripper
+        name: commands if sounds_commanded(topic) else state
         for name, topic in summary.topics.items()
-        if signals and topic.count and (sounds_commanded(topic) or is_of_gripper(topic))
+        if signals and topic.count and (sounds_commanded(topic) or is_measured(topic))
     } | dict.fromkeys(annotations, boxes)
     uses += [
         TopicUse(topic, "left out" if name in left else "not needed", left.get(name, ""))

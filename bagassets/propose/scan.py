@@ -52,6 +52,8 @@ _LATE_MESSAGES = 3
 _PATIENCE = 5  # times as many, as long as none can be used: sensors and receivers take time to start
 _LIMITS = Limits()
 _SHORTEST_SCENE_S = Scenes().min_length_s
+# Without those that lidars have, too: some measure `velocity`.
+_RADAR_FIELDS = frozenset({"doppler", "doppler_velocity", "radial_speed", "range_rate", "rcs", "v_r"})
 _PNG_16_BIT = b"\x10"  # the bit depth of a PNG is its byte 24
 _STILL_M_RAD = 1e-4
 _STRING = "std_msgs/msg/String"
@@ -272,6 +274,8 @@ class _TopicScan:
         check_points(value, _LIMITS.cloud_points)
         reading: CloudReading
         if msgtype in POINT_CLOUDS:
+            names = (field.name.lower() for field in getattr(value, "fields", ()))
+            facts["is_of_radar"] = not _RADAR_FIELDS.isdisjoint(names)
             reading = without_zero_points(read_pointcloud2(value))
             intensities = reading.points[:, 3]
             if ((intensities > 0.0) & (intensities != 1.0)).any():  # ones and zeros may be anything

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 from bagassets.decode.registry import AnyFamily, families_of, own_types
 from bagassets.propose.naming import (
-    RADAR_WORDS,
     Modality,
     is_derived,
+    is_of_radar,
     is_radar_list,
     is_sensor_type,
     sensor_of,
@@ -24,6 +24,8 @@ _BY_FAMILY: dict[AnyFamily, Modality] = {
 # Carries packets of Velodyne lidars only; other types may carry any packets.
 _VELODYNE_SCAN = "velodyne_msgs/msg/VelodyneScan"
 _DEPTH_WORDS = frozenset({"depth", "disparity", "registered"})
+# Depth as well, if of 16 bit; `/stereo/image_raw` of an OAK is.
+_DEPTH_WORDS_16UC1 = frozenset({"stereo", "tof"})
 # Topics of one sensor whose counts differ by less are complete alike: the bag began between two messages.
 _SIMILAR_COUNT = 0.9
 
@@ -49,7 +51,7 @@ def modality_of(topic: TopicSummary) -> Modality | None:
     """Return the kind of sensor that a topic belongs to by type and name; None if to none."""
     modalities = {_BY_FAMILY[family] for family in families_of(topic.msgtype) if family in _BY_FAMILY}
     if "lidar" in modalities and topic.msgtype in own_types("radar"):
-        return "radar" if RADAR_WORDS & {*tokens(topic.name), *tokens(" ".join(topic.frames))} else "lidar"
+        return "radar" if topic.is_of_radar or is_of_radar(topic.name, *topic.frames) else "lidar"
     if modalities:
         return min(modalities)
     if topic.velodyne or topic.msgtype == _VELODYNE_SCAN:
@@ -110,7 +112,8 @@ def _unusable(topic: TopicSummary) -> TopicUse | None:
         return TopicUse(topic, "left out", "no messages")
     if topic.problem is not None:
         return TopicUse(topic, "not decodable", topic.problem)
-    if not _DEPTH_WORDS.isdisjoint(tokens(topic.name)) or topic.encoding == "32fc1":  # REP 118
+    words = _DEPTH_WORDS | _DEPTH_WORDS_16UC1 if topic.encoding == "16uc1" else _DEPTH_WORDS
+    if not words.isdisjoint(tokens(topic.name)) or topic.encoding == "32fc1":  # REP 118
         depth = (
             "depth, not a picture; a channel of depth needs `output: png` and `undistort: false`"
             if modality == "camera"

@@ -27,14 +27,14 @@ _KINDS: Mapping[str, tuple[tuple[str, ...], str]] = {
     "std_msgs/msg/Float64MultiArray": (("data",), "array"),
     "std_msgs/msg/Float32MultiArray": (("data",), "array"),
     "geometry_msgs/msg/Twist": (("linear", "angular"), "command"),
-    "geometry_msgs/msg/TwistStamped": (("twist",), "command"),
+    "geometry_msgs/msg/TwistStamped": (("twist",), "velocity"),
     "std_msgs/msg/Bool": (("data",), "episode"),
     "std_msgs/msg/Float64": (("data",), "number"),
     "std_msgs/msg/Float32": (("data",), "number"),
 }
 _TEXTS = {"std_msgs/msg/String": "data", "foxglove_msgs/msg/Log": "message"}
 _COMMANDS = word_set(
-    "action actions cmd command commanded commands desired goal leader reference setpoint target targets teleop"
+    "action actions cmd cmds command commanded commands desired goal leader reference setpoint target targets teleop"
 )
 _EPISODES, _TASKS = (
     word_set("episode episodes"),
@@ -124,7 +124,7 @@ def find_signals(summary: RecordingSummary, *, cameras: bool = False) -> list[Si
 def _role(topic: TopicSummary, kind: str) -> _Role | None:
     words = tokens(topic.name)
     is_gripper = kind == "number" and is_of_gripper(topic)
-    if sounds_commanded(topic) and (is_gripper or kind in {_JOINTS, "array"}):
+    if sounds_commanded(topic) and (is_gripper or kind in {_JOINTS, "array", "velocity"}):
         return "command"
     if kind == _JOINTS or (is_gripper and words[-1] in _OPENINGS):
         return "state"
@@ -141,6 +141,11 @@ def sounds_commanded(topic: TopicSummary) -> bool:
 def is_of_gripper(topic: TopicSummary) -> bool:
     """Tell whether a topic is that of a gripper by its name."""
     return "gripper" in tokens(topic.name)
+
+
+def is_measured(topic: TopicSummary) -> bool:
+    """Tell whether a topic that is no command may well be part of the state: of a gripper, or a velocity."""
+    return is_of_gripper(topic) or _KINDS.get(topic.msgtype, ((), ""))[1] == "velocity"
 
 
 def _apart(elements: Collection[tuple[str, ...]]) -> list[tuple[str, ...]]:

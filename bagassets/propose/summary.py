@@ -40,6 +40,7 @@ class TopicSummary:
         velodyne: data packets of a Velodyne were seen; None if the type holds no packets.
         timed: the points of a cloud or the rays of a scan have times; None for other types.
         clock: what the times of the points of a PointCloud2 are; None without.
+        is_of_radar: such clouds have a field that radars fill.
         most_intensity: the largest intensity in such clouds; None if all are 0 or 1.
         refusal: why none of the messages seen is what its type is there for; None if one is, or nothing
             is made of the type.
@@ -68,6 +69,7 @@ class TopicSummary:
     velodyne: bool | None = None
     timed: bool | None = None
     clock: PointClock | None = None
+    is_of_radar: bool = False
     most_intensity: float | None = None
     refusal: str | None = None
     velocities: frozenset[str] = frozenset()
@@ -180,6 +182,7 @@ def merge_topics(one: TopicSummary, other: TopicSummary) -> TopicSummary:
         velodyne=_any(one.velodyne, other.velodyne),
         timed=_any(one.timed, other.timed),
         clock=one.clock if one.clock and (one.clock.doubt or not other.clock) else other.clock,
+        is_of_radar=one.is_of_radar or other.is_of_radar,
         most_intensity=max((one.most_intensity, other.most_intensity), key=lambda most: most or 0.0),
         refusal=one.refusal and other.refusal,
         velocities=one.velocities | other.velocities,

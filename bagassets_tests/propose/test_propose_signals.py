@@ -97,7 +97,7 @@ def test_commands_that_no_rule_makes_a_signal_are_left_out_with_a_word(tmp_path)
     uses = {use.topic.name: (use.status, use.text) for use in proposal.rigs[0].topic_uses}
     assert uses["/lift/command"][0] == "left out"
     assert uses["/lift/command"][1].startswith("commands, by its name; ")
-    assert uses["/gripper/force"][1].startswith("of a gripper, by its name; if it is part of the state, ")
+    assert uses["/gripper/force"][1].startswith("measured, by type and name; if it is part of the state, ")
     assert uses["/temperature"] == ("not needed", "")
 
 
