@@ -20,7 +20,7 @@ _EGO_FRAMES = word_list(
 )
 _USUAL = _EGO_FRAMES[0]
 # How much of the measured acceleration must point along one axis to call that axis vertical: tilts up to 45 degrees.
-_MOUNT = " (a mount that nods or spins? builds do not follow it: leave the channel out)"
+MOUNT = " (a mount that pans, nods or spins? builds do not follow it: leave the channel out)"
 _VERTICAL = 0.7
 _OPTICAL = SE3.create((0.5, -0.5, 0.5, -0.5), (0.0, 0.0, 0.0))
 """x ahead, y left, z up <- x right, y down, z ahead (REP 103)."""
@@ -168,7 +168,7 @@ def contradiction(summary: RecordingSummary, dst: str, src: str) -> str:
         return str(err)
     moving = [edge for way in ways for edge in way if (edge.parent, edge.child) in summary.moving]
     for one in moving:
-        mount = _MOUNT if one.source == "tf" else ""
+        mount = MOUNT if one.source == "tf" else ""
         return f"the transform {one.parent} -> {one.child} ({one.source}) changes{mount}"
     return ""
 

@@ -36,10 +36,10 @@ _NO_DATA = word_set(
 _SIDES = {
     word: side
     for side, words in (
-        ("FRONT", "front forward fwd center centre middle fc"),
-        ("BACK", "back rear behind rc"),
+        ("FRONT", "front forward fwd bow center centre middle fc"),
+        ("BACK", "back rear behind aft stern rc"),
         ("LEFT", "left"),
-        ("RIGHT", "right"),
+        ("RIGHT", "right starboard"),
         ("TOP", "top roof"),
         ("FRONT_LEFT", "fl"),
         ("FRONT_RIGHT", "fr"),
@@ -105,6 +105,8 @@ def is_sensor_type(msgtype: str) -> bool:
     """Tell whether a message type is named like the data of a camera or lidar, whether or not anything decodes it."""
     package, _, name = msgtype.partition("/msg/")
     words = tokens(name)
+    if name in {"EventArray", "EventPacket"}:  # of event cameras
+        return True
     return not _SENSOR_WORDS.isdisjoint((*tokens(package), *words)) and _NO_DATA.isdisjoint(words[-1:])
 
 

@@ -4,13 +4,14 @@ from collections.abc import Sequence
 from math import ceil
 
 from bagassets.base.escaping import yaml_scalar
+from bagassets.decode.registry import families_of
 from bagassets.propose.calibration_files import FoundCalibration, ProposedCalibration, calibration_of
 from bagassets.propose.commented_yaml import Sheet
-from bagassets.propose.frames import connected, contradiction, is_optical, mounting
-from bagassets.propose.naming import PREFIX
+from bagassets.propose.frames import MOUNT, connected, contradiction, is_optical, mounting
+from bagassets.propose.naming import PREFIX, tokens
 from bagassets.propose.poses import lonely_poses
 from bagassets.propose.rigs import RigProposal
-from bagassets.propose.sensors import Sensor
+from bagassets.propose.sensors import Sensor, shown_type
 from bagassets.propose.signals import write_signals
 from bagassets.propose.summary import transform_topics
 from bagassets.recipe.model import Rig
@@ -128,12 +129,15 @@ def _write_transforms(sheet: Sheet, rig: RigProposal) -> None:
 def _write_pose(sheet: Sheet, rig: RigProposal) -> None:
     sheet.field(2, "ego_pose:")
     if not rig.pose.fields:
-        lonely = lonely_poses(rig.summary)
+        but = "".join(f" but one of {name}" for name in lonely_poses(rig.summary)[:1])
+        for name, one in rig.summary.topics.items():
+            if one.count and one.msgtype.endswith("Odometry") and not families_of(one.msgtype):
+                but = f" but {name}, whose {shown_type(one.msgtype)} needs a decoder (`bagassets docs page decoders`)"
         sheet.ask(
             3,
             "ego_pose",
-            f"the recordings hold no odometry, pose, TF chain or GNSS fixes{f' but one of {lonely[0]}' if lonely else ''}; name "
-            "where poses come from, or if this rig stands still, uncomment `source: fixed`",
+            f"the recordings hold no odometry, pose, TF chain or GNSS fixes{but}; name where "
+            "poses come from, or if this rig stands still, uncomment `source: fixed`",
             below=True,
         )
         sheet.off(3, "source: fixed")
@@ -164,6 +168,11 @@ def _write_pose(sheet: Sheet, rig: RigProposal) -> None:
             sheet.off(3, line)
         else:
             sheet.guess(3, line, reason)
+    for frame in topic.frames if topic is not None else ():
+        if "ned" in tokens(frame):
+            sheet.guess_note(
+                3, f"{frame} sounds as if z were down; datasets expect it up, and nothing turns it"
+            )
     for note in rig.pose.notes:
         sheet.guess_note(3, note)
     if rig.pose.gap:
@@ -241,7 +250,7 @@ def _write_place(
         sheet.guess(4, f"frame: {yaml_scalar(frames[0])}", "of its CameraInfo, as its own headers name none")
     frame = frames[0] if frames else ""
     optical = sensor.modality == "camera" or is_optical(rig.summary, frame) is True
-    side = "" if rig.ego.is_sensor else _side(rig, name)
+    side = _side(rig, name)
     rotation = list(mounting("camera" if optical else sensor.modality, side))
     if len(frames) > 1:
         sheet.ask(
@@ -287,6 +296,8 @@ def _lack(rig: RigProposal, frame: str) -> str:
     if not frame:
         return "its headers name no frame; give `frame`; name a `urdf` of the rig"
     if not connected(rig.summary.edges, rig.ego.name, frame):
+        if rig.urdf is not None and all(f'"{one}"' in rig.urdf.topic.urdf for one in (rig.ego.name, frame)):
+            return f"in the URDF, joints that move lead from {rig.ego.name} to {frame}{MOUNT}"
         return f"no transform from {rig.ego.name} to {frame} was seen; name a `urdf` of the rig"
     trouble = contradiction(rig.summary, rig.ego.name, frame)
     return trouble and f"{trouble}; correct that and remove this field"

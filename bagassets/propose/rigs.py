@@ -14,7 +14,14 @@ from bagassets.propose.grouping import Group
 from bagassets.propose.naming import channel_name, free_name, tokens, word_set
 from bagassets.propose.poses import PoseProposal, odometry_of, propose_pose
 from bagassets.propose.sensors import Sensor, find_sensors
-from bagassets.propose.signals import SignalProposal, find_signals, is_measured, said_in, sounds_commanded
+from bagassets.propose.signals import (
+    SignalProposal,
+    find_signals,
+    is_measured,
+    is_of_tool,
+    said_in,
+    sounds_commanded,
+)
 from bagassets.propose.summary import USES, RecordingSummary, TopicSummary, TopicUse, transform_topics
 
 _LARGE_OFFSET_S = 1.0
@@ -77,8 +84,10 @@ class RigProposal:
 
     @property
     def is_arm(self) -> bool:
-        """True if it has signals and no poses of its own, so that only its signals and images make a dataset."""
-        return bool(self.signals) and not self.needs_poses and self.pose.fields.get("source") in {None, "tf"}
+        """True if it has signals and no poses but those of a tool, so that only its signals and images make a dataset."""
+        source, topic = (self.pose.fields.get(field, "") for field in ("source", "topic"))
+        is_fixed = source in {"", "tf"} or (source == "pose" and is_of_tool(self.summary.topics[topic]))
+        return bool(self.signals) and not self.needs_poses and is_fixed
 
     @property
     def topic_uses(self) -> list[TopicUse]:

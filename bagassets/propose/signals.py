@@ -44,6 +44,7 @@ _STARTS = word_set("begin begins started start")
 _ENDS = word_set(
     "abort aborted canceled cancelled discard done end ended ends fail failed failure finish finished stop stopped success"
 )
+_TOOLS = word_set("broadcaster ee eef effector flange gripper hand tcp tool wrist")
 _OPENINGS = word_set("gripper opening position state width")
 _LONGEST_TEXT, _MOST_FPS = 100, 50
 _ALIKE = 0.2  # share by which rates may differ
@@ -143,9 +144,14 @@ def is_of_gripper(topic: TopicSummary) -> bool:
     return "gripper" in tokens(topic.name)
 
 
+def is_of_tool(topic: TopicSummary) -> bool:
+    """Tell whether a pose or the like is that of an arm's tool by its name."""
+    return topic.msgtype.startswith("geometry_msgs/") and not _TOOLS.isdisjoint(tokens(topic.name))
+
+
 def is_measured(topic: TopicSummary) -> bool:
-    """Tell whether a topic that is no command may well be part of the state: of a gripper, or a velocity."""
-    return is_of_gripper(topic) or _KINDS.get(topic.msgtype, ((), ""))[1] == "velocity"
+    """Tell whether a topic that is no command may well be part of the state: of a tool, or a velocity."""
+    return is_of_gripper(topic) or is_of_tool(topic) or _KINDS.get(topic.msgtype, ((), ""))[1] == "velocity"
 
 
 def _apart(elements: Collection[tuple[str, ...]]) -> list[tuple[str, ...]]:

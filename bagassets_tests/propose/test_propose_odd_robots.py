@@ -6,7 +6,17 @@ import pytest
 from bagassets.propose.proposal import propose_recipe
 from bagassets.propose.scan import scan_recording
 from bagassets.recordings.open import open_recording
-from bagassets_tests.propose.test_propose import CLOUD, IMAGE, channels_of, info, odometry, summary, topic
+from bagassets_tests.propose.test_propose import (
+    CLOUD,
+    IMAGE,
+    ODOMETRY,
+    POSE,
+    channels_of,
+    info,
+    odometry,
+    summary,
+    topic,
+)
 from bagassets_tests.recorded_bags import NOON_NS, Message, header, write_mcap
 
 pytestmark = pytest.mark.once
@@ -99,3 +109,61 @@ def test_depth_and_the_panoramas_of_a_lidar_are_no_pictures(tmp_path, name, enco
     other = topic(name, IMAGE, frame="other", encoding=encoding, is_16_bit=encoding != "mono8")
     found = channels_of(summary(CAMERA, info("/camera/camera_info", "camera"), other), tmp_path)
     assert (name in found.values()) == is_picture
+
+
+@pytest.mark.parametrize("name", ["/tcp_pose_broadcaster/pose", "/left_arm/eef_pose"])
+def test_the_pose_of_a_tool_is_not_where_the_robot_is(name):
+    """The camera of a wrist got the poses of the tool as those of a vehicle, and a nuScenes dataset."""
+    joints = topic("/joint_states", JOINTS, elements=(("elbow", "wrist"),))
+    rig = rig_of(CAMERA, joints, topic(name, POSE, frame="base"))
+    assert rig.is_arm
+    (use,) = (use for use in rig.topic_uses if use.topic.name == name)
+    assert (use.status, use.text[:8]) == ("left out", "measured")
+    assert not rig_of(CAMERA, joints, topic("/slam/pose", POSE, frame="map")).is_arm
+
+
+@pytest.mark.parametrize("frame", ["world_ned", "map"])
+def test_poses_with_z_down_have_a_note(frame):
+    text = propose_recipe(
+        {"a": summary(CAMERA, topic("/odom", ODOMETRY, frame=frame))}, name="odd", root="/"
+    ).text
+    assert (f"{frame} sounds as if z were down" in text) == (frame == "world_ned")
+
+
+def test_odometry_that_nothing_decodes_is_named_where_poses_are_asked_for():
+    px4 = topic("/fmu/out/vehicle_odometry", "px4_msgs/msg/VehicleOdometry")
+    (asked,) = propose_recipe({"a": summary(CAMERA, px4)}, name="odd", root="/").questions
+    assert f"GNSS fixes but {px4.name}, whose px4_msgs/VehicleOdometry needs a decoder (" in asked.text
+
+
+def test_a_mount_that_only_the_urdf_knows_is_asked_for_as_one():
+    urdf = '<robot><joint type="revolute"><parent link="base_link"/><child link="camera"/></joint></robot>'
+    described = topic("/robot_description", "std_msgs/msg/String", urdf=urdf)
+    one = summary(CAMERA, odometry(), described)
+    (asked,) = propose_recipe({"a": one}, name="odd", root="/", urdfs=True).questions
+    assert "in the URDF, joints that move lead from base_link to camera (a mount that pans, " in asked.text
+
+
+@pytest.mark.parametrize(
+    ("name", "channel"), [("/stern_cam/image", "CAM_BACK"), ("/bow_cam/image", "CAM_FRONT")]
+)
+def test_sides_of_a_boat(name, channel, tmp_path):
+    sides = [topic(one, IMAGE, encoding="rgb8") for one in (name, "/starboard_cam/image")]
+    assert channels_of(summary(*sides), tmp_path) == {
+        channel: name,
+        "CAM_RIGHT": "/starboard_cam/image",
+    }
+
+
+def test_the_only_camera_of_a_boat_looks_where_its_name_says():
+    """The course over ground is ahead, whatever is seen."""
+    fix = topic("/fix", "sensor_msgs/msg/NavSatFix", frame="gps")
+    one = summary(topic("/stern_cam/image", IMAGE, frame="stern", encoding="rgb8"), fix)
+    text = propose_recipe({"a": one}, name="odd", root="/").text
+    assert "extrinsics: {translation: [0, 0, 0], rotation: [0.5, -0.5, -0.5, 0.5]}" in text
+
+
+@pytest.mark.parametrize("msgtype", ["event_camera_msgs/msg/EventPacket", "dvs_msgs/msg/EventArray"])
+def test_an_event_camera_is_one_that_nothing_decodes(msgtype):
+    (bare,) = propose_recipe({"a": summary(topic("/events", msgtype))}, name="odd", root="/").bare
+    assert [use.status for use in bare.topic_uses] == ["not decodable"]
