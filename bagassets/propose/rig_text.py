@@ -269,6 +269,8 @@ def _write_place(
         give = "measure `extrinsics`"
         if sensor.modality == "camera":
             give = "give `extrinsics`, measured or from a file of Kalibr"
+        if rig.signals:
+            give += "; if only LeRobot's dataset is wanted, remove `nuscenes` and this field"
         looks = f"looks {side.replace('_', ' ').lower()}" if side else "looks ahead"
         if not frame and not optical:  # which turns a camera's axes
             sheet.off(4, f"frame: {yaml_scalar(rig.ego.name)}")

@@ -63,9 +63,14 @@ def find_sensors(summary: RecordingSummary) -> tuple[list[Sensor], list[TopicUse
     """Return the sensors of a recording, in order of kind and topic, and what is left out, in order of topic."""
     left_out: list[TopicUse] = []
     families: list[list[TopicSummary]] = []
+    tracked = {frame for topic in summary.topics.values() for frame in topic.child_frames}
+    fixed = {frame for topic in summary.topics.values() if topic.child_frames for frame in topic.frames}
     for topic in summary.topics.values():
         if (unusable := _unusable(topic)) is not None:
             left_out.append(unusable)
+        elif modality_of(topic) == "lidar" and topic.frames and (fixed - tracked).issuperset(topic.frames):
+            why = f"computed: its points are in {topic.frames[0]}, in which the robot moves"
+            left_out.append(TopicUse(topic, "left out", why))
         elif modality_of(topic) is not None:
             family = next((known for known in families if same_sensor(known[0], topic)), [])
             if not family:

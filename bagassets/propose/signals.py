@@ -34,7 +34,8 @@ _KINDS: Mapping[str, tuple[tuple[str, ...], str]] = {
 }
 _TEXTS = {"std_msgs/msg/String": "data", "foxglove_msgs/msg/Log": "message"}
 _COMMANDS = word_set(
-    "action actions cmd cmds command commanded commands desired goal leader reference setpoint target targets teleop"
+    "action actions cmd cmds command commanded commands desired gello goal leader master reference setpoint target targets "
+    "teleop"
 )
 _EPISODES, _TASKS = (
     word_set("episode episodes"),

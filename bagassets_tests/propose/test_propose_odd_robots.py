@@ -167,3 +167,28 @@ def test_the_only_camera_of_a_boat_looks_where_its_name_says():
 def test_an_event_camera_is_one_that_nothing_decodes(msgtype):
     (bare,) = propose_recipe({"a": summary(topic("/events", msgtype))}, name="odd", root="/").bare
     assert [use.status for use in bare.topic_uses] == ["not decodable"]
+
+
+def test_masters_are_leaders():
+    """As ALOHA's arms are called: what the masters did became part of the state, and the action lacked it."""
+    arms = ("master_left", "master_right", "puppet_left", "puppet_right")
+    joints = [topic(f"/{arm}/joint_states", JOINTS, elements=(("waist", "wrist"),)) for arm in arms]
+    assert [one.role for one in rig_of(CAMERA, *joints).signals] == ["state"] * 2 + ["command"] * 2
+
+
+def test_clouds_in_the_frame_in_which_the_robot_moves_are_no_sensor(tmp_path):
+    """As FAST-LIO publishes them: one, the first by name, was LIDAR_TOP."""
+    lidar = topic("/livox/lidar", CLOUD, frame="livox")
+    computed = topic("/cloud_effected", CLOUD, frame="camera_init")
+    poses = topic("/Odometry", ODOMETRY, frame="camera_init", child_frames=("body",))
+    rig = rig_of(lidar, computed, poses)
+    assert [sensor.topic.name for sensor in rig.channels.values()] == ["/livox/lidar"]
+    (use,) = (use for use in rig.topic_uses if use.topic.name == "/cloud_effected")
+    assert use.text == "computed: its points are in camera_init, in which the robot moves"
+    assert "/cloud_effected" in channels_of(summary(computed), tmp_path).values(), "nothing else is known"
+
+
+def test_a_mobile_arm_is_told_that_lerobot_needs_no_extrinsics():
+    joints = topic("/joint_states", JOINTS, elements=(("elbow", "wrist"),))
+    (asked,) = propose_recipe({"a": summary(CAMERA, odometry(), joints)}, name="odd", root="/").questions
+    assert "if only LeRobot's dataset is wanted, remove `nuscenes` and this field" in asked.text
