@@ -1,6 +1,7 @@
 """Each rule passes what is right and names the first offender of what is broken."""
 
 import copy
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,9 +13,10 @@ from bagassets.assets.quality.calibration_rules import calibration_plausible
 from bagassets.assets.quality.channel_rules import channels_complete
 from bagassets.assets.quality.evidence import Evidence
 from bagassets.assets.quality.finding import clock
-from bagassets.assets.quality.pose_rules import poses_complete, poses_cover_sensors
+from bagassets.assets.quality.pose_rules import heading_askew, poses_complete, poses_cover_sensors
 from bagassets.assets.quality.scene_rules import keyframes_complete, scenes_made
 from bagassets.assets.quality.topic_rules import channels_present, stamps_monotonic, topic_rates
+from bagassets.formats.nuscenes.part_checks import PART_CHECKS
 from bagassets.formats.nuscenes.schema import RECORDING_TABLES
 from bagassets.formats.nuscenes.table_integrity import broken_references, duplicate_tokens, files_match
 from bagassets.geometry.calibration import Calibration
@@ -318,6 +320,71 @@ def drive_along(speed_mps=10.0, until_s=10.0, jump_at=None):
     rotations = np.tile([1.0, 0, 0, 0], (len(x), 1))
     stamps = T0 + np.round(times * S).astype(np.int64)
     return Trajectory(stamps, np.stack([x, zeros, zeros], 1), rotations, S // 2, 0)
+
+
+def turning(heading_deg, seconds=30.0):
+    """A loop to the left at 5 m/s; `heading_deg` gives the heading by the course, both in degrees."""
+    times = np.arange(0, seconds, 0.1)
+    course = 0.2 * times
+    x, y = np.sin(course) * 25.0, (1 - np.cos(course)) * 25.0
+    half = np.radians(heading_deg(np.degrees(course))) / 2
+    zeros = np.zeros_like(half)
+    rotations = np.stack([np.cos(half), zeros, zeros, np.sin(half)], 1)
+    stamps = T0 + np.round(times * S).astype(np.int64)
+    return Trajectory(stamps, np.stack([x, y, zeros], 1), rotations, S // 2, 0)
+
+
+class TestHeadings:
+    @pytest.mark.parametrize(
+        ("heading_deg", "words"),
+        [
+            (lambda course: course - 90.0, "moves 90 degrees to the left of where it heads"),
+            (lambda course: course + 40.0, "moves 40 degrees to the right of where it heads"),
+            (lambda course: 90.0 - course, "heads to the right when it turns left"),
+        ],
+    )
+    def test_an_imu_that_is_not_east_north_up_is_noticed(self, heading_deg, words):
+        (said,) = heading_askew(turning(heading_deg), "/imu")
+        assert said.startswith(f"the vehicle {words}, by the orientation in /imu: it must be east-north-up")
+
+    @pytest.mark.parametrize(
+        "heading_deg",
+        [
+            lambda course: course + 2.0,
+            lambda course: course + 180.0,  # backwards
+            lambda course: course + 20.0,  # a boat in a current
+            lambda course: np.where(course < 170.0, course, course + 180.0),  # to and fro
+            lambda course: 0.0 * course,  # a drone that looks one way
+        ],
+    )
+    def test_what_a_vehicle_does_is_not(self, heading_deg):
+        assert not list(heading_askew(turning(heading_deg), "/imu"))
+
+    def test_only_an_imu_beside_gnss_is_asked(self):
+        """A robot that moves sideways may well say so in its odometry."""
+        (check,) = (one for one in PART_CHECKS if one.name == "poses_cover_sensors")
+        counts = {"counts": {"read": 1, "lost": {}}}
+        artifact = SimpleNamespace(read_json=lambda _: counts)
+
+        def passed(**pose):
+            evidence = SimpleNamespace(
+                rig=Rig.model_validate({**RIG.model_dump(exclude_none=True), "ego_pose": pose}),
+                recipe=SimpleNamespace(limits=Limits()),
+                checks=Checks(),
+                trajectory=turning(lambda course: course - 90.0),
+                stamps_ns=dict,
+                artifact=lambda _: artifact,
+            )
+            return check.rule(evidence).passed
+
+        assert not passed(source="navsat", topic="/fix", imu="/imu")
+        assert passed(source="navsat", topic="/fix")
+        assert passed(source="odometry", topic="/odom")
+
+    def test_of_a_few_metres_nothing_is_said(self):
+        assert not list(heading_askew(turning(lambda course: course - 90.0, seconds=3.0), "/imu"))
+        at_rest = Trajectory(np.array([T0]), np.zeros((1, 3)), np.array([[1.0, 0, 0, 0]]), S, 0)
+        assert not list(heading_askew(at_rest, "/imu"))
 
 
 class TestPoses:

@@ -10,6 +10,9 @@ from bagassets.base.json_types import JsonMapping
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.recipe.model_checks import PosesCheck
 
+# Of the course over ground: what most of them agree in is no noise.
+_LEG_M, _FEWEST_LEGS, _STEADY, _ASKEW_DEG = 1.0, 20, 0.9, 30.0
+
 
 def poses_cover_sensors(
     trajectory: Trajectory, stamps_ns: Mapping[str, Stamps], check: PosesCheck, losses: Iterable[str] = ()
@@ -51,6 +54,35 @@ def poses_complete(counts: JsonMapping, what: str, max_lost: float) -> Iterator[
     yield (
         f"{number} of {counts['read']} {what} gave no pose ({why}). If that is acceptable, raise "
         "limits.reported_losses in the recipe; else name another source as ego_pose"
+    )
+
+
+def heading_askew(trajectory: Trajectory, imu: str) -> Iterator[str]:
+    """Yield a sentence if the vehicle moves, nearly all of the time, at one angle to where an Imu says that it heads.
+
+    So it is if the Imu is mounted otherwise than transforms say, counts its heading from where it was switched on, or
+    clockwise from north; then the angle also changes, but that of course and heading together does not.
+    """
+    covered_m = np.append(0.0, np.cumsum(np.hypot(*np.diff(trajectory.positions_m[:, :2], axis=0).T)))
+    ends = np.unique(np.searchsorted(covered_m, np.arange(0.0, covered_m[-1], _LEG_M)))
+    if len(ends) <= _FEWEST_LEGS:
+        return
+    legs = np.diff(trajectory.positions_m[ends, :2], axis=0)
+    w, x, y, z = trajectory.rotations[ends].T
+    headings = np.exp(1j * np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
+    headings = (headings[1:] + headings[:-1]) / 2.0
+    courses = np.exp(1j * np.arctan2(legs[:, 1], legs[:, 0]))
+    apart, together = (courses * headings.conj()).mean(), (courses * headings).mean()
+    apart_deg = float(np.degrees(np.angle(apart)))
+    if abs(apart) > _STEADY and _ASKEW_DEG < abs(apart_deg) < 180 - _ASKEW_DEG:
+        what = f"moves {abs(apart_deg):.0f} degrees to the {'left' if apart_deg > 0 else 'right'} of where it heads"
+    elif abs(together) > _STEADY > abs(apart):
+        what = "heads to the right when it turns left"
+    else:
+        return
+    yield (
+        f"the vehicle {what}, by the orientation in {imu}: it must be east-north-up (REP 103), and that of the Imu as mounted; "
+        "leave `imu` out of ego_pose to have the course over ground instead"
     )
 
 

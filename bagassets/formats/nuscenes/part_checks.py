@@ -13,7 +13,7 @@ from bagassets.assets.pose_samples import counted_in_poses
 from bagassets.assets.quality.check import RecordingCheck
 from bagassets.assets.quality.evidence import Evidence
 from bagassets.assets.quality.finding import Finding
-from bagassets.assets.quality.pose_rules import poses_complete, poses_cover_sensors
+from bagassets.assets.quality.pose_rules import heading_askew, poses_complete, poses_cover_sensors
 from bagassets.assets.quality.scene_rules import keyframes_complete, scenes_made
 from bagassets.assets.quality.sweep_rules import RadarReadings, Sweeps, radar_velocities, sweeps_timed
 from bagassets.assets.radar_file import read_radar_file
@@ -25,6 +25,7 @@ from bagassets.formats.nuscenes.schema import RECORDING_TABLES, Row
 from bagassets.formats.nuscenes.table_integrity import broken_references, duplicate_tokens, files_match
 from bagassets.geometry.se3 import SE3, Floats
 from bagassets.recipe.model import LidarChannel, RadarChannel
+from bagassets.recipe.model_poses import NavSatSource
 from bagassets.store.artifact import Artifact
 
 PART = "nuscenes_tables"
@@ -42,13 +43,15 @@ def _facts(evidence: Evidence) -> JsonObject:
     return facts
 
 
-def _lost_poses(evidence: Evidence) -> Iterator[str]:
+def _pose_warnings(evidence: Evidence) -> Iterator[str]:
     counts = evidence.artifact(EGO_POSES.name).read_json("ego_poses.json")["counts"]
     pose = evidence.rig.ego_pose
     if pose is None:  # the format asks for poses, so there is one
-        return iter(())
+        return
+    if isinstance(pose, NavSatSource) and pose.imu:
+        yield from heading_askew(evidence.trajectory, pose.imu)
     what = f"{counted_in_poses(pose.source)}s of {getattr(pose, 'topic', 'TF')}"
-    return poses_complete(counts, what, evidence.recipe.limits.reported_losses)
+    yield from poses_complete(counts, what, evidence.recipe.limits.reported_losses)
 
 
 def _artifacts_of(
@@ -132,9 +135,9 @@ PART_CHECKS = (
         "Readings have an ego pose at their time, and the vehicle does not jump.",
         "less than `min_share` of a channel's readings have an ego pose; the vehicle moves faster than `max_speed_mps` "
         "between two poses; two trajectories overlap in time; as a warning: more than `limits.reported_losses` (5 %) "
-        "of the messages gave no pose",
+        "of the messages gave no pose; the heading of the Imu beside GNSS is clearly not where the vehicle moves",
         lambda e: poses_cover_sensors(
-            e.trajectory, e.stamps_ns(), e.checks.poses_cover_sensors, _lost_poses(e)
+            e.trajectory, e.stamps_ns(), e.checks.poses_cover_sensors, _pose_warnings(e)
         ),
     ),
     RecordingCheck(
