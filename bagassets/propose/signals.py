@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from math import ceil
 from typing import TYPE_CHECKING, Literal
 
@@ -115,7 +116,8 @@ def find_signals(summary: RecordingSummary, *, cameras: bool = False) -> list[Si
             names = next((one.names for one in found if set(one.names) == set(group)), group)
             taken = [one.name for one in found]
             name = free_name(base if base[0].isalpha() else f"signal_{base}", taken, "_")
-            rate_hz = topic.rate_hz and topic.rate_hz / len(groups)  # by turns
+            share = [one.issuperset(group) for one in set(map(frozenset, topic.elements))]  # by turns
+            rate_hz = topic.rate_hz and topic.rate_hz * sum(share) / len(share)
             found.append(SignalProposal(name, topic, fields, names, topic.offset_s is None, role, rate_hz))
     order: tuple[_Role, ...] = ("state", "command", "episode")
     found.sort(key=lambda one: (order.index(one.role), one.topic.name))
@@ -156,13 +158,11 @@ def is_measured(topic: TopicSummary) -> bool:
 
 
 def _apart(elements: Collection[tuple[str, ...]]) -> list[tuple[str, ...]]:
-    """Return lists of names that share none: messages that lack a joint, or order them otherwise, are of one driver."""
-    groups: list[dict[str, None]] = []
-    for names in elements:
-        alike = [group for group in groups if group.keys() & set(names)]
-        joined = {name: None for group in alike for name in group} | dict.fromkeys(names)
-        groups = [group for group in groups if group not in alike] + [joined]
-    return [tuple(group) for group in groups]
+    """Return lists of names that messages have together or not at all, so that none lacks an element of a signal."""
+    groups: dict[tuple[bool, ...], list[str]] = {}
+    for name in dict.fromkeys(chain.from_iterable(elements)):
+        groups.setdefault(tuple(name in names for names in elements), []).append(name)
+    return [tuple(group) for group in groups.values()]
 
 
 def said_in(summary: RecordingSummary) -> dict[str, str]:

@@ -157,18 +157,27 @@ def flag(number):
 
 def test_drivers_that_share_a_topic_get_a_signal_each(tmp_path):
     messages = [state(n, ("b", "a", "c") if n % 2 else ("finger",)) for n in range(100)]
-    messages[1] = state(1, ("a", "b"))
+    messages[1] = state(1, ("c", "a", "b"))
     _, recipe = proposed(write_ros1(tmp_path / "a.bag", messages))
     signals = recipe["rigs"][0]["signals"]
     assert {name: one["names"] for name, one in signals.items()} == {
         "joint_states": ["finger"],
-        "joint_states_2": ["a", "b", "c"],
+        "joint_states_2": ["c", "a", "b"],
     }
     assert recipe["lerobot"]["features"] == {
         "observation.state": {"signals": ["joint_states", "joint_states_2"]},
         "action": {"next_of": "observation.state"},
     }
     assert recipe["lerobot"]["fps"] == 25  # they take turns
+
+
+def test_joints_that_only_some_messages_have_are_a_signal_of_their_own(tmp_path):
+    """A gripper's driver beside one of all joints: half of the messages lacked the arm, so that no episode was whole."""
+    messages = [state(n, ("grip",) if n % 2 else ("a", "b", "grip")) for n in range(100)]
+    proposal, recipe = proposed(write_ros1(tmp_path / "a.bag", messages))
+    signals = recipe["rigs"][0]["signals"]
+    assert [one["names"] for one in signals.values()] == [["a", "b"], ["grip"]]
+    assert [one.rate_hz for one in proposal.rigs[0].signals] == pytest.approx([25.0, 50.0])
 
 
 def test_commands_without_header_and_episodes_by_a_flag(tmp_path):
