@@ -4,6 +4,7 @@ from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 
 from bagassets.decode.registry import types_of
+from bagassets.decode.robots import robot_of
 from bagassets.propose.frames import connected, global_frame_of, is_optical
 from bagassets.propose.naming import tokens, word_set
 from bagassets.propose.summary import RecordingSummary, TopicSummary
@@ -73,7 +74,7 @@ def pose_candidates(summary: RecordingSummary, ego_frame: str) -> list[PosePropo
         if _COMMANDS.isdisjoint(tokens(topic.name))
     ]
     found += [_from_pose(topic, poses, summary, ego_frame) for topic in poses]
-    systems = _ranked(topic for topic in summary.topics.values() if topic.ncom_sender is not None)
+    systems = _ranked(summary, (topic for topic in summary.topics.values() if topic.ncom_sender is not None))
     found += [_from_ncom(topic, systems, ego_frame) for topic in systems]
     global_frame = global_frame_of(summary, ego_frame)
     if global_frame:
@@ -101,19 +102,20 @@ def lonely_poses(summary: RecordingSummary) -> list[str]:
 def _usable(summary: RecordingSummary, types: Iterable[str]) -> list[TopicSummary]:
     """Return the topics of some types, best first; those whose messages decoders refused only if there are no others."""
     wanted = set(types)
-    topics = _ranked(
+    topics = [
         topic
         for topic in summary.topics.values()
         if topic.msgtype in wanted and topic.count >= _FEWEST_POSES and topic.problem is None
-    )
-    return [topic for topic in topics if topic.refusal is None] or topics
+    ]
+    return _ranked(summary, [topic for topic in topics if topic.refusal is None] or topics)
 
 
-def _ranked(topics: Iterable[TopicSummary]) -> list[TopicSummary]:
+def _ranked(summary: RecordingSummary, topics: Iterable[TopicSummary]) -> list[TopicSummary]:
     return sorted(
         topics,
-        # Of equal ones, that of a namespace may be another robot's.
+        # Of equal ones, that of a namespace may be another robot's, and that of no robot another's without sensors.
         key=lambda topic: (
+            robot_of(topic.name, summary.robots) is not None,
             not _FUSED.isdisjoint(tokens(topic.name)),
             topic.count,
             -topic.name.count("/"),

@@ -192,3 +192,10 @@ def test_a_mobile_arm_is_told_that_lerobot_needs_no_extrinsics():
     joints = topic("/joint_states", JOINTS, elements=(("elbow", "wrist"),))
     (asked,) = propose_recipe({"a": summary(CAMERA, odometry(), joints)}, name="odd", root="/").questions
     assert "if only LeRobot's dataset is wanted, remove `nuscenes` and this field" in asked.text
+
+
+def test_of_robots_the_poses_are_those_of_the_one_whose_sensors_are_taken():
+    """The poses of a third robot that has no sensors, and no TF of its own, were uncommented with the rest."""
+    topics = [odometry("/robot1/odom"), odometry("/robot3/odom"), odometry("/ground_truth/odom")]
+    rig = rig_of(CAMERA, *topics, robots={"/robot1": True, "/robot2": True})
+    assert rig.pose.fields["topic"] == "/robot1/odom"
