@@ -17,6 +17,7 @@ from bagassets.propose.sensors import Sensor, find_sensors
 from bagassets.propose.signals import (
     SignalProposal,
     find_signals,
+    has_joints,
     is_measured,
     is_of_tool,
     said_in,
@@ -288,10 +289,15 @@ def uses_of(
     boxes = "boxes, too; the recipe has it as a comment"
     commands = "commands, by its name; if the robot follows them, describe them in `signals`, and add them to `action`"
     state = "measured, by type and name; if it is part of the state, describe it in `signals`, and add it to `observation.state`"
+    joints = (
+        "joints, beside a lidar or radar; `signals` and `lerobot` in the recipe make a dataset of them, too"
+    )
+    kinds = {is_measured: state, sounds_commanded: commands} if signals else {has_joints: joints}
     left = {
-        name: commands if sounds_commanded(topic) else state
+        name: text
         for name, topic in summary.topics.items()
-        if signals and topic.count and (sounds_commanded(topic) or is_measured(topic))
+        for is_kind, text in kinds.items()
+        if (channels or signals) and topic.count and is_kind(topic)
     } | dict.fromkeys(annotations, boxes)
     uses += [
         TopicUse(topic, "left out" if name in left else "not needed", left.get(name, ""))

@@ -147,6 +147,11 @@ def is_of_gripper(topic: TopicSummary) -> bool:
     return "gripper" in tokens(topic.name)
 
 
+def has_joints(topic: TopicSummary) -> bool:
+    """Tell whether a topic says where joints are or shall be."""
+    return bool(topic.elements) and _KINDS.get(topic.msgtype, ((), ""))[1] == _JOINTS
+
+
 def is_of_tool(topic: TopicSummary) -> bool:
     """Tell whether a pose or the like is that of an arm's tool by its name."""
     return topic.msgtype.startswith("geometry_msgs/") and not _TOOLS.isdisjoint(tokens(topic.name))

@@ -199,3 +199,11 @@ def test_of_robots_the_poses_are_those_of_the_one_whose_sensors_are_taken():
     topics = [odometry("/robot1/odom"), odometry("/robot3/odom"), odometry("/ground_truth/odom")]
     rig = rig_of(CAMERA, *topics, robots={"/robot1": True, "/robot2": True})
     assert rig.pose.fields["topic"] == "/robot1/odom"
+
+
+def test_joints_beside_a_lidar_have_a_word():
+    """A mobile manipulator is proposed as a vehicle; that its arm is left out was not said."""
+    joints = topic("/joint_states", JOINTS, elements=(("elbow", "wrist"),))
+    rig = rig_of(CAMERA, topic("/points", CLOUD, frame="lidar"), odometry(), joints)
+    (use,) = (use for use in rig.topic_uses if use.topic.name == "/joint_states")
+    assert (use.status, use.text[:30]) == ("left out", "joints, beside a lidar or rada")

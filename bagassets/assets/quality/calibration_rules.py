@@ -68,7 +68,8 @@ def _extrinsics(ego_SE3_sensor: SE3, is_camera: bool, check: CalibrationCheck) -
     if abs(tilt_deg) > check.max_tilt_deg:
         yield (
             f"looks {abs(tilt_deg):.0f} degrees {'up' if tilt_deg > 0 else 'down'}, at most "
-            f"{check.max_tilt_deg:g} expected; its frame is probably not the optical one (z forward, y down)"
+            f"{check.max_tilt_deg:g} expected; its frame is probably not the optical one (z forward, y down); if it "
+            "does look there, raise checks.calibration_plausible.max_tilt_deg"
         )
 
 
