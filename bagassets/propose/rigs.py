@@ -14,15 +14,7 @@ from bagassets.propose.grouping import Group
 from bagassets.propose.naming import channel_name, free_name, tokens, word_set
 from bagassets.propose.poses import PoseProposal, odometry_of, propose_pose
 from bagassets.propose.sensors import Sensor, find_sensors
-from bagassets.propose.signals import (
-    SignalProposal,
-    find_signals,
-    has_joints,
-    is_measured,
-    is_of_tool,
-    said_in,
-    sounds_commanded,
-)
+from bagassets.propose.signals import SignalProposal, find_signals, is_of_tool, said_in, word_on
 from bagassets.propose.summary import USES, RecordingSummary, TopicSummary, TopicUse, transform_topics
 
 _LARGE_OFFSET_S = 1.0
@@ -287,17 +279,10 @@ def uses_of(
     uses += left_out if urdf is None else [*left_out, urdf]
     known = {use.topic.name for use in uses}
     boxes = "boxes, too; the recipe has it as a comment"
-    commands = "commands, by its name; if the robot follows them, describe them in `signals`, and add them to `action`"
-    state = "measured, by type and name; if it is part of the state, describe it in `signals`, and add it to `observation.state`"
-    joints = (
-        "joints, beside a lidar or radar; `signals` and `lerobot` in the recipe make a dataset of them, too"
-    )
-    kinds = {is_measured: state, sounds_commanded: commands} if signals else {has_joints: joints}
     left = {
-        name: text
+        name: word
         for name, topic in summary.topics.items()
-        for is_kind, text in kinds.items()
-        if (channels or signals) and topic.count and is_kind(topic)
+        if topic.count and (channels or signals) and (word := word_on(topic, beside_signals=bool(signals)))
     } | dict.fromkeys(annotations, boxes)
     uses += [
         TopicUse(topic, "left out" if name in left else "not needed", left.get(name, ""))

@@ -127,7 +127,7 @@ def find_signals(summary: RecordingSummary, *, cameras: bool = False) -> list[Si
 
 def _role(topic: TopicSummary, kind: str) -> _Role | None:
     words = tokens(topic.name)
-    is_gripper = kind == "number" and is_of_gripper(topic)
+    is_gripper = kind == "number" and "gripper" in words
     if sounds_commanded(topic) and (is_gripper or kind in {_JOINTS, "array", "velocity"}):
         return "command"
     if kind == _JOINTS or (is_gripper and words[-1] in _OPENINGS):
@@ -142,24 +142,22 @@ def sounds_commanded(topic: TopicSummary) -> bool:
     return bool(set(tokens(topic.name)) & _COMMANDS)
 
 
-def is_of_gripper(topic: TopicSummary) -> bool:
-    """Tell whether a topic is that of a gripper by its name."""
-    return "gripper" in tokens(topic.name)
-
-
-def has_joints(topic: TopicSummary) -> bool:
-    """Tell whether a topic says where joints are or shall be."""
-    return bool(topic.elements) and _KINDS.get(topic.msgtype, ((), ""))[1] == _JOINTS
-
-
 def is_of_tool(topic: TopicSummary) -> bool:
     """Tell whether a pose or the like is that of an arm's tool by its name."""
     return topic.msgtype.startswith("geometry_msgs/") and not _TOOLS.isdisjoint(tokens(topic.name))
 
 
-def is_measured(topic: TopicSummary) -> bool:
-    """Tell whether a topic that is no command may well be part of the state: of a tool, or a velocity."""
-    return is_of_gripper(topic) or is_of_tool(topic) or _KINDS.get(topic.msgtype, ((), ""))[1] == "velocity"
+def word_on(topic: TopicSummary, *, beside_signals: bool) -> str:
+    """Return what to say of a topic that is no signal but might be one; "" if it might not."""
+    _, kind = _KINDS.get(topic.msgtype, ((), ""))
+    if not beside_signals:
+        joints = "joints, beside a lidar or radar; `signals` and `lerobot` in the recipe make a dataset of them, too"
+        return joints if kind == _JOINTS and topic.elements else ""
+    if sounds_commanded(topic):
+        return "commands, by its name; if the robot follows them, describe them in `signals`, and add them to `action`"
+    if kind == "velocity" or is_of_tool(topic) or "gripper" in tokens(topic.name):
+        return "measured, by type and name; if it is part of the state, describe it in `signals`, and add it to `observation.state`"
+    return ""
 
 
 def _apart(elements: Collection[tuple[str, ...]]) -> list[tuple[str, ...]]:

@@ -576,7 +576,10 @@ class TestCalibration:
         [
             ({"translation": [1500.0, 0, 1200]}, "is 1920.94 m from the ego frame"),
             ({"rotation": [1.0, 0, 0, 0]}, "looks 90 degrees up"),
-            ({"rotation": [0.0, 1.0, 0, 0]}, "if it does look there, raise checks.calibration_plausible.max_tilt_deg"),
+            (
+                {"rotation": [0.0, 1.0, 0, 0]},
+                "if it does look there, raise checks.calibration_plausible.max_tilt_deg",
+            ),
             ({"k": [4.0, 0, 319.5, 0, 4.0, 239.5, 0, 0, 1], "d": []}, "a field of view of 178"),
             ({"k": [40000.0, 0, 319.5, 0, 40000.0, 239.5, 0, 0, 1]}, "a field of view of 0.9 degrees"),
             ({"k": [400.0, 0, 319.5, 0, 225.0, 239.5, 0, 0, 1]}, "differ by a factor of 1.78"),
