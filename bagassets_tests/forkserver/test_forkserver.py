@@ -561,6 +561,15 @@ def test_leftovers_of_dead_servers_are_removed(tmp_path):
         client.shutdown()
 
 
+def test_a_log_that_goes_as_old_ones_are_sought_does_no_harm(tmp_path):
+    """As commands that another server of the project carries out remove theirs."""
+    logs = tmp_path / "forkserver" / "logs"
+    logs.mkdir(parents=True)
+    (logs / "status.log").symlink_to("gone")
+    with Client.ensure(spec_in(tmp_path)) as client:
+        client.shutdown()
+
+
 def leave_socket(path):
     """Leave a socket behind as a server does that is killed."""
     path.parent.mkdir(parents=True, exist_ok=True)
