@@ -26,6 +26,7 @@ from bagassets.defs.ui.guard import Guard, own_names
 from bagassets.defs.ui.services import end_group, end_servers
 from bagassets.forkserver.client import Client, ServerRefusedError
 from bagassets.forkserver.spec import ServerSpec
+from bagassets.recipe import load_recipe
 from bagassets_tests.services import (
     BIN,
     WAIT_S,
@@ -140,11 +141,13 @@ def see_pictures(port, project):
     shown, link = re.fullmatch(r"\[!\[\]\((/[^)]+)\)\]\((/\S+) .+\)", timeline).groups()
     host = {"Host": f"127.0.0.1:{port}"}
     with urlopen(f"http://127.0.0.1:{port}{shown}", timeout=30) as picture:
-        (file,) = project.rglob(f"{link.split('/')[-2]}/files/inline/timeline.jpg")
+        # Not in the whole project, where what a run makes comes and goes.
+        artifacts = load_recipe(project / "recipe.yaml").store_path / "artifacts"
+        (file,) = artifacts.glob(f"*/{link.split('/')[-2]}/files/inline/timeline.jpg")
         assert picture.read() == file.read_bytes()
     with urlopen(f"http://127.0.0.1:{port}{link}", timeout=30) as picture:
         digest, name = link.split("/")[-2:]
-        (file,) = project.rglob(f"{digest}/files/{name}")
+        (file,) = artifacts.glob(f"*/{digest}/files/{name}")
         assert (picture.read(), picture.headers["Content-Type"]) == (file.read_bytes(), "image/jpeg")
         assert picture.headers["X-Content-Type-Options"] == "nosniff"
     for other in (
