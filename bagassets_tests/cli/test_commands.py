@@ -12,6 +12,7 @@ from types import SimpleNamespace
 
 import click
 import pytest
+from pydantic_core import SchemaError
 
 import bagassets
 from bagassets.__main__ import main as program
@@ -149,6 +150,28 @@ def test_an_interrupt_before_the_command_line_is_there_is_no_traceback(monkeypat
     monkeypatch.setattr(at, interrupted)
     monkeypatch.setattr(sys, "argv", ["bagassets", "build", "--recipe", "/no/such/recipe.yaml"])
     assert program() == ExitStatus.INTERRUPTED
+    assert capsys.readouterr().err == "Interrupted.\n"
+
+
+class Named:
+    def __set_name__(self, _owner, _name):
+        raise KeyboardInterrupt
+
+
+def made():
+    class _Made:
+        name = Named()
+
+
+def validated():
+    raise SchemaError('Error building "model" validator:\n  KeyboardInterrupt: ')
+
+
+@pytest.mark.parametrize("interrupted", [made, validated])
+def test_an_interrupt_in_the_middle_of_a_class_is_no_defect(monkeypatch, capsys, interrupted):
+    """Python 3.11 and pydantic give another error then."""
+    monkeypatch.setattr("bagassets.cli.plugins.echo", lambda *_: interrupted())
+    assert main(["decoders"]) == ExitStatus.INTERRUPTED
     assert capsys.readouterr().err == "Interrupted.\n"
 
 
