@@ -45,7 +45,7 @@ def test_it_prints_a_row_per_recording_the_dataset_and_the_ui(demo):
     assert {row[-1] for row in rows} == {"built"}
     assert f"dataset: {folder}/nuscenes" in output
     assert "Writing 6 sample drives, once, which takes" in output
-    assert re.findall(r"^wrote +(\d)/6 (\S+) \(\d+ s\)$", output, re.MULTILINE) == [
+    assert re.findall(r"^wrote +(\d)/6 (\S+) \(\d+ (?:s|min)\b.*\)$", output, re.MULTILINE) == [
         (str(number), name) for number, name in enumerate(NAMES, 1)
     ]
     assert f"bagassets ui --recipe {folder}/recipe.yaml" in output
