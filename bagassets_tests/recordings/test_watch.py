@@ -375,7 +375,7 @@ class TestService:
         (root / "a.bag").write_bytes(b"content")
         time.sleep(0.5)
         service.send_signal(number)
-        assert service.wait(20) == 0
+        assert service.wait(120) == 0
         assert "sparse.bag" not in service.stdout.read()
         service.stdout.close()
         (root / "sparse.bag").unlink()
