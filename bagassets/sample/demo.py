@@ -58,13 +58,11 @@ def write_drives(
     unfinished.mkdir()
     # Spawned, because the caller may have threads.
     with ProcessPoolExecutor(os.cpu_count(), get_context("spawn"), _end_with_parent) as pool:
-        # Ctrl-C in a terminal is for the caller alone: processes inherit what is blocked.
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
+            # Ctrl-C in a terminal is for the caller alone: processes inherit what is blocked.
+            before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
             written = [pool.submit(_write, unfinished, folder, duration_s, robot, one) for one in targets]
-        finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        try:
             for one in written:
                 yield one.result()
         except BaseException:
