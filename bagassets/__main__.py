@@ -8,9 +8,9 @@ import os
 import signal
 import sys
 
+from bagassets.base.lost_interrupts import interrupt_soon
 from bagassets.base.unread_pipe import outliving_reader
 
-_SOON_S = 0.01
 # Commands that only read, or may (`build --check`).
 _READING = ("build", "check", "explain", "status")
 
@@ -21,7 +21,7 @@ def run() -> None:
     A command that is over in a moment does not have Python take apart all that it imported, which takes 20 ms: it has
     closed what it opened.
     """
-    sys.unraisablehook = _interrupt_soon
+    sys.unraisablehook = interrupt_soon
     try:
         status = main()
     except SystemExit as end:  # of a command
@@ -39,15 +39,6 @@ def run() -> None:
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)  # Python would print where it is when it ends
     sys.exit(status)
-
-
-def _interrupt_soon(lost: "sys.UnraisableHookArgs") -> None:
-    """Interrupt again soon where Python would print that and go on: in a finalizer, or a callback of an import."""
-    if issubclass(lost.exc_type, KeyboardInterrupt):
-        signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(signal.SIGINT))
-        signal.setitimer(signal.ITIMER_REAL, _SOON_S)
-    else:
-        sys.__unraisablehook__(lost)
 
 
 def main() -> int:

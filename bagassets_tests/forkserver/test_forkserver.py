@@ -211,6 +211,12 @@ def test_cancelling_interrupts_and_says_why(client):
     assert not client.cancel(job)
 
 
+def test_an_interrupt_is_not_lost_in_a_finalizer(client):
+    """Where Python prints it and goes on, as in a callback of an import: a build would go on to its end."""
+    event = end_of(client, client.submit(f"{JOBS}:be_interrupted_in_a_finalizer", {}, label="i"))
+    assert event["error"]["type"] == "KeyboardInterrupt"
+
+
 def test_another_client_may_cancel(client):
     job = client.submit(f"{JOBS}:sleep", {}, label="c")
     await_start(client)
