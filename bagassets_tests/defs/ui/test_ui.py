@@ -20,6 +20,7 @@ from starlette.responses import PlainTextResponse
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
+from bagassets.base.errors import BagAssetsError
 from bagassets.cli.main import main
 from bagassets.cli.ui import ui
 from bagassets.defs.ui.guard import Guard, own_names
@@ -420,6 +421,28 @@ def test_what_is_ending_by_itself_is_not_interrupted():
         assert process.stdout.readline() == "ending\n"
         end_group(process.pid)
         assert (process.wait(WAIT_S), process.stdout.read()) == (-signal.SIGKILL, "")
+
+
+@pytest.mark.parametrize("ignored", [False, True])
+def test_signals_are_its_own_until_it_ends_but_for_what_nohup_ignores(project, monkeypatch, ignored):
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = {number: signal.getsignal(number) for number in numbers}
+    meanwhile = {}
+
+    def services(*_args, **_options):
+        meanwhile.update({number: signal.getsignal(number) for number in numbers})
+        raise BagAssetsError("no")
+
+    monkeypatch.setattr("bagassets.defs.ui.services.Services", services)
+    try:
+        found = {**before, signal.SIGHUP: signal.SIG_IGN if ignored else signal.SIG_DFL}
+        signal.signal(signal.SIGHUP, found[signal.SIGHUP])
+        assert main(["ui", "--recipe", str(project / "recipe.yaml")]) == 1
+        assert {number: signal.getsignal(number) for number in numbers} == found
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    assert [number for number in numbers if meanwhile[number] == found[number]] == [signal.SIGHUP] * ignored
 
 
 def test_an_unknown_host_is_reported_in_a_sentence(project, capsys):
