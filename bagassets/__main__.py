@@ -5,8 +5,10 @@ server meanwhile. A command that only reads is carried out by that server, if it
 """
 
 import os
+import signal
 import sys
 
+from bagassets.base.lost_interrupts import interrupt_soon
 from bagassets.base.unread_pipe import outliving_reader
 
 # Commands that only read, or may (`build --check`).
@@ -19,6 +21,7 @@ def run() -> None:
     A command that is over in a moment does not have Python take apart all that it imported, which takes 20 ms: it has
     closed what it opened.
     """
+    sys.unraisablehook = interrupt_soon
     try:
         status = main()
     except SystemExit as end:  # of a command
@@ -33,6 +36,8 @@ def run() -> None:
             pass  # Python meets it again, and reports it
         else:
             os._exit(status)
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # Python would print where it is when it ends
     sys.exit(status)
 
 

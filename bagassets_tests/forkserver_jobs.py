@@ -110,6 +110,17 @@ def wait(args):
     return "waited"
 
 
+class _Interrupting:
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGTERM)
+
+
+def be_interrupted_in_a_finalizer(args):
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    _Interrupting()
+    time.sleep(600)
+
+
 def sleep(args):
     note({"started": True})
     time.sleep(600)

@@ -53,9 +53,13 @@ def deferred_interrupts() -> Iterator[Interrupt]:
 
 @contextmanager
 def signals_handled(how: Callable[..., object] | signal.Handlers, *numbers: signal.Signals) -> Iterator[None]:
-    """Have signals handled by something else meanwhile; in another thread than the main one, nothing is changed."""
+    """Have signals handled by something else meanwhile, but for a SIGHUP that `nohup` ignores.
+
+    In another thread than the main one, nothing is changed.
+    """
     is_main = threading.current_thread() is threading.main_thread()
-    before = {number: signal.signal(number, how) for number in numbers if is_main}
+    kept = {signal.SIGHUP} if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN else set()
+    before = {number: signal.signal(number, how) for number in numbers if is_main and number not in kept}
     try:
         yield
     finally:

@@ -135,6 +135,9 @@ def main(args: Sequence[str] | None = None, *, handed_over: "HandedOver | None" 
         echo(f"error: {text}", err=True)
         return ExitStatus.FAILED
     except Exception as err:  # noqa: BLE001  (a defect; its traceback goes to a file)
+        if any("KeyboardInterrupt" in repr(one) for one in (err, err.__cause__)):  # amid a class of a module
+            echo("Interrupted.", err=True)
+            return ExitStatus.INTERRUPTED
         return _crashed(err, arguments)
     return result if isinstance(result, int) else 0
 

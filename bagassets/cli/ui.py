@@ -10,6 +10,7 @@ from pathlib import Path
 import click
 
 from bagassets.base.errors import BagAssetsError
+from bagassets.base.interrupts import signals_handled
 from bagassets.cli.options import recipe_option
 from bagassets.cli.terminal import echo
 
@@ -64,9 +65,8 @@ def ui(
     from bagassets.defs.ui.services import Services
 
     received: list[int] = []  # from now on no signal ends the process by itself
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, lambda number, _frame: received.append(number))
-    with Services(recipe, host, port, verbose=verbose, allow_hosts=allow_hosts) as services:
+    noted = signals_handled(lambda n, _: received.append(n), signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    with noted, Services(recipe, host, port, verbose=verbose, allow_hosts=allow_hosts) as services:
         services.wait_until_ready(lambda: bool(received))
         if not received:
             services.warm_up()

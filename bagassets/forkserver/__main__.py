@@ -13,6 +13,7 @@ import time
 from pathlib import Path
 
 from bagassets.base.errors import BagAssetsError, StoreError
+from bagassets.base.fingerprints import signature
 from bagassets.base.lock_files import LockFile
 from bagassets.forkserver.protocol import FirstJob
 from bagassets.forkserver.server import Server
@@ -67,7 +68,7 @@ def _serve(
     lock.write("")
     _remove_leftovers(spec.state_folder)
     logs = (files.folder / "logs").glob("*.log")
-    for log in sorted(logs, key=lambda path: path.stat().st_mtime_ns, reverse=True)[_KEPT_LOGS:]:
+    for log in sorted(logs, key=lambda path: signature(path)[1:2], reverse=True)[_KEPT_LOGS:]:
         log.unlink(missing_ok=True)
     server = Server(spec, files, lock)
     try:

@@ -20,6 +20,7 @@ from typing import Any, NoReturn
 
 from bagassets.base.errors import BagAssetsError
 from bagassets.base.json_types import JsonMapping
+from bagassets.base.lost_interrupts import interrupt_soon
 from bagassets.forkserver.protocol import Lines, Message, encode
 
 
@@ -95,6 +96,7 @@ def _become_worker(job: Message, log: Path) -> None:
     for signum in (signal.SIGTERM, signal.SIGCHLD, signal.SIGHUP):
         signal.signal(signum, signal.SIG_DFL)
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    sys.unraisablehook = interrupt_soon
     signal.pthread_sigmask(signal.SIG_SETMASK, ())
     os.environ.clear()
     os.environ.update(job["env"])

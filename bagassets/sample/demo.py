@@ -2,10 +2,10 @@
 
 import os
 import shutil
+import signal
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
-from functools import partial
-from multiprocessing import get_context, parent_process
+from multiprocessing import active_children, get_context, parent_process
 from multiprocessing.connection import wait
 from pathlib import Path
 from threading import Thread
@@ -58,7 +58,17 @@ def write_drives(
     unfinished.mkdir()
     # Spawned, because the caller may have threads.
     with ProcessPoolExecutor(os.cpu_count(), get_context("spawn"), _end_with_parent) as pool:
-        yield from pool.map(partial(_write, unfinished, folder, duration_s, robot), targets)
+        try:
+            # Ctrl-C in a terminal is for the caller alone: processes inherit what is blocked.
+            before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+            written = [pool.submit(_write, unfinished, folder, duration_s, robot, one) for one in targets]
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+            for one in written:
+                yield one.result()
+        except BaseException:
+            for process in active_children():
+                process.kill()
+            raise
     unfinished.rmdir()
 
 

@@ -4,6 +4,7 @@ import ast
 import errno
 import os
 import re
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +12,7 @@ from types import SimpleNamespace
 
 import click
 import pytest
+from pydantic_core import SchemaError
 
 import bagassets
 from bagassets.__main__ import main as program
@@ -20,6 +22,7 @@ from bagassets.cli.docs import all_commands
 from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.main import COMMANDS, main, root
 from bagassets.store import collect as store_collect
+from bagassets_tests.services import WAIT_S
 from bagassets_tests.small_drive import RECIPE
 
 # A page by its file; references are written to one with `bagassets docs … > docs/….md`.
@@ -148,6 +151,65 @@ def test_an_interrupt_before_the_command_line_is_there_is_no_traceback(monkeypat
     monkeypatch.setattr(sys, "argv", ["bagassets", "build", "--recipe", "/no/such/recipe.yaml"])
     assert program() == ExitStatus.INTERRUPTED
     assert capsys.readouterr().err == "Interrupted.\n"
+
+
+class Named:
+    def __set_name__(self, _owner, _name):
+        raise KeyboardInterrupt
+
+
+def made():
+    class _Made:
+        name = Named()
+
+
+def validated():
+    raise SchemaError('Error building "model" validator:\n  KeyboardInterrupt: ')
+
+
+@pytest.mark.parametrize("interrupted", [made, validated])
+def test_an_interrupt_in_the_middle_of_a_class_is_no_defect(monkeypatch, capsys, interrupted):
+    """Python 3.11 and pydantic give another error then."""
+    monkeypatch.setattr("bagassets.cli.plugins.echo", lambda *_: interrupted())
+    assert main(["decoders"]) == ExitStatus.INTERRUPTED
+    assert capsys.readouterr().err == "Interrupted.\n"
+
+
+@pytest.mark.parametrize(
+    ("moment", "ended"),
+    [
+        ("Interrupting(); time.sleep(600)", (130, "", "Interrupted.\n")),  # it is not lost
+        ("threading.Thread(target=interrupt_at_exit).start(); return 0", (-signal.SIGINT, "", "")),
+    ],
+    ids=["in a finalizer", "at the end"],
+)
+def test_an_interrupt_where_python_would_print_it_and_go_on_is_no_traceback(moment, ended):
+    """As in one of a hundred in the two seconds that Dagster's import takes, or by a second Ctrl-C."""
+    code = f"""
+import os, signal, threading, time
+from bagassets import __main__
+
+class Interrupting:
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGINT)
+
+def interrupt_at_exit():
+    while threading.main_thread().is_alive():
+        time.sleep(0.01)
+    Interrupting()
+    time.sleep(600)
+
+def main():
+    {moment}
+
+signal.signal(signal.SIGINT, signal.default_int_handler)
+__main__._main = main
+__main__.run()
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=WAIT_S
+    )
+    assert (done.returncode, done.stdout, done.stderr) == ended
 
 
 def _messages(path):

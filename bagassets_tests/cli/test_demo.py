@@ -3,8 +3,10 @@
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from bagassets import open_dataset
 from bagassets.sample.arm import LEAD_S, ArmTruth
 from bagassets.sample.drive import drive_start_ns
 from bagassets_tests.sample_drives import number_in
+from bagassets_tests.services import WAIT_S, eventually, processes_of, running
 
 pytestmark = [pytest.mark.xdist_group("demo"), pytest.mark.once]
 
@@ -42,7 +45,7 @@ def test_it_prints_a_row_per_recording_the_dataset_and_the_ui(demo):
     assert {row[-1] for row in rows} == {"built"}
     assert f"dataset: {folder}/nuscenes" in output
     assert "Writing 6 sample drives, once, which takes" in output
-    assert re.findall(r"^wrote +(\d)/6 (\S+) \(\d+ s\)$", output, re.MULTILINE) == [
+    assert re.findall(r"^wrote +(\d)/6 (\S+) \(\d+ (?:s|min)\b.*\)$", output, re.MULTILINE) == [
         (str(number), name) for number, name in enumerate(NAMES, 1)
     ]
     assert f"bagassets ui --recipe {folder}/recipe.yaml" in output
@@ -52,6 +55,29 @@ def test_the_dataset_has_a_scene_of_each_drive(demo):
     folder, _ = demo
     scenes = json.loads((folder / "nuscenes" / "v1.0-demo" / "scene.json").read_text())
     assert len(scenes) == len(NAMES)
+
+
+@pytest.mark.parametrize("moment", ["importing", "writing"])
+def test_an_interrupt_ends_it_at_once_and_in_a_word(tmp_path, moment):
+    """A terminal sends it to the processes that write the drives, too."""
+
+    def is_importing(pid):
+        try:
+            return "numpy" in Path("/proc", str(pid), "maps").read_text()
+        except OSError:  # it has just ended
+            return False
+
+    command = [sys.executable, "-m", "bagassets", "demo", tmp_path / "demo", "--seconds", "600"]
+    with running(command, tmp_path, tmp_path / "log") as process:
+        if moment == "importing":
+            eventually(lambda: sum(map(is_importing, processes_of(process.pid))) > 1, "they import")
+        else:
+            eventually(lambda: list((tmp_path / "demo").glob(".writing/*")), "they write")
+        os.killpg(process.pid, signal.SIGINT)
+        assert process.wait(WAIT_S) == 130
+        eventually(lambda: not processes_of(process.pid), "the others have ended")
+    said = (tmp_path / "log").read_text().splitlines()
+    assert [line for line in said if line and "Writing 6 sample drives" not in line] == ["Interrupted."]
 
 
 def test_again_does_nothing_and_a_lost_drive_comes_back(demo):

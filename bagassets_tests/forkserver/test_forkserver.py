@@ -211,6 +211,12 @@ def test_cancelling_interrupts_and_says_why(client):
     assert not client.cancel(job)
 
 
+def test_an_interrupt_is_not_lost_in_a_finalizer(client):
+    """Where Python prints it and goes on, as in a callback of an import: a build would go on to its end."""
+    event = end_of(client, client.submit(f"{JOBS}:be_interrupted_in_a_finalizer", {}, label="i"))
+    assert event["error"]["type"] == "KeyboardInterrupt"
+
+
 def test_another_client_may_cancel(client):
     job = client.submit(f"{JOBS}:sleep", {}, label="c")
     await_start(client)
@@ -558,6 +564,15 @@ def test_leftovers_of_dead_servers_are_removed(tmp_path):
         (folder / name).touch()
     with Client.ensure(spec_in(tmp_path)) as client:
         assert not list(folder.glob("feed.*"))
+        client.shutdown()
+
+
+def test_a_log_that_goes_as_old_ones_are_sought_does_no_harm(tmp_path):
+    """As commands that another server of the project carries out remove theirs."""
+    logs = tmp_path / "forkserver" / "logs"
+    logs.mkdir(parents=True)
+    (logs / "status.log").symlink_to("gone")
+    with Client.ensure(spec_in(tmp_path)) as client:
         client.shutdown()
 
 

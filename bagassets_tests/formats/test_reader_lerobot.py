@@ -164,7 +164,7 @@ def test_a_process_that_was_forked_reads_on(root):
     check(dataset[0], 0)
     child = multiprocessing.get_context("fork").Process(target=check, args=(dataset[20], 20))
     child.start()
-    child.join(20)
+    child.join(120)
     hangs = child.is_alive()
     child.kill()
     assert (hangs, child.exitcode) == (False, 0)

@@ -210,6 +210,33 @@ def test_an_unknown_oddity_is_answered_with_those_that_are(tmp_path):
     assert not (tmp_path / "d.bag").exists()
 
 
+INTERRUPTED = """
+import signal, sys
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from bagassets.sample.demo import missing_drives, write_drives
+
+def interrupted(*args):
+    signal.raise_signal(signal.SIGINT)
+    return submit(*args)
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    submit, ProcessPoolExecutor.submit = ProcessPoolExecutor.submit, interrupted
+    try:
+        list(write_drives(Path(sys.argv[1]), missing_drives(Path()), 600.0))
+    except KeyboardInterrupt:
+        print("interrupted")
+"""
+
+
+def test_an_interrupt_while_the_processes_of_a_demo_start_is_for_all_of_them(tmp_path):
+    (tmp_path / "demo.py").write_text(INTERRUPTED)
+    command = [sys.executable, tmp_path / "demo.py", tmp_path / "bags"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "interrupted\n", "")
+
+
 def test_a_killed_demo_leaves_no_process_behind(tmp_path):
     code = "import sys; from pathlib import Path; from bagassets.sample.demo import *\n"
     code += "if __name__ == '__main__': list(write_drives(Path(sys.argv[1]), missing_drives(Path()), 60.0))\n"

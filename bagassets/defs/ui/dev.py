@@ -12,7 +12,7 @@ import sys
 import tempfile
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 import uvicorn
@@ -44,7 +44,6 @@ def main() -> None:
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     parent_is_gone = end_with_parent()
     with (
-        suppress(KeyboardInterrupt),
         DagsterInstance.get() as instance,
         _code_servers(instance, options.workspace) as workspace,
         _daemon(instance, workspace, options.log_level) as daemon,

@@ -29,10 +29,12 @@ def end_with_parent() -> threading.Event:
 
 
 def end_after(main: Callable[[], None]) -> NoReturn:
-    """Run `main`, and end the process at once: gRPC would take six seconds to end where nothing is left to be ended."""
+    """Run `main` until it ends or is interrupted, and end the process at once: gRPC would take six seconds to end where nothing is left to be ended."""
     code: object = 0
     try:
         main()
+    except KeyboardInterrupt:
+        pass
     except SystemExit as end:
         code = end.code
     sys.stdout.flush()

@@ -112,7 +112,8 @@ def test_of_what_is_planned_nothing_is_held_but_what_is_kept(tmp_path, monkeypat
         plan = instance_plan.plan_instance(workspace)
         held = [one for one in gc.get_objects() if type(one) is BagPlan]
     assert [type(bag) for bag in plan.bags.values()] == [KeptPlan, KeptPlan]
-    assert len(held) == len(former)
+    # What was held before may be given up at any time.
+    assert {id(one) for one in held} <= {id(one) for one in former}
 
 
 def test_a_build_and_its_run_look_for_recordings_once_each(tmp_path, monkeypatch):

@@ -14,6 +14,7 @@ pytestmark = pytest.mark.once
         ("print('served')", 0, "served"),
         ("print('asked'); sys.exit(3)", 3, "asked"),
         ("sys.exit('no')", 1, ""),
+        ("raise KeyboardInterrupt", 0, ""),  # from `end_with_parent`, wherever `main` is
     ],
 )
 def test_the_status_is_that_of_the_process_and_nothing_printed_is_lost(main, status, said):
@@ -29,4 +30,4 @@ end_after(main)
     ended = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False
     )
-    assert (ended.returncode, ended.stdout.strip()) == (status, said)
+    assert (ended.returncode, ended.stdout.strip(), ended.stderr) == (status, said, "")

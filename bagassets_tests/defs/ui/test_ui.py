@@ -20,12 +20,14 @@ from starlette.responses import PlainTextResponse
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
+from bagassets.base.errors import BagAssetsError
 from bagassets.cli.main import main
 from bagassets.cli.ui import ui
 from bagassets.defs.ui.guard import Guard, own_names
 from bagassets.defs.ui.services import end_group, end_servers
 from bagassets.forkserver.client import Client, ServerRefusedError
 from bagassets.forkserver.spec import ServerSpec
+from bagassets.recipe import load_recipe
 from bagassets_tests.services import (
     BIN,
     WAIT_S,
@@ -140,11 +142,13 @@ def see_pictures(port, project):
     shown, link = re.fullmatch(r"\[!\[\]\((/[^)]+)\)\]\((/\S+) .+\)", timeline).groups()
     host = {"Host": f"127.0.0.1:{port}"}
     with urlopen(f"http://127.0.0.1:{port}{shown}", timeout=30) as picture:
-        (file,) = project.rglob(f"{link.split('/')[-2]}/files/inline/timeline.jpg")
+        # Not in the whole project, where what a run makes comes and goes.
+        artifacts = load_recipe(project / "recipe.yaml").store_path / "artifacts"
+        (file,) = artifacts.glob(f"*/{link.split('/')[-2]}/files/inline/timeline.jpg")
         assert picture.read() == file.read_bytes()
     with urlopen(f"http://127.0.0.1:{port}{link}", timeout=30) as picture:
         digest, name = link.split("/")[-2:]
-        (file,) = project.rglob(f"{digest}/files/{name}")
+        (file,) = artifacts.glob(f"*/{digest}/files/{name}")
         assert (picture.read(), picture.headers["Content-Type"]) == (file.read_bytes(), "image/jpeg")
         assert picture.headers["X-Content-Type-Options"] == "nosniff"
     for other in (
@@ -417,6 +421,28 @@ def test_what_is_ending_by_itself_is_not_interrupted():
         assert process.stdout.readline() == "ending\n"
         end_group(process.pid)
         assert (process.wait(WAIT_S), process.stdout.read()) == (-signal.SIGKILL, "")
+
+
+@pytest.mark.parametrize("ignored", [False, True])
+def test_signals_are_its_own_until_it_ends_but_for_what_nohup_ignores(project, monkeypatch, ignored):
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = {number: signal.getsignal(number) for number in numbers}
+    meanwhile = {}
+
+    def services(*_args, **_options):
+        meanwhile.update({number: signal.getsignal(number) for number in numbers})
+        raise BagAssetsError("no")
+
+    monkeypatch.setattr("bagassets.defs.ui.services.Services", services)
+    try:
+        found = {**before, signal.SIGHUP: signal.SIG_IGN if ignored else signal.SIG_DFL}
+        signal.signal(signal.SIGHUP, found[signal.SIGHUP])
+        assert main(["ui", "--recipe", str(project / "recipe.yaml")]) == 1
+        assert {number: signal.getsignal(number) for number in numbers} == found
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    assert [number for number in numbers if meanwhile[number] == found[number]] == [signal.SIGHUP] * ignored
 
 
 def test_an_unknown_host_is_reported_in_a_sentence(project, capsys):

@@ -412,7 +412,7 @@ class TestWorkers:
         for _ in workers:
             tasks.put(None)
         for worker in workers:
-            worker.join(30)
+            worker.join(120)
             assert worker.exitcode == 0
         assert os.getpid() not in {pid for pid, _ in found}
         assert sorted(facts for _, batch in found for facts in batch) == expected
@@ -528,7 +528,7 @@ class TestAhead:
         child = context.Process(target=lambda: results.put(facts_in_order([current, *samples])), daemon=True)
         child.start()
         assert before + results.get(timeout=120) == [facts_of(dataset[i]) for i in range(len(dataset))]
-        child.join(30)
+        child.join(120)
         assert child.exitcode == 0
         assert before + facts_in_order([current, *samples]) == facts_in_order(dataset)
 
