@@ -197,8 +197,8 @@ def _extrinsics(
         ego_frame,
         frame,
         frames,
-        "Correct ego_frame or the channel's frame in the recipe, leave the channel out if its mount moves, or give it "
-        "`extrinsics: {translation: [x, y, z], rotation: [w, x, y, z]}`.",
+        "Correct ego_frame or the channel's frame in the recipe, or give the channel `extrinsics: {translation: [x, y, z], "
+        "rotation: [w, x, y, z]}`; leave the channel out if its mount moves.",
     )
     notes += [f"{name}: {note}." for note in frames.disagreements(ego_frame, frame)]
     return ego_SE3_sensor, "+".join(sources)
