@@ -110,7 +110,7 @@ class TestExtrinsics:
         text = str(caught.value)
         assert "no frames are known at all" in text
         assert "could not be decoded in /tf (it lacks a frame id), /tf_static (it is cut off)," in text
-        advice = "or give it `extrinsics: {translation: [x, y, z], rotation: [w, x, y, z]}`."
+        advice = "or give the channel `extrinsics: {translation: [x, y, z], rotation: [w, x, y, z]}`; leave the channel out if its mount moves."
         assert text.endswith(advice)
 
     def test_whole_transforms_are_not_blamed_for_a_missing_frame(self, tmp_path):
