@@ -65,3 +65,13 @@ def signals_handled(how: Callable[..., object] | signal.Handlers, *numbers: sign
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+@contextmanager
+def interrupts_blocked() -> Iterator[None]:
+    """Have Ctrl-C wait meanwhile; processes that are started then never get it, as they inherit what is blocked."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -115,9 +115,6 @@ def main(args: Sequence[str] | None = None, *, handed_over: "HandedOver | None" 
     gc.set_threshold(_GC_THRESHOLD)
     try:
         result = root.main(arguments, prog_name="bagassets", standalone_mode=False, obj=handed_over)
-    except click.exceptions.Abort:
-        echo("Interrupted.", err=True)
-        return ExitStatus.INTERRUPTED
     except click.ClickException as err:
         err.show()
         return err.exit_code
@@ -135,11 +132,18 @@ def main(args: Sequence[str] | None = None, *, handed_over: "HandedOver | None" 
         echo(f"error: {text}", err=True)
         return ExitStatus.FAILED
     except Exception as err:  # noqa: BLE001  (a defect; its traceback goes to a file)
-        if any("KeyboardInterrupt" in repr(one) for one in (err, err.__cause__)):  # amid a class of a module
+        if _is_interrupt(err):
             echo("Interrupted.", err=True)
             return ExitStatus.INTERRUPTED
         return _crashed(err, arguments)
     return result if isinstance(result, int) else 0
+
+
+def _is_interrupt(err: Exception) -> bool:
+    """Return whether somebody interrupted: click says so, and Python 3.11 and pydantic by another error, amid a class."""
+    return isinstance(err, click.exceptions.Abort) or any(
+        "KeyboardInterrupt" in repr(one) for one in (err, err.__cause__)
+    )
 
 
 def text_of_refusal(err: OSError) -> str | None:

@@ -19,8 +19,8 @@ _EGO_FRAMES = word_list(
     "chassis_link body body_link car"
 )
 _USUAL = _EGO_FRAMES[0]
-# How much of the measured acceleration must point along one axis to call that axis vertical: tilts up to 45 degrees.
 MOUNT = " (a mount that pans, nods or spins? builds do not follow it: leave the channel out)"
+# How much of the measured acceleration must point along one axis to call that axis vertical: tilts up to 45 degrees.
 _VERTICAL = 0.7
 _OPTICAL = SE3.create((0.5, -0.5, 0.5, -0.5), (0.0, 0.0, 0.0))
 """x ahead, y left, z up <- x right, y down, z ahead (REP 103)."""

@@ -2,7 +2,6 @@
 
 import os
 import shutil
-import signal
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import active_children, get_context, parent_process
@@ -11,6 +10,7 @@ from pathlib import Path
 from threading import Thread
 from typing import Literal
 
+from bagassets.base.interrupts import interrupts_blocked
 from bagassets.sample.drive import Target, write_arm_recordings, write_recordings
 
 Robot = Literal["car", "arm"]
@@ -59,10 +59,8 @@ def write_drives(
     # Spawned, because the caller may have threads.
     with ProcessPoolExecutor(os.cpu_count(), get_context("spawn"), _end_with_parent) as pool:
         try:
-            # Ctrl-C in a terminal is for the caller alone: processes inherit what is blocked.
-            before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-            written = [pool.submit(_write, unfinished, folder, duration_s, robot, one) for one in targets]
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+            with interrupts_blocked():  # in a terminal, Ctrl-C is for the caller alone
+                written = [pool.submit(_write, unfinished, folder, duration_s, robot, one) for one in targets]
             for one in written:
                 yield one.result()
         except BaseException:

@@ -29,7 +29,10 @@ def end_with_parent() -> threading.Event:
 
 
 def end_after(main: Callable[[], None]) -> NoReturn:
-    """Run `main` until it ends or is interrupted, and end the process at once: gRPC would take six seconds to end where nothing is left to be ended."""
+    """Run `main` until it ends or is interrupted, and end the process at once.
+
+    Nothing is left to be ended then, for which gRPC would take six seconds.
+    """
     code: object = 0
     try:
         main()
