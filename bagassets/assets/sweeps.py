@@ -6,6 +6,7 @@ Files of one sensor: `<stamp_ns>.pcd.bin` or `<stamp_ns>.pcd`, `index.parquet`, 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Literal
 
 from bagassets.assets.asset import Asset, Facts, Inputs, Use, omitted, uses_of
@@ -21,6 +22,7 @@ from bagassets.assets.lidar_sweeps import (
     LidarUse,
     LidarWriter,
 )
+from bagassets.assets.ouster_sweeps import OusterSweeps, OusterUse, lidar_of
 from bagassets.assets.packet_sweeps import PacketSweeps, PacketUse
 from bagassets.assets.quality.channel_rules import channels_complete
 from bagassets.assets.quality.check import RecordingCheck
@@ -29,6 +31,7 @@ from bagassets.assets.sweep_files import LIDAR_SCHEMA, SweepFiles
 from bagassets.base.errors import DecodeError, LossLimitError, RecipeError
 from bagassets.base.json_types import JsonObject
 from bagassets.decode.fields import check_points, head
+from bagassets.decode.ouster import metadata_beside
 from bagassets.decode.point_times import Moment
 from bagassets.decode.pointcloud2 import POINT_CLOUDS
 from bagassets.decode.radar import measures_relative
@@ -37,8 +40,15 @@ from bagassets.recordings.inventory import Inventory
 from bagassets.recordings.model import Message, RawMessage
 from bagassets.recordings.recording import Recording
 from bagassets.store.artifact import ArtifactWriter
+from bagassets.store.canonical import digest_bytes
 
-SweepUse = CloudUse | PacketUse | RadarUse
+SweepUse = CloudUse | PacketUse | OusterUse | RadarUse
+# Field of a lidar -> the families of decoders for which it means something, and what they read.
+_OF_PACKETS = {
+    "model": ({"packets"}, "Velodyne packets"),
+    "cut_angle_deg": ({"packets", "ouster"}, "packets"),
+    "metadata": ({"ouster"}, "Ouster packets"),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,6 +60,7 @@ class LidarChannelSettings:
         header_stamp_is: for clouds, which time of a revolution their stamps are.
         model: for packets, the model of the lidar.
         cut_angle_deg: for packets, azimuth at which revolutions begin.
+        metadata: for packets of an Ouster, the file with its metadata; None if the recording has it.
         zero_points: for clouds, what becomes of points at exactly 0, 0, 0.
         point_times: for clouds, what the times of their points are.
     """
@@ -60,6 +71,7 @@ class LidarChannelSettings:
     cut_angle_deg: float | None
     zero_points: Literal["drop", "keep"]
     point_times: PointTimes | Literal["ignore"] | None = omitted()
+    metadata: Path | None = omitted()
 
 
 @dataclass(frozen=True)
@@ -110,7 +122,7 @@ def _use_of_lidar(facts: Facts, name: str, settings: LidarChannelSettings) -> Us
     """
     common = settings.common
     topic = facts.inventory.topic(common.topic)
-    decoder = require_decoder(name, topic.name, topic.msgtype, "cloud", "packets")
+    decoder = require_decoder(name, topic.name, topic.msgtype, "cloud", "ouster", "packets")
     if settings.point_times is not None and topic.msgtype not in POINT_CLOUDS:
         raise RecipeError(
             f"{name}: point_times can be set for PointCloud2 only, but {topic.name} carries {topic.msgtype}; remove it "
@@ -121,15 +133,17 @@ def _use_of_lidar(facts: Facts, name: str, settings: LidarChannelSettings) -> Us
     lidar = LidarUse(
         channel=name, settings=common, msgtype=topic.msgtype, decoder=decoder.key, ego_SE3_sensor=mount
     )
+    for field, (families, packets) in _OF_PACKETS.items():
+        if getattr(settings, field) is not None and decoder.family not in families:
+            raise RecipeError(
+                f"{name}: {field} can be set for {packets} only, but {topic.name} carries {topic.msgtype}; remove it from the "
+                "recipe."
+            )
     if decoder.family == "packets":
-        packets = PacketUse(**vars(lidar), model=settings.model, cut_angle_deg=settings.cut_angle_deg)
-        return Use(packets, (topic.name,), inputs)
-    given = [field for field in ("model", "cut_angle_deg") if getattr(settings, field) is not None]
-    if given:
-        raise RecipeError(
-            f"{name}: {' and '.join(given)} can be set for Velodyne packets only, but {topic.name} carries "
-            f"{topic.msgtype}; remove it from the recipe."
-        )
+        velodyne = PacketUse(**vars(lidar), model=settings.model, cut_angle_deg=settings.cut_angle_deg)
+        return Use(velodyne, (topic.name,), inputs)
+    if decoder.family == "ouster":
+        return _use_of_ouster(facts, lidar, settings, inputs)
     clouds = CloudUse(
         **vars(lidar),
         header_stamp_is=settings.header_stamp_is,
@@ -139,6 +153,35 @@ def _use_of_lidar(facts: Facts, name: str, settings: LidarChannelSettings) -> Us
         point_times=settings.point_times,
     )
     return Use(clouds, (topic.name,), inputs)
+
+
+def _use_of_ouster(
+    facts: Facts, lidar: LidarUse, settings: LidarChannelSettings, inputs: Mapping[str, str]
+) -> Use[SweepUse]:
+    """Return what the sweeps of an Ouster depend on whose packets were recorded: its metadata, too.
+
+    Raises:
+        RecipeError: it has no metadata, or the file with it cannot be read.
+    """
+    topic, cut_deg = settings.common.topic, settings.cut_angle_deg
+    if settings.metadata is not None:
+        try:
+            content = facts.file(settings.metadata)
+        except OSError as err:
+            raise RecipeError(
+                f"{lidar.channel}: {settings.metadata}: the metadata cannot be read ({err.strerror}); correct `metadata` in the "
+                "recipe."
+            ) from err
+        in_file = OusterUse(**vars(lidar), cut_angle_deg=cut_deg, metadata_topic=None, metadata=content)
+        return Use(in_file, (topic,), {**inputs, "metadata": digest_bytes(content)})
+    beside = metadata_beside(topic)
+    if not facts.inventory.has_readable(beside):
+        raise RecipeError(
+            f"{lidar.channel}: the packets in {topic} say nothing without the metadata of the lidar, and the recording has no "
+            f"{beside}; name a file with it in `metadata` of the channel (`metadata_file` of the driver)."
+        )
+    use = OusterUse(**vars(lidar), cut_angle_deg=cut_deg, metadata_topic=beside, metadata=None)
+    return Use(use, (topic, beside), inputs)
 
 
 def _use_of_radar(facts: Facts, name: str, settings: RadarSettings) -> Use[SweepUse]:
@@ -197,12 +240,12 @@ class SweepExtractor:
         self._first_error: str | None = None
         self._frame_id: str | None = None
         # Plug-ins decide themselves about messages without a header or stamp.
-        self._needs_header = use.decoder is None and not isinstance(use, PacketUse)
-        lidar = not isinstance(use, RadarUse)
-        self._files = SweepFiles(out, ".pcd.bin" if lidar else ".pcd", with_span=lidar)
+        self._needs_header = use.decoder is None and not isinstance(use, PacketUse | OusterUse)
+        is_lidar = not isinstance(use, RadarUse)
+        self._files = SweepFiles(out, ".pcd.bin" if is_lidar else ".pcd", with_span=is_lidar)
         mount = use.ego_SE3_sensor
         motion = None if mount is None else (inputs.trajectory, mount.normalised())
-        self._sweeps: CloudSweeps | PacketSweeps | RadarSweeps
+        self._sweeps: CloudSweeps | PacketSweeps | OusterSweeps | RadarSweeps
         match use:
             case RadarUse():
                 self._sweeps = RadarSweeps(use, self._files, motion)
@@ -210,13 +253,17 @@ class SweepExtractor:
                 writer = LidarWriter(use, self._files, motion)
                 topic = recording.topics[use.settings.topic]
                 self._sweeps = PacketSweeps(use, writer, topic, self._decoded, self._fail_parts)
+            case OusterUse():
+                writer = LidarWriter(use, self._files, motion)
+                lidar = lidar_of(use, inputs)
+                self._sweeps = OusterSweeps(use, lidar, writer, self._decoded, self._fail_parts)
             case CloudUse():
                 self._sweeps = CloudSweeps(use, LidarWriter(use, self._files, motion), self._fail_parts)
 
     def add(self, message: RawMessage) -> None:
         """Take the next message; one that cannot be decoded is counted as lost."""
         self._messages += 1
-        if isinstance(self._sweeps, PacketSweeps):
+        if isinstance(self._sweeps, PacketSweeps | OusterSweeps):
             self._sweeps.add(message)
             return
         try:

@@ -16,7 +16,7 @@ from typing import Literal
 from bagassets.base.errors import PluginError
 from bagassets.base.plugins import DecoderPlugin, Family, installed_decoders
 
-AnyFamily = Family | Literal["video", "packets", "fix", "imu", "camera_info", "transforms"]
+AnyFamily = Family | Literal["video", "packets", "ouster", "fix", "imu", "camera_info", "transforms"]
 """The kinds of results of decoders; packages may add decoders to the families in `bagassets.base.plugins.Family`."""
 
 Bulk = Literal["no", "large", "yes"]
@@ -81,6 +81,9 @@ BUILT_IN = (
     _line("cloud", "foxglove_msgs/LaserScan", "laserscan:decode_laserscan", bulk="yes"),
     _line("cloud", "livox_ros_driver2/CustomMsg", "livox:decode_livox"),
     _line("cloud", "livox_ros_driver/CustomMsg", "livox:decode_livox"),
+    _line("ouster", "ouster_sensor_msgs/PacketMsg", "ouster:packet_in"),
+    _line("ouster", "ouster_ros/PacketMsg", "ouster:packet_in"),
+    _line("ouster", "ouster_msgs/PacketMsg", "ouster:packet_in"),
     _line("packets", "velodyne_msgs/VelodyneScan", "packets:packets_in", by_fields=True, bulk="yes"),
     _line("packets", "ethernet_msgs/Packet", "packets:packets_in", by_fields=True, bulk="large"),
     _line("packets", "udp_msgs/UdpPacket", "packets:packets_in", by_fields=True, bulk="large"),
@@ -139,7 +142,8 @@ _COMMON_PACKAGES = frozenset(
 # Messages of another family for the same channels, or recognized by their fields, as errors call them.
 _FOUND_BY_FIELDS: Mapping[AnyFamily, str] = {
     "image": "video (foxglove_msgs/CompressedVideo, ffmpeg_image_transport_msgs/FFMPEGPacket)",
-    "cloud": "Velodyne packets (velodyne_msgs/VelodyneScan, ethernet_msgs/Packet and the like)",
+    "cloud": "Velodyne packets (velodyne_msgs/VelodyneScan, ethernet_msgs/Packet and the like) or Ouster packets "
+    "(ouster_sensor_msgs/PacketMsg)",
     "radar": "the targets of a radar (radar_msgs/RadarScan, RadarTracks and the like)",
 }
 

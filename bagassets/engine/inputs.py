@@ -13,7 +13,7 @@ from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.selection import choose_rig
 from bagassets.base.errors import StoreError
 from bagassets.engine.source import MessageSource
-from bagassets.recipe.model import Recipe
+from bagassets.recipe.model import LidarChannel, Recipe
 from bagassets.recipe.model_annotations import AnnotationFiles
 from bagassets.recordings.model import Format, RecordingFiles
 from bagassets.recordings.pack import PackedRecording
@@ -129,10 +129,11 @@ def not_materialized(key: str, asset: str, why: str | None = None) -> StoreError
 
 
 def named_files(recipe: Recipe) -> tuple[list[Path], list[Path]]:
-    """Return the URDF and calibration files, those of formats, and the folders of message definitions that a recipe names, whether or not they exist."""
+    """Return the URDF, calibration and metadata files, those of formats, and the folders of message definitions that a recipe names, whether or not they exist."""
     files = [rig.urdf for rig in recipe.rigs if rig.urdf is not None]
     channels = [channel for rig in recipe.rigs for channel in rig.channels.values()]
     files += [one.file for channel in channels for one in channel.calibration_files.values()]
+    files += [one.metadata for one in channels if isinstance(one, LidarChannel) and one.metadata is not None]
     files += [file for settings in recipe.dataset_settings.values() for file in settings.files_read]
     return list(dict.fromkeys(files)), list(recipe.bags.message_definitions)
 

@@ -11,7 +11,7 @@ from bagassets.propose.frames import MOUNT, connected, contradiction, is_optical
 from bagassets.propose.naming import PREFIX, tokens
 from bagassets.propose.poses import lonely_poses
 from bagassets.propose.rigs import RigProposal
-from bagassets.propose.sensors import Sensor, shown_type
+from bagassets.propose.sensors import Sensor, has_ouster_packets, shown_type
 from bagassets.propose.signals import write_signals
 from bagassets.propose.summary import transform_topics
 from bagassets.recipe.model import Rig
@@ -192,7 +192,10 @@ def _write_channel(
     sheet.field(4, f"modality: {sensor.modality}")
     sheet.field(4, f"topic: {yaml_scalar(topic.name)}")
     if topic.unstamped and rig.clock.clock == "header":
-        sheet.guess(4, "clock: log", "its header stamps are zero")
+        lack = "its header stamps are zero"
+        if has_ouster_packets(topic):
+            lack = "its packets have no stamps; `header` takes the times of the lidar, if PTP keeps them near the host's"
+        sheet.guess(4, "clock: log", lack)
     elif topic.name in rig.clock.odd:
         sheet.guess(4, "clock: log", "its header stamps are of another clock")
     if sensor.modality == "camera":
@@ -248,10 +251,16 @@ def _write_place(
     if not frames and sensor.camera_info is not None and sensor.camera_info.frames:
         frames = sensor.camera_info.frames[:1]
         sheet.guess(4, f"frame: {yaml_scalar(frames[0])}", "of its CameraInfo, as its own headers name none")
+    if has_ouster_packets(sensor.topic):
+        known = {frame for edge in rig.summary.edges for frame in edge}
+        frames = tuple(frame for frame in sorted(known) if frame.endswith("os_lidar"))[:1]
+        if frames:
+            sheet.guess(4, f"frame: {yaml_scalar(frames[0])}", "of Ouster's driver, as packets name none")
     frame = frames[0] if frames else ""
     optical = sensor.modality == "camera" or is_optical(rig.summary, frame) is True
     side = _side(rig, name)
-    rotation = list(mounting("camera" if optical else sensor.modality, side))
+    is_turned = has_ouster_packets(sensor.topic)  # x of os_lidar points to its plug
+    rotation = list(mounting("camera" if optical else sensor.modality, "BACK" if is_turned else side))
     if len(frames) > 1:
         sheet.ask(
             4,
@@ -272,6 +281,7 @@ def _write_place(
         if rig.signals:
             give += "; if only LeRobot's dataset is wanted, remove `nuscenes` and this field"
         looks = f"looks {side.replace('_', ' ').lower()}" if side else "looks ahead"
+        looks = "has its plug at the back, where x of os_lidar points to" if is_turned else looks
         if not frame and not optical:  # which turns a camera's axes
             sheet.off(4, f"frame: {yaml_scalar(rig.ego.name)}")
         sheet.field(4, "extrinsics:")

@@ -13,7 +13,7 @@ from bagassets.propose.frames import EgoFrame, connected, propose_ego_frame
 from bagassets.propose.grouping import Group
 from bagassets.propose.naming import channel_name, free_name, tokens, word_set
 from bagassets.propose.poses import PoseProposal, odometry_of, propose_pose
-from bagassets.propose.sensors import Sensor, find_sensors
+from bagassets.propose.sensors import Sensor, find_sensors, has_ouster_packets
 from bagassets.propose.signals import SignalProposal, find_signals, is_of_tool, said_in, word_on
 from bagassets.propose.summary import USES, RecordingSummary, TopicSummary, TopicUse, transform_topics
 
@@ -197,10 +197,13 @@ def _clock(
     """Propose the time by which sensors, signals and poses fit together."""
     topics = [sensor.topic for sensor in sensors]
     unset = sorted(topic.name for topic in topics if topic.unstamped)
+    are_zero = any(topic.unstamped and not has_ouster_packets(topic) for topic in topics)
     offsets = {topic.name: topic.offset_s for topic in topics if topic.offset_s is not None}
     # Sensors with stamps keep them beside one without, if the log has nearly the same time.
     if unset and not (offsets and all(0 <= offset_s <= _LATENCY_S for offset_s in offsets.values())):
-        return ClockProposal("log", f"header stamps of {', '.join(unset[:3])} are zero")
+        return ClockProposal(
+            "log", f"header stamps of {', '.join(unset[:3])} are {'zero' if are_zero else 'missing'}"
+        )
     offsets |= {one.topic.name: one.topic.offset_s for one in signals if one.topic.offset_s is not None}
     if not offsets:
         return ClockProposal("header")

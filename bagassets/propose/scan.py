@@ -227,6 +227,7 @@ class _TopicScan:
             except DecodeError as err:
                 reasons.append(str(err))
             self._add(facts)
+        self._has_unset_stamps |= "ouster" in self._decoders
         if len(reasons) < len(self._decoders):
             self._usable += 1
         elif reasons:
@@ -344,7 +345,7 @@ def _pose(facts: Facts, decode: Decode, value: Message, _msgtype: str) -> None:
         facts["child_frames"] = (reading.child,)
 
 
-def _fix(_facts: Facts, decode: Decode, value: Message, _msgtype: str) -> None:
+def _nothing(_facts: Facts, decode: Decode, value: Message, _msgtype: str) -> None:
     decode(value)
 
 
@@ -379,9 +380,10 @@ _FACTS: Mapping[AnyFamily, Callable[[Facts, Decode, Message, str], None]] = {
     "video": _video,
     "radar": _radar,
     "pose": _pose,
-    "fix": _fix,
+    "fix": _nothing,
     "imu": _imu,
     "camera_info": _camera_info,
+    "ouster": _nothing,
     "packets": _packets,
 }
 

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from bagassets.decode.ouster import metadata_beside
 from bagassets.decode.registry import AnyFamily, families_of, own_types
 from bagassets.propose.naming import (
     Modality,
@@ -19,10 +20,13 @@ _BY_FAMILY: dict[AnyFamily, Modality] = {
     "image": "camera",
     "video": "camera",
     "cloud": "lidar",
+    "ouster": "lidar",
     "radar": "radar",
 }
 # Carries packets of Velodyne lidars only; other types may carry any packets.
 _VELODYNE_SCAN = "velodyne_msgs/msg/VelodyneScan"
+# Its driver publishes other packets than those of points with the same type.
+_OUSTER_OTHERS = frozenset({"imu", "zone", "telemetry"})
 _DEPTH_WORDS = frozenset({"depth", "disparity", "registered"})
 # Depth as well, if of 16 bit; `/stereo/image_raw` of an OAK is.
 _DEPTH_WORDS_16UC1 = frozenset({"stereo", "tof"})
@@ -49,6 +53,8 @@ class Sensor:
 
 def modality_of(topic: TopicSummary) -> Modality | None:
     """Return the kind of sensor that a topic belongs to by type and name; None if to none."""
+    if has_ouster_packets(topic) and not _OUSTER_OTHERS.isdisjoint(tokens(topic.name)):
+        return None
     modalities = {_BY_FAMILY[family] for family in families_of(topic.msgtype) if family in _BY_FAMILY}
     if "lidar" in modalities and topic.msgtype in own_types("radar"):
         return "radar" if topic.is_of_radar or is_of_radar(topic.name, *topic.frames) else "lidar"
@@ -66,7 +72,7 @@ def find_sensors(summary: RecordingSummary) -> tuple[list[Sensor], list[TopicUse
     tracked = {frame for topic in summary.topics.values() for frame in topic.child_frames}
     fixed = {frame for topic in summary.topics.values() if topic.child_frames for frame in topic.frames}
     for topic in summary.topics.values():
-        if (unusable := _unusable(topic)) is not None:
+        if (unusable := _unusable(topic, summary)) is not None:
             left_out.append(unusable)
         elif modality_of(topic) == "lidar" and topic.frames and (fixed - tracked).issuperset(topic.frames):
             why = f"computed: its points are in {topic.frames[0]}, in which the robot moves"
@@ -86,6 +92,11 @@ def find_sensors(summary: RecordingSummary) -> tuple[list[Sensor], list[TopicUse
     return sensors, sorted(left_out, key=lambda left: left.topic.name)
 
 
+def has_ouster_packets(topic: TopicSummary) -> bool:
+    """Tell whether messages hold packets of an Ouster, which have neither stamp nor frame."""
+    return topic.msgtype in own_types("ouster")
+
+
 def lacks_definition(topic: TopicSummary) -> bool:
     """Tell whether a sensor's messages would be decoded if their type were defined."""
     return topic.problem is not None and "definition" in topic.problem and modality_of(topic) is not None
@@ -96,7 +107,7 @@ def shown_type(msgtype: str) -> str:
     return msgtype.replace("/msg/", "/")
 
 
-def _unusable(topic: TopicSummary) -> TopicUse | None:
+def _unusable(topic: TopicSummary, summary: RecordingSummary) -> TopicUse | None:
     """Return why no sensor is proposed for a topic, though its type would do.
 
     None if one is proposed, or if its type is not that of a sensor.
@@ -129,6 +140,10 @@ def _unusable(topic: TopicSummary) -> TopicUse | None:
         return TopicUse(topic, "not decodable", "none of its packets is from a Velodyne")
     if topic.refusal is not None:
         return TopicUse(topic, "not decodable", topic.refusal)
+    beside = metadata_beside(topic.name)
+    if has_ouster_packets(topic) and (beside not in summary.topics or not summary.topics[beside].count):
+        lack = f"the recording has no {beside}; record it, too, or name a file with the lidar's metadata in `metadata` of a channel"
+        return TopicUse(topic, "not decodable", lack)
     if is_derived(topic.name):
         return TopicUse(topic, "left out", "looks computed, not recorded by a sensor")
     return None
@@ -145,9 +160,10 @@ def same_sensor(one: TopicSummary, other: TopicSummary) -> bool:
 
 
 def _sensor(family: list[TopicSummary], summary: RecordingSummary) -> Sensor:
-    """Choose among topics of one sensor: the one with more messages, then the rawest."""
-    most = max(topic.count for topic in family)
-    complete = [topic for topic in family if topic.count >= _SIMILAR_COUNT * most]
+    """Choose among topics of one sensor: the one with more messages, then the rawest; clouds before an Ouster's packets."""
+    measured = [topic for topic in family if not has_ouster_packets(topic)] or family
+    most = max(topic.count for topic in measured)
+    complete = [topic for topic in measured if topic.count >= _SIMILAR_COUNT * most]
     chosen = min(complete, key=lambda topic: (_processing(topic), -topic.count, topic.name))
     others = tuple(sorted(topic.name for topic in family if topic is not chosen))
     modality = modality_of(chosen) or "camera"

@@ -29,7 +29,7 @@ class TopicSummary:
         frames: frames in the headers seen, without leading slash; an empty frame is left out.
         child_frames: `child_frame_id` of odometry messages seen.
         offset_s: median of log time minus header stamp; None without header or with unset stamps.
-        unstamped: messages have a header, but its stamp is zero.
+        unstamped: the stamps in the headers of messages are zero, or packets have no header.
         encoding: encoding of images, `jpeg` or `png` of compressed ones, as of `ImageReading`; codec of video.
         is_16_bit: images have more than 8 bit a channel; None for other types.
         calibrated: a CameraInfo with usable numbers was seen; None for other types.

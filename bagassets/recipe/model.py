@@ -136,7 +136,7 @@ class PointTimes(Model):
 
 
 class LidarChannel(_PlacedChannel):
-    """A lidar: its clouds, Velodyne packets or scans become `.pcd.bin` files."""
+    """A lidar: its clouds, scans, or packets of Velodyne and Ouster become `.pcd.bin` files."""
 
     modality: Literal["lidar"] = "lidar"
     model: str | None = Field(
@@ -161,6 +161,11 @@ class LidarChannel(_PlacedChannel):
         lt=360,
         description="Azimuth at which packets are cut into revolutions; default: 0 or, if the field of view is "
         "restricted, the middle of the arc outside it.",
+    )
+    metadata: Path | None = Field(
+        None,
+        description="File with the metadata of an Ouster whose packets are read, as its driver or web page saves it (JSON); "
+        "default: the topic `metadata` beside that of the packets.",
     )
     deskew: bool = Field(
         False,

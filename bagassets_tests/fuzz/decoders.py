@@ -23,6 +23,7 @@ from bagassets.recordings.model import Definition
 from bagassets.recordings.open import open_recording
 from bagassets.recordings.topic import Topic, TopicSource
 from bagassets_tests.foxglove_files import NS, WRITERS, examples
+from bagassets_tests.ouster_data import packet
 from bagassets_tests.small_drive import STORE1, STORE2, messages
 from bagassets_tests.sweep_data import vlp16_packets
 
@@ -206,4 +207,6 @@ def _value(store, name, description):
     one_byte = what[0] in {"uint8", "byte", "octet", "char"}
     if one_byte and name in PAYLOADS and (kind == Nodetype.SEQUENCE or number == VELODYNE_PACKET_SIZE):
         return np.frombuffer(vlp16_packets(0.01)[0].tobytes(), np.uint8)
+    if one_byte and name == "buf":
+        return np.frombuffer(packet(0), np.uint8)
     return np.ones(number, "uint8" if one_byte else what[0])

@@ -28,6 +28,7 @@ from bagassets.decode.compressed_image import checked_size, decode_pixels
 from bagassets.decode.fields import check_points
 from bagassets.decode.loading import load_decoder
 from bagassets.decode.ncom import decode_ncom
+from bagassets.decode.ouster import OusterLidar
 from bagassets.decode.packets import PAYLOADS, VELODYNE_PACKET_SIZE, sender
 from bagassets.decode.poses import decode_transform
 from bagassets.decode.velodyne import PacketFilter, Packets, RevolutionDecoder
@@ -45,8 +46,10 @@ from bagassets.recordings.salvage.open import open_salvaged
 from bagassets_tests import calibration_texts, damaged_files, label_files
 from bagassets_tests.calibration_texts import kalibr_camera
 from bagassets_tests.fuzz.decoders import cases
+from bagassets_tests.ouster_data import metadata, packet
 from bagassets_tests.small_drive import RECIPE
 
+OUSTER = OusterLidar.parse(metadata())
 LIMITS = Limits(chunk_bytes=4_000_000, message_bytes=1_000_000, image_pixels=1_000_000, cloud_points=100_000)
 
 
@@ -191,6 +194,8 @@ def decoded(line, topic, data):
             topic.packets([data, data], PAYLOADS)
             sender(message)
             _revolution([payload for _, payload in decoder(message) if len(payload) == VELODYNE_PACKET_SIZE])
+        case "ouster":
+            OUSTER.decode(np.stack([OUSTER.read(decoder(message))]))
         case "radar":
             decoder(message, topic.msgtype, None)
         case "video":
@@ -235,16 +240,20 @@ def _serialized(_folder):
 
 
 def _packets(data):
-    """Bytes of devices: inertial systems, and units of video of two codecs."""
+    """Bytes of devices: inertial systems, units of video of two codecs, packets and metadata of a lidar."""
     _attempt(lambda: decode_ncom(data))
     for codec in ("h264", "hevc"):
         _attempt(lambda codec=codec: UnitReader().read(codec, data))
+    _attempt(lambda: OUSTER.decode(np.stack([OUSTER.read(data)])))
+    _attempt(lambda: OusterLidar.parse(data))
 
 
-def _video_seeds(_folder):
+def _device_seeds(_folder):
     return [
         b"\xe7" + bytes(71),
         b"\0\0\0\1\x67\x42\x00\x1e\x8c\x8d\x40\0\0\0\1\x68\xce\x3c\x80\0\0\0\1\x65\x88\x84",
+        packet(0),
+        metadata(),
     ]
 
 
@@ -378,7 +387,7 @@ TARGETS = {
     "sqlite": Target(_databases, _recording("a.db3")),
     "metadata": Target(_metadata, _bag_folder),
     "decoders": Target(_serialized, _decode),
-    "packets": Target(_video_seeds, _packets),
+    "packets": Target(_device_seeds, _packets),
     "images": Target(_images, _image),
     "labels": Target(_label_seeds, _labels),
     "calibration": Target(_calibrations, _calibration),

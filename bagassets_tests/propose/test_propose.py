@@ -631,7 +631,7 @@ def test_what_is_left_out_beside_a_rig_blocks_nothing():
     "msgtype",
     [
         "pandar_msgs/msg/PandarScan",
-        "ouster_ros/msg/PacketMsg",
+        "hesai_ros_driver/msg/UdpFrame",
         "rslidar_msgs/msg/rslidarScan",
         "theora_image_transport/msg/Packet",
         "foxglove_msgs/msg/CompressedPointCloud",

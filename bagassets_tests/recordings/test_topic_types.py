@@ -13,7 +13,8 @@ from bagassets_tests.sweep_run import inventory, lidar, request
 EXPECTED = {
     "camera": "expected sensor_msgs/Image, CompressedImage, foxglove_msgs/RawImage, CompressedImage, or video (",
     "lidar": "expected sensor_msgs/PointCloud2, PointCloud, LaserScan, MultiEchoLaserScan, "
-    "point_cloud_interfaces/CompressedPointCloud2, foxglove_msgs/PointCloud, LaserScan, livox_ros_driver2/CustomMsg, livox_ros_driver/CustomMsg, or Velodyne packets",
+    "point_cloud_interfaces/CompressedPointCloud2, foxglove_msgs/PointCloud, LaserScan, livox_ros_driver2/CustomMsg, livox_ros_driver/CustomMsg, or Velodyne packets "
+    "(velodyne_msgs/VelodyneScan, ethernet_msgs/Packet and the like) or Ouster packets (ouster_sensor_msgs/PacketMsg)",
     "radar": "expected sensor_msgs/PointCloud2, point_cloud_interfaces/CompressedPointCloud2, foxglove_msgs/PointCloud, or the "
     "targets of a radar",
 }

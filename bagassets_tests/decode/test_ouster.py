@@ -1,0 +1,94 @@
+"""Ouster's packets and metadata: against what Ouster's own library makes of them, and what is wrong with them."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bagassets.base.errors import DecodeError
+from bagassets.decode.ouster import OusterLidar
+from bagassets_tests import ouster_data
+from bagassets_tests.ouster_data import metadata, packet
+
+TRUTH = json.loads(Path(__file__).with_name("ouster_truth.json").read_text("utf-8"))
+
+
+@pytest.mark.parametrize("profile", TRUTH["cases"])
+def test_points_are_those_of_ousters_own_library(profile):
+    case = TRUTH["cases"][profile]
+    lidar = OusterLidar.parse(json.dumps(case["metadata"]))
+    packets = [lidar.read(bytes.fromhex(data)) for data in case["packets"]]
+    assert [lidar.frame_of(one) for one in packets] == [4711] * len(packets)
+    columns = lidar.decode(np.array(packets))
+    assert columns.numbers.tolist() == [0, 1, 2, 3, 5]  # one is marked as invalid
+    assert (columns.times_ns == 1_700_000_000_000_000_000 + columns.numbers * 97_657).all()
+    beams = len(lidar.altitudes_deg)
+    found = sorted(
+        [column, *point[:3].tolist(), point[3], beams - 1 - point[4]]
+        for column, point in zip(columns.numbers[columns.of_points].tolist(), columns.points, strict=True)
+    )
+    expected = np.array(case["points"])
+    assert np.array(found).shape == expected.shape
+    order = np.lexsort(np.round(expected[:, [1, 5, 0]], 3).T)
+    own = np.lexsort(np.round(np.array(found)[:, [1, 5, 0]], 3).T)
+    np.testing.assert_allclose(np.array(found)[own], expected[order], rtol=1e-6, atol=2e-6)
+    assert columns.without_return == 1
+
+
+def test_metadata_of_every_firmware_says_the_same():
+    flat = json.loads(metadata())
+    nested = {
+        "beam_intrinsics": {key: flat[key] for key in flat if key.startswith(("beam_", "lidar_origin"))},
+        "lidar_data_format": flat["data_format"],
+        "config_params": {"lidar_mode": "64x10"},
+    }
+    first = flat | {
+        "data_format": {"udp_profile_lidar": "RNG19_RFL8_SIG16_NIR16"}
+    }  # as of firmware 1, all from the mode
+    known = vars(OusterLidar.parse(metadata()))
+    for other in (nested, first):
+        assert vars(OusterLidar.parse(json.dumps(other))) == known
+    del first["data_format"]
+    assert OusterLidar.parse(json.dumps(first)).profile == "LEGACY"
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        (b"", "no metadata of an Ouster"),
+        (b"[1]", "no metadata of an Ouster"),
+        (b"{}", "no metadata of an Ouster .*beam_altitude_angles"),
+        (b"\xff", "no metadata of an Ouster"),
+        (json.dumps(json.loads(metadata()) | {"lidar_origin_to_beam_origin_mm": None}), "no metadata of an Ouster"),
+        (json.dumps(json.loads(metadata()) | {"beam_azimuth_angles": [1.0]}), "one altitude and one azimuth for each of 4"),
+        (json.dumps(json.loads(metadata()) | {"beam_azimuth_angles": [1.0, 2.0, 3.0, float("nan")]}), "not finite"),
+        (metadata(pixels_per_column=8), "for each of 8 beams"),
+        (metadata(udp_profile_lidar="RNG99"), "the profile RNG99 of its packets cannot be read"),
+        (metadata(columns_per_packet=128), "columns do not fit"),
+        (metadata(column_window=[0, 64]), "columns do not fit"),
+        (metadata(columns_per_frame=10**9), "columns do not fit"),
+    ],
+)  # fmt: skip
+def test_metadata_that_cannot_be_used_says_why(text, reason):
+    with pytest.raises(DecodeError, match=reason):
+        OusterLidar.parse(text)
+
+
+def test_packets_of_another_lidar_are_told_by_size_and_columns():
+    lidar = OusterLidar.parse(metadata())
+    with pytest.raises(DecodeError, match="its packet has 48 bytes, those of the metadata"):
+        lidar.read(bytes(48))
+    half = OusterLidar.parse(metadata(columns_per_frame=32, column_window=[0, 31]))
+    with pytest.raises(DecodeError, match="a lidar with more than 32 columns"):
+        half.read(packet(32))
+
+
+def test_the_beams_are_where_they_point():
+    lidar = OusterLidar.parse(metadata())
+    columns = lidar.decode(np.frombuffer(packet(16), lidar.packet))
+    for point, of in zip(columns.points, columns.of_points, strict=True):
+        beam = 3 - int(point[4])  # the lidar counts from the highest
+        expected = ouster_data.seen(int(columns.numbers[of]), beam)
+        np.testing.assert_allclose(point[:3], expected, atol=1e-6)
+        assert point[3] == 40 + beam
