@@ -39,14 +39,16 @@ def metadata(**fields):
     ).encode()
 
 
-def packet(first, *, first_frame=7, window=(0, COLUMNS - 1), start_ns=OS_NS, range_mm=RANGE_MM):
+def packet(
+    first, *, first_frame=7, window=(0, COLUMNS - 1), start_ns=OS_NS, range_mm=RANGE_MM, column_ns=COLUMN_NS
+):
     """The packet whose first column is `first`, counted over all turns."""
     frame = (first_frame + first // COLUMNS) % 65_536
     parts = [struct.pack("<HH28x", 1, frame)]
     for column in range(first, first + PER_PACKET):
         number = column % COLUMNS
         inside = (number - window[0]) % COLUMNS <= (window[1] - window[0]) % COLUMNS
-        parts.append(struct.pack("<QHH", start_ns + column * COLUMN_NS, number, inside))
+        parts.append(struct.pack("<QHH", start_ns + column * column_ns, number, inside))
         parts += [struct.pack("<IBxHHxx", range_mm, 40 + beam, 500, 90) for beam in range(4)]
     return b"".join([*parts, bytes(32)])
 

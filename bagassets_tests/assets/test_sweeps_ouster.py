@@ -14,7 +14,6 @@ from bagassets_tests.facts import MadeUpFacts, calibrated, use_of
 from bagassets_tests.ouster_data import (
     COLUMN_NS,
     COLUMNS,
-    OS_NS,
     PACKETS,
     PER_PACKET,
     RANGE_MM,
@@ -85,7 +84,7 @@ def test_a_lidar_that_is_not_synchronized_has_no_times_for_the_header_clock(run)
         run(request(clock="header"), messages(1, logged_ns=START_NS))
 
 
-@pytest.mark.parametrize(("window", "cut"), [((48, 15), 32), ((16, 47), 0)])
+@pytest.mark.parametrize(("window", "cut"), [((48, 15), 32), ((16, 47), 0), ((17, 32), 0)])
 def test_a_part_of_each_turn_is_one_sweep(run, window, cut):
     described = metadata(column_window=list(window))
     result = run(request(described), messages(4, logged_ns=START_NS, window=window))
@@ -123,6 +122,15 @@ def test_what_is_missing_makes_a_revolution_incomplete_by_its_width(run):
     result = run(request(), whole)
     assert [row["start_ns"] for row in result.index] == [START_NS, START_NS + 2 * TURN_NS]
     assert result.lost == {"incomplete revolution": 3}
+
+
+def test_a_few_columns_that_are_missing_at_an_edge_do_not_move_it(run):
+    # Of the lidar's window only what is inside is valid: columns 2 to 61 of a whole turn.
+    result = run(request(), messages(2, logged_ns=START_NS, window=(2, COLUMNS - 3)))
+    assert [row["points"] for row in result.index] == [4 * (COLUMNS - 4)] * 2
+    assert [(row["start_ns"], row["end_ns"]) for row in result.index] == [
+        (START_NS + number * TURN_NS, START_NS + (number + 1) * COLUMNS * COLUMN_NS) for number in range(2)
+    ]
 
 
 def test_late_packets_belong_to_their_revolution_and_doubled_ones_count_once(run):
@@ -169,9 +177,10 @@ def test_packets_that_are_none_of_the_lidar_are_counted(run):
         run(request(), [*whole, *odd])
 
 
-def test_columns_whose_times_are_not_in_order_are_refused(run):
+@pytest.mark.parametrize("column_ns", [0, -COLUMN_NS])
+def test_columns_whose_times_are_not_in_order_are_refused(run, column_ns):
     backwards = [
-        message(packet(first, start_ns=OS_NS - 2 * first * COLUMN_NS), first, START_NS)
+        message(packet(first, column_ns=column_ns), first, START_NS)
         for first in range(0, COLUMNS, PER_PACKET)
     ]
     with pytest.raises(LossLimitError, match="the times of its columns do not follow their order"):

@@ -9,7 +9,7 @@ import pytest
 from bagassets.base.errors import DecodeError
 from bagassets.decode.ouster import OusterLidar
 from bagassets_tests import ouster_data
-from bagassets_tests.ouster_data import metadata, packet
+from bagassets_tests.ouster_data import COLUMNS, metadata, packet
 
 TRUTH = json.loads(Path(__file__).with_name("ouster_truth.json").read_text("utf-8"))
 
@@ -82,6 +82,42 @@ def test_packets_of_another_lidar_are_told_by_size_and_columns():
     half = OusterLidar.parse(metadata(columns_per_frame=32, column_window=[0, 31]))
     with pytest.raises(DecodeError, match="a lidar with more than 32 columns"):
         half.read(packet(32))
+
+
+def test_columns_count_once_in_the_order_of_their_times():
+    lidar = OusterLidar.parse(metadata())
+    packets = [np.frombuffer(packet(first), lidar.packet)[0] for first in (0, 16)]
+    expected = lidar.decode(np.array(packets))
+    other = lidar.decode(np.array([packets[1], packets[0], packets[1]]))
+    assert other.numbers.tolist() == expected.numbers.tolist() == list(range(32))
+    assert other.points.tobytes() == expected.points.tobytes()
+
+
+def test_columns_that_a_turn_does_not_have_are_left_out():
+    lidar = OusterLidar.parse(metadata())
+    data = np.frombuffer(packet(0), lidar.packet).copy()
+    data["columns"]["number"][0, 3] = COLUMNS
+    assert lidar.decode(data).numbers.tolist() == [0, 1, 2, *range(4, 16)]
+
+
+def test_a_second_return_from_the_same_place_is_no_point():
+    case = TRUTH["cases"]["RNG19_RFL8_SIG16_NIR16_DUAL"]
+    lidar = OusterLidar.parse(json.dumps(case["metadata"]))
+    data = np.frombuffer(b"".join(bytes.fromhex(one) for one in case["packets"]), lidar.packet).copy()
+    pixels = data["columns"]["pixels"].view(np.uint8).reshape(-1, 16)
+    pixels[:, 4:8] = pixels[:, :4]
+    data["columns"]["pixels"] = pixels.reshape(-1).view("V16").reshape(data["columns"]["pixels"].shape)
+    assert len(lidar.decode(data).points) == len(case["points"]) / 2
+
+
+def test_turns_are_counted_in_32_bits_where_the_header_is_for_functional_safety():
+    case = TRUTH["cases"]["FUSA_RNG15_RFL8_NIR8_DUAL"]
+    data = bytearray.fromhex(case["packets"][0])
+    data[4:8] = (1 << 20).to_bytes(4, "little")
+    for change in ({}, {"udp_profile_lidar": "RNG15_RFL8_NIR8_DUAL", "header_type": "FUSA"}):
+        described = case["metadata"] | {"lidar_data_format": case["metadata"]["lidar_data_format"] | change}
+        lidar = OusterLidar.parse(json.dumps(described))
+        assert (lidar.frame_of(lidar.read(bytes(data))), lidar.frames) == (1 << 20, 1 << 32)
 
 
 def test_the_beams_are_where_they_point():
