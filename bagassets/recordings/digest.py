@@ -4,7 +4,9 @@ import os
 import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType
 from typing import Self
@@ -42,10 +44,12 @@ class RecordingStat:
         files: name, size and mtime (ns) of each.
         statuses: path and status of each, by which an edit in place is seen although mtime was put back; empty if they are not
             known. They are neither compared nor kept.
+        digests: digest of each file, as far as it is known.
     """
 
     files: tuple[tuple[str, int, int], ...]
     statuses: tuple[tuple[Path, os.stat_result], ...] = field(default=(), compare=False, repr=False)
+    digests: Mapping[Path, str] = field(default_factory=dict, compare=False, repr=False)
 
     @property
     def sizes(self) -> tuple[tuple[str, int], ...]:
@@ -54,7 +58,9 @@ class RecordingStat:
 
     def as_of(self, digest: "RecordingDigest") -> Self:
         """Return it with the statuses for which a digest is valid: recording it changed the files' ctimes."""
-        return replace(self, statuses=digest.statuses)
+        paths = [path for path, _ in digest.statuses]
+        digests = dict(zip(paths, digest.files.values(), strict=True))
+        return replace(self, statuses=digest.statuses, digests=digests)
 
     def as_json(self) -> list[list[Json]]:
         """Return it as JSON."""
@@ -100,12 +106,17 @@ def recording_stat(recording: RecordingFiles) -> RecordingStat:
 def assert_unchanged(recording: RecordingFiles, before: RecordingStat) -> None:
     """Check that sizes and times are still those of `before`, and nobody has edited a file in place.
 
+    If somebody may have, its content decides, where that is known.
+
     Raises:
         ChangedWhileReadError: somebody has.
     """
     now = recording_stat(recording)
     looks = zip(before.statuses, now.statuses, strict=False)
-    if now != before or not all(is_unchanged(path, then, status) for (path, then), (_, status) in looks):
+    if now != before or not all(
+        is_unchanged(path, then, status) or _has_digest(path, status, before.digests.get(path))
+        for (path, then), (_, status) in looks
+    ):
         raise ChangedWhileReadError(
             f"{recording.path}: the recording changed while it was read, so nothing was recorded; build again when it is "
             "complete."
@@ -314,11 +325,32 @@ def hash_file(
         raise RecordingError(
             f"{path}: cannot be read ({err.strerror}); correct its permissions, or check the disk."
         ) from err
-    if not is_unchanged(path, before, after, digest):
+    same_times = (before.st_size, before.st_mtime_ns) == (after.st_size, after.st_mtime_ns)
+    if not is_unchanged(path, before, after, digest) and not (
+        same_times and _has_digest(path, after, digest)
+    ):
         raise ChangedWhileReadError(
             f"{path}: the file changed while it was hashed; build again when it is complete."
         )
     return digest
+
+
+def _has_digest(path: Path, stat: os.stat_result, digest: str | None) -> bool:
+    """Tell whether a file with this status still has the content with a digest."""
+    return digest is not None and _digest_at(path, stat.st_ctime_ns) == digest
+
+
+@lru_cache(1000)
+def _digest_at(path: Path, ctime_ns: int) -> str | None:
+    """Return the digest of a file whose ctime changed, once for each ctime; None if it changes again or cannot be read.
+
+    Two builds that record its digest at nearly one moment change it in ways that neither can tell from an edit.
+    """
+    with suppress(OSError):
+        digest = digest_file(path, None)
+        if path.stat().st_ctime_ns == ctime_ns:
+            return digest
+    return None
 
 
 def _wait_a_tick(stat: os.stat_result) -> None:

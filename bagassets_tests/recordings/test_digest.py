@@ -27,7 +27,7 @@ from bagassets.recordings.digest import (
 from bagassets.recordings.digest_record import ATTRIBUTE, DigestIndex, is_unchanged, put_on_record
 from bagassets.recordings.discover import find_one
 from bagassets.store import canonical
-from bagassets.store.canonical import digest_bytes, digest_json
+from bagassets.store.canonical import digest_bytes, digest_file, digest_json
 from bagassets_tests.file_clock import next_tick
 
 
@@ -310,6 +310,41 @@ def test_recording_a_digest_while_a_recording_is_read_is_no_change(bag, tmp_path
     stat = recording_stat(bag)
     recording_digest(bag, DigestIndex(tmp_path / "store"))
     assert_unchanged(bag, stat)
+
+
+def test_where_two_builds_record_a_digest_at_nearly_one_moment_the_content_decides(
+    bag, tmp_path, attributes, monkeypatch
+):
+    stat = recording_stat(bag).as_of(recording_digest(bag, DigestIndex(tmp_path / "store")))
+    hashed = []
+    monkeypatch.setattr(
+        module, "digest_file", lambda path, _between: hashed.append(path) or digest_file(path)
+    )
+    for _ in range(2):
+        next_tick()
+        os.setxattr(bag.path, ATTRIBUTE, b"that of a build whose clock is not that of the file server")
+        assert_unchanged(bag, stat)
+        assert_unchanged(bag, stat)
+    assert hashed == [bag.path] * 2  # once for each change
+    rewrite_in_place(bag.path, b"CONTENT")
+    with pytest.raises(ChangedWhileReadError, match="changed while it was read"):
+        assert_unchanged(bag, stat)
+
+
+def test_a_digest_that_another_build_records_while_a_file_is_hashed_is_no_change(
+    bag, attributes, monkeypatch
+):
+    def hash_beside_another(path, between):
+        if not hashed:
+            next_tick()
+            os.setxattr(path, ATTRIBUTE, b"that of a build whose clock is not that of the file server")
+        hashed.append(path)
+        return digest_file(path)
+
+    hashed = []
+    monkeypatch.setattr(module, "digest_file", hash_beside_another)
+    assert recording_digest(bag).digest == digest_bytes(b"content")
+    assert hashed == [bag.path] * 2
 
 
 def test_where_digests_are_kept(bag, tmp_path, attributes, monkeypatch):
