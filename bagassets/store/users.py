@@ -66,6 +66,8 @@ def users_of(root: Path) -> list[User]:
         try:
             value = json.loads(path.read_bytes())
             users.append(User(Path(value["recipe"]), str(value["host"]), Path(value["store"])))
+        except FileNotFoundError:
+            continue  # another `gc` has just found that the project is gone
         except (OSError, ValueError, KeyError, TypeError) as err:
             mend = (
                 "check its disk, and try again"

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
 import dagster as dg
 import pytest
@@ -353,6 +354,14 @@ class TestUsers:
         (tmp_path / "users" / "x.json").write_bytes(b"{")
         with pytest.raises(StoreError, match="cannot be read"):
             users_of(tmp_path)
+
+    def test_a_note_that_another_collection_removes_meanwhile_is_none(self, tmp_path, monkeypatch):
+        for name in "ab":
+            note_user(tmp_path, tmp_path / name / "recipe.yaml")
+        listed = sorted((tmp_path / "users").iterdir())
+        forget_user(tmp_path, users_of(tmp_path)[0])
+        monkeypatch.setattr(Path, "glob", lambda *_: listed)
+        assert [user.recipe.parent.name for user in users_of(tmp_path)] == ["b"]
 
     def test_users_of_other_machines(self):
         assert not User("/recipe.yaml", "elsewhere").is_here
