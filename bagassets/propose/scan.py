@@ -345,7 +345,7 @@ def _pose(facts: Facts, decode: Decode, value: Message, _msgtype: str) -> None:
         facts["child_frames"] = (reading.child,)
 
 
-def _nothing(_facts: Facts, decode: Decode, value: Message, _msgtype: str) -> None:
+def _fix(_facts: Facts, decode: Decode, value: Message, _msgtype: str) -> None:
     decode(value)
 
 
@@ -371,8 +371,14 @@ def _packets(facts: Facts, decode: Decode, value: Message, _msgtype: str) -> Non
     facts["velodyne"] = False
     for _own_stamp, data in decode(value):
         facts["velodyne"] |= is_velodyne_packet(data)
+        facts["timed"] = facts["velodyne"] or None
         if holds_ncom(data):
             facts["ncom_sender"] = facts.get("ncom_sender") or sender(value)[0]
+
+
+def _ouster(facts: Facts, decode: Decode, value: Message, _msgtype: str) -> None:
+    decode(value)
+    facts["timed"] = True
 
 
 _FACTS: Mapping[AnyFamily, Callable[[Facts, Decode, Message, str], None]] = {
@@ -380,10 +386,10 @@ _FACTS: Mapping[AnyFamily, Callable[[Facts, Decode, Message, str], None]] = {
     "video": _video,
     "radar": _radar,
     "pose": _pose,
-    "fix": _nothing,
+    "fix": _fix,
     "imu": _imu,
     "camera_info": _camera_info,
-    "ouster": _nothing,
+    "ouster": _ouster,
     "packets": _packets,
 }
 

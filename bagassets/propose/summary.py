@@ -38,7 +38,7 @@ class TopicSummary:
         ncom_sender: IPv4 address that OxTS NCOM packets come from; "" if there are some but the
             messages do not tell; None if there are none.
         velodyne: data packets of a Velodyne were seen; None if the type holds no packets.
-        timed: the points of a cloud or the rays of a scan have times; None for other types.
+        timed: the points of a cloud, the rays of a scan or the packets of a lidar have times; None for other types.
         clock: what the times of the points of a PointCloud2 are; None without.
         is_of_radar: such clouds have a field that radars fill.
         most_intensity: the largest intensity in such clouds; None if all are 0 or 1.

@@ -141,6 +141,24 @@ def test_without_tf_it_is_asked_where_the_lidar_is_and_said_that_it_is_turned(tm
     assert "# rotation: [0, 0, 0, 1]" in proposal.text
 
 
+def test_where_the_robot_moves_its_points_may_be_deskewed(tmp_path):
+    def pose(log_time_ns):
+        def make(store):
+            kinds = (
+                store.types[f"geometry_msgs/msg/{name}"]
+                for name in ("Point", "Quaternion", "Pose", "PoseStamped")
+            )
+            position, rotation, pose, stamped = kinds
+            moved = pose(position(0.0, 0.0, 0.0), rotation(0.0, 0.0, 0.0, 1.0))
+            return stamped(header(store, log_time_ns, "map"), moved)
+
+        return Message("/pose", "geometry_msgs/msg/PoseStamped", log_time_ns, make)
+
+    poses = [pose(NOON_NS + number * TURN_NS) for number in range(15)]
+    proposal = proposed(write_mcap(tmp_path / "a.mcap", [*recorded(ROS2), *poses]))
+    assert "# deskew: true" in proposal.text
+
+
 def test_beside_sensors_with_stamps_it_alone_goes_by_the_log(tmp_path):
     def image(log_time_ns):
         def make(store):
