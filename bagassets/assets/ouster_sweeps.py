@@ -78,13 +78,11 @@ class OusterSweeps:
         at = middle if use.cut_angle_deg is None else round(use.cut_angle_deg / 360 * lidar.columns)
         self._cut = at // lidar.columns_per_packet * lidar.columns_per_packet % lidar.columns
         # Whether the lidar reports each column after the cut.
-        self._reported = (
-            np.arange(lidar.columns) + self._cut - first
-        ) % lidar.columns < lidar.columns - blind
+        since_first = (np.arange(lidar.columns) + self._cut - first) % lidar.columns
+        self._reported = since_first < lidar.columns - blind
         self._frame: int | None = None
-        self._turns: dict[
-            int, dict[int, tuple[bytes, int]]
-        ] = {}  # by first column, packets and their log times
+        # By turn and first column: packets and their log times.
+        self._turns: dict[int, dict[int, tuple[bytes, int]]] = {}
         self._latest = 0
 
     def add(self, raw: RawMessage) -> None:
@@ -140,7 +138,7 @@ class OusterSweeps:
         steps_ns, steps = np.diff(columns.times_ns), np.diff(after_cut)
         if not ((steps_ns > 0) & (steps > 0)).all():
             raise DecodeError("the times of its columns do not follow their order")
-        column_ns = int(np.sort(steps_ns // steps)[len(steps) // 2])
+        column_ns = int(np.sort(steps_ns // steps)[len(steps) // 2]) if len(steps) else 0
         expected = np.flatnonzero(self._reported)
         begin = int(columns.times_ns[0]) - int(after_cut[0] - expected[0]) * column_ns
         end = int(columns.times_ns[-1]) + int(expected[-1] + 1 - after_cut[-1]) * column_ns

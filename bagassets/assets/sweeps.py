@@ -178,7 +178,7 @@ def _use_of_ouster(
     if not facts.inventory.has_readable(beside):
         raise RecipeError(
             f"{lidar.channel}: the packets in {topic} say nothing without the metadata of the lidar, and the recording has no "
-            f"{beside}; name a file with it in `metadata` of the channel (`metadata_file` of the driver)."
+            f"{beside}; name a file with it in `metadata` of the channel."
         )
     use = OusterUse(**vars(lidar), cut_angle_deg=cut_deg, metadata_topic=beside, metadata=None)
     return Use(use, (topic, beside), inputs)

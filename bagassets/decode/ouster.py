@@ -6,8 +6,8 @@ bits are what (the profile), and where the beams point is in the metadata, a JSO
 publishes beside the packets.
 
 Layouts of packets, and the way from range to point: Ouster, "Firmware User Manual", sections "Lidar data packet format" and "Lidar
-range to XYZ". Points are in the lidar frame, `os_lidar` of the driver, in which x points away from the first column. Ouster's own
-library does not fit beside the versions of rosbags and click that this package needs.
+range to XYZ". Points are in the lidar frame, `os_lidar` of the driver: x points to where the first column is measured, z up.
+Ouster's own library does not fit beside the versions of rosbags and click that this package needs.
 """
 
 import json
@@ -64,8 +64,15 @@ _PROFILES = {
 
 
 def packet_in(message: Message) -> bytes:
-    """Return the bytes of the packet in a `PacketMsg`."""
-    return bytes(message.buf)
+    """Return the bytes of the packet in a `PacketMsg`.
+
+    Raises:
+        DecodeError: it has none.
+    """
+    try:
+        return bytes(message.buf)
+    except (AttributeError, TypeError, ValueError) as err:
+        raise DecodeError("it has no field buf with the bytes of a packet") from err
 
 
 def metadata_beside(topic: str) -> str:
@@ -139,7 +146,7 @@ class OusterLidar:
                 columns,
                 int(data.get("columns_per_packet") or 16),
                 (int(first), int(last)),
-                profile.startswith(_FUSA) or data.get("header_type") == _FUSA,
+                profile.startswith(_FUSA) or (profile != _LEGACY and data.get("header_type") == _FUSA),
                 altitudes,
                 azimuths,
                 _origin_mm(beams),
@@ -168,14 +175,12 @@ class OusterLidar:
         if self.profile == _LEGACY:
             fields = [("time_ns", "<u8"), ("number", "<u2"), ("frame", "<u2"), ("encoder", "<u4"), pixels]
             return np.dtype([("columns", [*fields, ("status", "<u4")], (self.columns_per_packet,))])
-        frame = (
-            [("kind", "V4"), ("frame", "<u4")]
-            if self.is_fusa
-            else [("kind", "<u2"), ("frame", "<u2"), ("", "V4")]
+        header = (
+            [("", "V4"), ("frame", "<u4")] if self.is_fusa else [("", "V2"), ("frame", "<u2"), ("", "V4")]
         )
-        columns = [("time_ns", "<u8"), ("number", "<u2"), ("status", "<u2"), pixels]
-        of_packet = ("columns", columns, (self.columns_per_packet,))
-        return np.dtype([*frame, ("rest", "V24"), of_packet, ("footer", "V32")])
+        fields = [("time_ns", "<u8"), ("number", "<u2"), ("status", "<u2"), pixels]
+        columns = ("columns", fields, (self.columns_per_packet,))
+        return np.dtype([*header, ("", "V24"), columns, ("", "V32")])
 
     def read(self, data: bytes) -> NDArray[np.void]:
         """Return a packet, of type `packet`.
@@ -212,9 +217,7 @@ class OusterLidar:
         numbers = columns["number"].astype(np.int64)
         size, returns, bits, unit_mm = _PROFILES[self.profile]
         pixels = np.ascontiguousarray(columns["pixels"]).view(np.uint8).reshape(len(columns), -1, size)
-        words = [
-            np.ascontiguousarray(pixels[..., one.word : one.word + 4]).view("<u4")[..., 0] for one in returns
-        ]
+        words = [pixels[..., one.word : one.word + 4].copy().view("<u4")[..., 0] for one in returns]
         # All of a column follow each other, the lowest beam first, and both returns of a beam.
         ranges = np.stack([word & ((1 << bits) - 1) for word in words], axis=-1)[:, ::-1] * np.uint32(unit_mm)
         reflectivities = np.stack([pixels[..., one.reflectivity] for one in returns], axis=-1)[:, ::-1]
@@ -225,9 +228,8 @@ class OusterLidar:
         points[:, :3] = self._places(ranges[hit], numbers[column], beam)
         points[:, 3] = reflectivities[hit]
         points[:, 4] = beam
-        return Columns(
-            numbers, columns["time_ns"].astype(np.int64), points, column, int((~ranges.any(axis=-1)).sum())
-        )
+        without_return = int((~ranges.any(axis=-1)).sum())
+        return Columns(numbers, columns["time_ns"].astype(np.int64), points, column, without_return)
 
     def _places(
         self, ranges_mm: NDArray[np.uint32], columns: NDArray[np.int64], beams: NDArray[np.intp]
@@ -236,16 +238,12 @@ class OusterLidar:
         cos_column, sin_column, cos_beam, sin_beam, cos_altitude, sin_altitude = self._angles
         out_mm, up_mm = self.origin_mm
         distance_mm = ranges_mm - sqrt(out_mm * out_mm + up_mm * up_mm)
-        cos_e, sin_e, cos_b, sin_b = (
-            cos_column[columns],
-            sin_column[columns],
-            cos_beam[beams],
-            sin_beam[beams],
-        )
+        cos_c, sin_c = cos_column[columns], sin_column[columns]
+        cos_b, sin_b = cos_beam[beams], sin_beam[beams]
         flat_mm = distance_mm * cos_altitude[beams]
         places_mm = [
-            flat_mm * (cos_e * cos_b - sin_e * sin_b) + out_mm * cos_e,
-            flat_mm * (sin_e * cos_b + cos_e * sin_b) + out_mm * sin_e,
+            flat_mm * (cos_c * cos_b - sin_c * sin_b) + out_mm * cos_c,
+            flat_mm * (sin_c * cos_b + cos_c * sin_b) + out_mm * sin_c,
             distance_mm * sin_altitude[beams] + up_mm,
         ]
         return np.stack(places_mm, axis=1) * 0.001
@@ -253,9 +251,8 @@ class OusterLidar:
     @cached_property
     def _angles(self) -> tuple[Floats, ...]:
         """Cosines and sines of each column's angle, of the beams' azimuths, and of their altitudes; the lidar turns clockwise."""
-        sin_column, cos_column = sin_cos_deg(
-            np.arange(self.columns, dtype=np.float64) * (-360.0 / self.columns)
-        )
+        turned_deg = np.arange(self.columns, dtype=np.float64) * (360.0 / self.columns)
+        sin_column, cos_column = sin_cos_deg(-turned_deg)
         sin_beam, cos_beam = sin_cos_deg(-np.array(self.azimuths_deg[::-1]))
         sin_altitude, cos_altitude = sin_cos_deg(np.array(self.altitudes_deg[::-1]))
         return cos_column, sin_column, cos_beam, sin_beam, cos_altitude, sin_altitude

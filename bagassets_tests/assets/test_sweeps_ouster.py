@@ -96,6 +96,14 @@ def test_a_part_of_each_turn_is_one_sweep(run, window, cut):
     assert result.lost == ({} if cut == 0 else {"incomplete revolution": 2})
 
 
+def test_a_lidar_that_reports_a_single_column_has_a_moment_for_a_sweep(run):
+    described = metadata(column_window=[20, 20])
+    result = run(request(described), messages(2, logged_ns=START_NS, window=(20, 20)))
+    assert [(row["points"], row["start_ns"], row["end_ns"]) for row in result.index] == [
+        (4, *[START_NS + 20 * COLUMN_NS + number * TURN_NS] * 2) for number in range(2)
+    ]
+
+
 def test_the_cut_angle_moves_the_revolutions_by_packets(run):
     result = run(request(cut_angle_deg=100.0), messages(3, logged_ns=START_NS))
     assert [row["start_ns"] for row in result.index] == [

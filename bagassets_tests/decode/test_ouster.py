@@ -2,12 +2,13 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from bagassets.base.errors import DecodeError
-from bagassets.decode.ouster import OusterLidar
+from bagassets.decode.ouster import OusterLidar, packet_in
 from bagassets_tests import ouster_data
 from bagassets_tests.ouster_data import COLUMNS, metadata, packet
 
@@ -73,6 +74,12 @@ def test_metadata_of_every_firmware_says_the_same():
 def test_metadata_that_cannot_be_used_says_why(text, reason):
     with pytest.raises(DecodeError, match=reason):
         OusterLidar.parse(text)
+
+
+@pytest.mark.parametrize("message", [object(), SimpleNamespace(buf=None), SimpleNamespace(buf="text")])
+def test_a_message_of_that_name_without_a_packet_says_so(message):
+    with pytest.raises(DecodeError, match="no field buf with the bytes of a packet"):
+        packet_in(message)
 
 
 def test_packets_of_another_lidar_are_told_by_size_and_columns():

@@ -443,7 +443,9 @@ def test_packets_are_recognized_by_their_bytes_whatever_the_type_of_their_messag
         packet(bag, topic, bytes(data))
     topics = bag.scan().topics
     assert {name for name, topic in topics.items() if topic.velodyne} == {"/lidar"}
-    assert {name: topic.timed for name, topic in topics.items() if topic.timed is not None} == {"/lidar": True}
+    assert {name: topic.timed for name, topic in topics.items() if topic.timed is not None} == {
+        "/lidar": True
+    }
     assert {name for name, topic in topics.items() if topic.ncom_sender is not None} == {"/oxts"}
     assert [name for name, topic in topics.items() if modality_of(topic) == "lidar"] == ["/lidar"]
 
