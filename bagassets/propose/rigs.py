@@ -7,6 +7,7 @@ from typing import Literal
 
 from bagassets.base.errors import CalibrationError
 from bagassets.base.quantities import span_text
+from bagassets.decode.ouster import metadata_beside
 from bagassets.decode.registry import types_of
 from bagassets.geometry.urdf import urdf_edges
 from bagassets.propose.frames import EgoFrame, connected, propose_ego_frame
@@ -267,6 +268,8 @@ def uses_of(
         used.setdefault(sensor.topic.name, []).append(name)
         if sensor.camera_info is not None:
             used.setdefault(sensor.camera_info.name, []).append(f"calibration of {name}")
+        if has_ouster_packets(sensor.topic):
+            used.setdefault(metadata_beside(sensor.topic.name), []).append(f"metadata of {name}")
     for field, what in (("topic", "poses"), ("imu", "orientation")):
         if field in pose.fields:
             used.setdefault(pose.fields[field], []).append(what)

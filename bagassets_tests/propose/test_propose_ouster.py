@@ -97,6 +97,9 @@ def test_a_recording_of_the_driver_is_proposed_and_built(tmp_path, kind):
     )
     proposal = proposed(path)
     assert channels_of(proposal) == {"LIDAR_TOP": LIDAR}
+    uses = {use.topic.name: (use.status, use.text) for use in proposal.rigs[0].topic_uses}
+    assert uses[METADATA] == ("used", "metadata of LIDAR_TOP")
+    assert uses[IMU] == ("not needed", "")
     assert "clock: log  # guess: header stamps of /ouster/lidar_packets are missing" in proposal.text
     assert "frame: os_lidar  # guess: of Ouster's driver, as packets name none" in proposal.text
     assert not [question for question in proposal.questions if "LIDAR" in question.text]
