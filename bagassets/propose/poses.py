@@ -18,6 +18,8 @@ _FUSED = word_set(
     "ekf filtered fused global ground groundtruth gt kinematic kinematics localization slam truth ukf"
 )
 _FEWEST_POSES = 2
+# Of mavros: fixes of the receiver as odometry; beside it is what the filter makes of them.
+_UNFILTERED = "/global_position/local"
 
 SourceKey = tuple[str, str, str]
 """Kind of source, its topic or global frame, and the frame whose pose it gives: equal for what is one source."""
@@ -116,6 +118,7 @@ def _ranked(summary: RecordingSummary, topics: Iterable[TopicSummary]) -> list[T
         # Of equal ones, that of a namespace may be another robot's, and that of no robot another's without sensors.
         key=lambda topic: (
             robot_of(topic.name, summary.robots) is not None,
+            not topic.name.endswith(_UNFILTERED),
             not _FUSED.isdisjoint(tokens(topic.name)),
             topic.count,
             -topic.name.count("/"),

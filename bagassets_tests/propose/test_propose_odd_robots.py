@@ -74,6 +74,15 @@ def test_a_drone_whose_velocity_was_measured_has_no_actions():
     assert not rig_of(CAMERA, odometry(), moves("/mavros/local_position/velocity_body")).signals
 
 
+@pytest.mark.parametrize("more", [0, 50])
+def test_of_a_drone_the_filter_is_preferred_to_the_receiver(more):
+    own = odometry("/mavros/local_position/odom")
+    receiver = odometry("/mavros/global_position/local", count=own.count + more)
+    rig = rig_of(CAMERA, own, receiver)
+    assert rig.pose.fields["topic"] == "/mavros/local_position/odom"
+    assert rig_of(CAMERA, receiver).pose.fields["topic"] == "/mavros/global_position/local"
+
+
 @pytest.mark.parametrize(
     ("name", "frame", "fields", "channel"),
     [
