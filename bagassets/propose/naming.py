@@ -54,7 +54,7 @@ _ORDER = ("FRONT", "BACK", "LEFT", "RIGHT", "TOP")
 # Parts of a topic that say what the data is, not which sensor made it.
 _STREAM = re.compile(
     r"^(image(_\w+)?|compressed(_?depth)?|theora|ffmpeg|video|h26[45]|points?(_?\w+)?|point_?cloud2?|clouds?|"
-    r"packets?|velodyne_points|(velodyne|lidar)_packets|scan|laser_?scan|raw|rgb|data|targets?|tracks?|detections?)$"
+    r"packets?|velodyne_points|(velodyne|lidar)_packets|scan|laser_?scan|raw|rect|rgb|colou?r|gr[ae]y|data|targets?|tracks?|detections?)$"
 )
 _VAGUE = word_set(
     "camera cameras cam cams color colour rgb image images img raw rect compressed mono lidar lidars laser radar "
@@ -81,9 +81,9 @@ def sensor_of(topic: str) -> str:
     `/cam/image_raw/compressed`, `/cam/image_rect_color` and `/cam/image_raw` all give `/cam`.
     """
     parts = topic.split("/")
-    while len(parts) > 1 and _STREAM.match(parts[-1]):
+    while len(parts) > 1 and _STREAM.match(parts[-1].removesuffix("_raw")):
         parts.pop()
-    return "/".join(parts)
+    return "/".join(parts).removesuffix("_raw")
 
 
 def is_derived(topic: str) -> bool:

@@ -156,7 +156,10 @@ def same_sensor(one: TopicSummary, other: TopicSummary) -> bool:
     # Drivers give all cameras one frame surprisingly often, so pictures go by the name of their topic.
     if modality_of(one) != "camera" and one.frames and other.frames:
         return not set(one.frames).isdisjoint(other.frames)
-    return sensor_of(one.name) == sensor_of(other.name)
+    names = sorted((sensor_of(one.name), sensor_of(other.name)))
+    # ZED's driver publishes its left camera as that of the whole, too.
+    is_left = names[1] == f"{names[0]}/left" and not set(one.frames).isdisjoint(other.frames)
+    return names[0] == names[1] or is_left
 
 
 def _sensor(family: list[TopicSummary], summary: RecordingSummary) -> Sensor:

@@ -74,6 +74,36 @@ def test_a_drone_whose_velocity_was_measured_has_no_actions():
     assert not rig_of(CAMERA, odometry(), moves("/mavros/local_position/velocity_body")).signals
 
 
+ZED = ("rgb", "left", "right")
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        [f"{one}/image_rect_color" for one in ZED] + [f"{one}_raw/image_raw_color" for one in ZED],
+        [f"{one}/color/{how}/image" for one in ZED for how in ("rect", "raw")],
+    ],
+    ids=["4", "5"],
+)
+def test_the_many_topics_of_a_stereo_camera_are_two_cameras(names):
+    topics = [
+        topic(
+            f"/zed/zed_node/{name}",
+            IMAGE,
+            frame=f"zed_{'right' if 'right' in name else 'left'}_optical",
+            encoding="bgra8",
+        )
+        for name in names
+    ]
+    rig = rig_of(*topics)
+    chosen = [sensor.topic.name.removeprefix("/zed/zed_node/") for sensor in rig.channels.values()]
+    assert sorted(name.partition("/")[0].removesuffix("_raw") for name in chosen) in (
+        ["left", "right"],
+        ["rgb", "right"],
+    )
+    assert all("raw" in name for name in chosen)
+
+
 @pytest.mark.parametrize("more", [0, 50])
 def test_of_a_drone_the_filter_is_preferred_to_the_receiver(more):
     own = odometry("/mavros/local_position/odom")
