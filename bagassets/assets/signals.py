@@ -67,7 +67,7 @@ class SignalsParams:
         """Return the parameters of a rig."""
         signals = {}
         for name, one in sorted(rig.signals.items()):
-            own = {"fields": one.fields, "factor": one.factor, "clock": one.clock or recipe.clock_of(rig)}
+            own = {"fields": one.fields, "factor": one.factor, "clock": recipe.clock_of(rig, one)}
             signals[name] = settings_of(SignalSettings, {**dict(recipe.limits), **dict(one), **own})
         return cls(signals)
 

@@ -40,15 +40,8 @@ def deferred_interrupts() -> Iterator[Interrupt]:
     interrupt = Interrupt()
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     deferred = [number for number in numbers if signal.getsignal(number) is signal.default_int_handler]
-    if threading.current_thread() is not threading.main_thread():
-        deferred = []
-    for number in deferred:
-        signal.signal(number, interrupt.receive)
-    try:
+    with signals_handled(interrupt.receive, *deferred):
         yield interrupt
-    finally:
-        for number in deferred:
-            signal.signal(number, signal.default_int_handler)
 
 
 @contextmanager

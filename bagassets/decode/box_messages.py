@@ -24,20 +24,14 @@ def _detection(message: Message, detection: Message) -> BoxReading:
     Raises:
         DecodeError: the pose is not usable, or there is no hypothesis that names a class.
     """
-    stamp_ns, frame_id = stamp_and_frame(detection.header, message.header)
+    header = stamp_and_frame(detection.header, message.header)
     hypotheses = [_hypothesis(result) for result in detection.results]
     if not hypotheses:
         raise DecodeError("its detection names no class")
     score, category = max(hypotheses, key=lambda pair: pair[0])
-    return BoxReading(
-        stamp_ns=stamp_ns,
-        frame_id=frame_id,
-        frame_SE3_box=rigid_transform(detection.bbox.center.position, detection.bbox.center.orientation),
-        size_m=_size_m(detection.bbox.size),
-        track_id=str(getattr(detection, "id", "")),
-        category=category,
-        score=score,
-    )
+    box = _box_of_cuboid(detection.bbox.center, detection.bbox.size)
+    track_id = str(getattr(detection, "id", ""))
+    return BoxReading(*header, *box, track_id=track_id, category=category, score=score)
 
 
 def _hypothesis(result: Message) -> tuple[float, str]:
@@ -67,37 +61,23 @@ def _marker(message: Message, marker: Message) -> BoxReading | None:  # noqa: AR
     """
     if marker.type not in {_CUBE, _CYLINDER} or marker.action != _ADD:
         return None
-    stamp_ns, frame_id = stamp_and_frame(marker.header)
-    return BoxReading(
-        stamp_ns=stamp_ns,
-        frame_id=frame_id,
-        frame_SE3_box=rigid_transform(marker.pose.position, marker.pose.orientation),
-        size_m=_size_m(marker.scale),
-        track_id=f"{marker.ns}/{marker.id}",
-        category=str(marker.ns),
-    )
+    header, box = stamp_and_frame(marker.header), _box_of_cuboid(marker.pose, marker.scale)
+    return BoxReading(*header, *box, track_id=f"{marker.ns}/{marker.id}", category=str(marker.ns))
 
 
 MARKER = BoxDecoder(lambda marker: [marker], _marker)
 MARKERS = BoxDecoder(attrgetter("markers"), _marker)
 
 
-def _bounding_box(message: Message, box: Message) -> BoxReading:
+def _bounding_box(message: Message, item: Message) -> BoxReading:
     """Return a `jsk_recognition_msgs/BoundingBox`, which has no track; its class is its label in digits, its `value` the score.
 
     Raises:
         DecodeError: the pose is not usable.
     """
-    stamp_ns, frame_id = stamp_and_frame(box.header, message.header)
-    return BoxReading(
-        stamp_ns=stamp_ns,
-        frame_id=frame_id,
-        frame_SE3_box=rigid_transform(box.pose.position, box.pose.orientation),
-        size_m=_size_m(box.dimensions),
-        track_id="",
-        category=str(int(box.label)),
-        score=float(box.value),
-    )
+    header = stamp_and_frame(item.header, message.header)
+    box = _box_of_cuboid(item.pose, item.dimensions)
+    return BoxReading(*header, *box, track_id="", category=str(int(item.label)), score=float(item.value))
 
 
 BOUNDING_BOXES = BoxDecoder(attrgetter("boxes"), _bounding_box)
@@ -122,7 +102,7 @@ def _scene_cube(message: Message, item: Message) -> BoxReading:  # noqa: ARG001 
         DecodeError: the pose is not usable, or no class is named.
     """
     entity, cube = item.entity, item.cube
-    stamp_ns, frame_id = head(entity)
+    header = head(entity)
     known = {str(pair.key): str(pair.value) for pair in entity.metadata}
     category = next((known[key] for key in _CLASS_KEYS if known.get(key)), None)
     if category is None:
@@ -131,16 +111,9 @@ def _scene_cube(message: Message, item: Message) -> BoxReading:  # noqa: ARG001 
         score = float(known.get("score", 1.0))
     except ValueError:
         raise DecodeError("its score is no number") from None
-    return BoxReading(
-        stamp_ns=stamp_ns,
-        frame_id=frame_id,
-        frame_SE3_box=rigid_transform(cube.pose.position, cube.pose.orientation),
-        size_m=_size_m(cube.size),
-        track_id=str(entity.id),
-        category=category,
-        attributes=tuple(filter(None, (name.strip() for name in known.get("attributes", "").split(",")))),
-        score=score,
-    )
+    attributes = tuple(filter(None, (name.strip() for name in known.get("attributes", "").split(","))))
+    box = _box_of_cuboid(cube.pose, cube.size)
+    return BoxReading(*header, *box, str(entity.id), category, attributes, score)
 
 
 SCENE_UPDATE = BoxDecoder(_scene_items, _scene_cube)
@@ -170,13 +143,10 @@ def _derived_object(message: Message, item: Message) -> BoxReading:
         DecodeError: the shape has no extent, or the pose is not usable.
     """
     frame_SE3_object = rigid_transform(item.pose.position, item.pose.orientation)
-    frame_SE3_box, size_m = _box_of_primitive(frame_SE3_object, item.shape)
-    stamp_ns, frame_id = stamp_and_frame(item.header, message.header)
+    box = _box_of_primitive(frame_SE3_object, item.shape)
     return BoxReading(
-        stamp_ns=stamp_ns,
-        frame_id=frame_id,
-        frame_SE3_box=frame_SE3_box,
-        size_m=size_m,
+        *stamp_and_frame(item.header, message.header),
+        *box,
         track_id=str(int(item.id)),
         category=_name_of(int(item.classification), _DERIVED_CLASSES),
         score=int(item.classification_certainty) / 255,
@@ -228,16 +198,14 @@ def _autoware_object(message: Message, item: Message) -> BoxReading:
     """
     if not len(item.classification):
         raise DecodeError("its object names no class")
-    stamp_ns, frame_id = stamp_and_frame(message.header)
+    header = stamp_and_frame(message.header)
     likeliest = max(item.classification, key=lambda entry: float(entry.probability))
     pose = item.kinematics.pose_with_covariance.pose
-    frame_SE3_box, size_m = _box_of_shape(rigid_transform(pose.position, pose.orientation), item.shape)
+    box = _box_of_shape(rigid_transform(pose.position, pose.orientation), item.shape)
     identifier = getattr(item, "object_id", None)
     return BoxReading(
-        stamp_ns=stamp_ns,
-        frame_id=frame_id,
-        frame_SE3_box=frame_SE3_box,
-        size_m=size_m,
+        *header,
+        *box,
         track_id="" if identifier is None else bytes(int(byte) for byte in identifier.uuid).hex(),
         category=_name_of(int(likeliest.label), _AUTOWARE_CLASSES),
         score=float(item.existence_probability),
@@ -258,6 +226,11 @@ def _box_of_shape(frame_SE3_object: SE3, shape: Message) -> tuple[SE3, Size]:
 
 
 AUTOWARE_OBJECTS = BoxDecoder(attrgetter("objects"), _autoware_object)
+
+
+def _box_of_cuboid(pose: Message, extent: Message) -> tuple[SE3, Size]:
+    """Return `frame_SE3_box` and size of what a message gives as pose and extent along x, y, z."""
+    return rigid_transform(pose.position, pose.orientation), _size_m(extent)
 
 
 def _size_m(extent: Message) -> Size:

@@ -126,11 +126,9 @@ def named_distortion(name: str, d: tuple[float, ...]) -> tuple[str, tuple[float,
     if model is None:
         known = ", ".join(name for name in COEFFICIENTS if name != "none")
         raise DecodeError(f"distortion model '{name}' is not known (known are {known})")
-    if model == "none":
-        if any(d):
-            raise DecodeError("it names no distortion model but has coefficients")
-        return "none", ()
-    if not d:  # a driver without calibration of the lens leaves D empty: no distortion
+    if model == "none" and any(d):
+        raise DecodeError("it names no distortion model but has coefficients")
+    if model == "none" or not d:  # a driver without calibration of the lens leaves D empty: no distortion
         return "none", ()
     if model == "equidistant":
         return model, d

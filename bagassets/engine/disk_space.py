@@ -87,9 +87,8 @@ def require_disk_space(needed: SpaceNeeded, folders: Mapping[str, Path], *, igno
     """
     texts = []
     for field, folder in folders.items():
-        free = shutil.disk_usage(
-            nearest_existing(folder)
-        ).free  # for this user, in a folder that need not exist yet
+        # For this user, in a folder that need not exist yet.
+        free = shutil.disk_usage(nearest_existing(folder)).free
         if needed.is_measured and not ignore and free < needed.bytes * _SURELY_NEEDED:
             raise StoreError(
                 f"{folder}: only {readable_bytes(free)} are free here, and the build needs about "

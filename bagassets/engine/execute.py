@@ -304,9 +304,7 @@ def _feed(
     for name, extractor in extractors.items():
         for topic in extractor.topics:
             listeners.setdefault(topic, []).append((name, extractor))
-    if not listeners:
-        return
-    for message in recording.messages(sorted(listeners)):
+    for message in recording.messages(sorted(listeners)) if listeners else ():
         for name, extractor in listeners[message.topic]:
             if name in ended:
                 continue

@@ -128,18 +128,12 @@ class BagPlan:
     @property
     def failed(self) -> str | None:
         """Why the first failed asset failed, or None."""
-        first = self._first_failed
-        return None if first is None else first.reason
+        return next((state.reason for state in self.assets.values() if state.state == "failed"), None)
 
     @property
     def can_be_retried(self) -> bool:
         """True if the first failed asset failed when it ran, so that it may succeed another time."""
-        first = self._first_failed
-        return first is not None and not first.is_final
-
-    @property
-    def _first_failed(self) -> AssetState | None:
-        return next((state for state in self.assets.values() if state.state == "failed"), None)
+        return not next((state.is_final for state in self.assets.values() if state.state == "failed"), True)
 
     @property
     def unusable(self) -> str | None:

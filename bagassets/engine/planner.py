@@ -282,14 +282,9 @@ class Planner:
 
     def _unchanged(self) -> dict[str, BagPlan]:
         """Return the last plans of the recordings that have not changed since."""
-        found: dict[str, BagPlan] = {}
-        for key, (entry, now) in self._last.items():
-            if entry.fingerprint != now:
-                continue
-            bag = KeptPlan(key, entry.row, entry.made)
-            if self._still_holds(bag):
-                found[key] = bag
-        return found
+        last = self._last.items()
+        alike = (KeptPlan(key, one.row, one.made) for key, (one, now) in last if one.fingerprint == now)
+        return {bag.key: bag for bag in alike if self._still_holds(bag)}
 
     def _still_holds(self, bag: BagPlan) -> bool:
         """Return whether a plan's artifacts are unchanged, as far as they are checked; where there is something to do, nobody looks."""

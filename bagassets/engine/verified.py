@@ -122,9 +122,8 @@ class Turns:
         with ThreadPoolExecutor(_THREADS) as pool:
             for are_artifacts, alike in groupby(names, self.artifacts.__contains__):
                 while some := list(islice(alike, _THREADS if are_artifacts else 1)):
-                    side_by_side = (
-                        pool.map if are_artifacts else map
-                    )  # an interrupt need not wait for a recording
+                    # An interrupt need not wait for a recording.
+                    side_by_side = pool.map if are_artifacts else map
                     yield from zip(some, side_by_side(self._verify, some), strict=True)
                     if time.monotonic() >= end_s:
                         return

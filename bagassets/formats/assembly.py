@@ -197,11 +197,16 @@ def assemble(
 
 def without_copies(parts: Iterable[Part]) -> tuple[list[Part], dict[str, str]]:
     """Return the first part of each content in the order of their keys, and duplicate -> recording in its place."""
-    first: dict[str, Part] = {}
-    for part in (ordered := sorted(parts, key=lambda part: part.key)):
-        first.setdefault(part.content, part)
-    copies = {part.key: first[part.content].key for part in ordered if first[part.content] is not part}
-    return list(first.values()), copies
+    ordered = sorted(parts, key=lambda part: part.key)
+    copies = copies_of({part.key: part.content for part in ordered})
+    return [part for part in ordered if part.key not in copies], copies
+
+
+def copies_of(contents: Mapping[str, str]) -> dict[str, str]:
+    """Return recording -> the first one, by key, of the same content, which a dataset has for both; without these first ones."""
+    first: dict[str, str] = {}
+    same = {key: first.setdefault(content, key) for key, content in sorted(contents.items())}
+    return {key: other for key, other in same.items() if other != key}
 
 
 def _misfits(kind: Format[S], parts: Sequence[Part], store: Store) -> Mapping[str, str]:

@@ -19,7 +19,7 @@ from bagassets.engine.planner import damage_of
 from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.engine.splits import Ties, deal
 from bagassets.formats import trajectory_map
-from bagassets.formats.assembly import DatasetSummary, assemble, without_copies
+from bagassets.formats.assembly import DatasetSummary, assemble, copies_of, without_copies
 from bagassets.formats.catalogue import formats, formats_of
 from bagassets.formats.dataset_lock import DatasetLock, read_lock
 from bagassets.formats.format import FACTS, AnyFormat, Part, Selection
@@ -246,15 +246,13 @@ def deal_contents(
         sceneless: recordings without scenes.
         ties: see `deal`.
     """
-    first: dict[str, str] = {}
-    for key, content in sorted(contents.items()):
-        first.setdefault(content, key)
-    with_scenes = deal((key for key in first.values() if key not in sceneless), splits, ties)
-    if len(with_scenes) == len(first):
-        return {key: with_scenes[first[content]] for key, content in contents.items()}
-    pinned = splits.model_copy(update={"pinned": {**splits.pinned, **with_scenes}})
-    dealt = deal(first.values(), pinned, ties)
-    return {key: dealt[first[content]] for key, content in contents.items()}
+    copies = copies_of(contents)
+    firsts = sorted(contents.keys() - copies.keys())
+    dealt = deal((key for key in firsts if key not in sceneless), splits, ties)
+    if len(dealt) < len(firsts):
+        pinned = splits.model_copy(update={"pinned": {**splits.pinned, **dealt}})
+        dealt = deal(firsts, pinned, ties)
+    return {key: dealt[copies.get(key, key)] for key in contents}
 
 
 def first_lock(datasets: Mapping[str, Dataset]) -> DatasetLock | None:

@@ -23,7 +23,6 @@ class Linker:
 
     Attributes:
         counts: `linked`, `cloned`, `copied`, or `kept` for existing files -> number of files.
-
         torn_since_s: see below.
 
     Args:

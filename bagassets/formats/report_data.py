@@ -18,6 +18,7 @@ from bagassets.engine.recording_assets import RecordingAssets
 from bagassets.engine.splits import shares_of
 from bagassets.engine.track import track_on_record
 from bagassets.formats import trajectory_map
+from bagassets.formats.assembly import copies_of
 from bagassets.formats.catalogue import formats
 from bagassets.formats.checking import Verdict, check_bags, check_datasets, could_run
 from bagassets.formats.dataset_build import DatasetInputs, dataset_contents, datasets_of, select_inputs
@@ -56,7 +57,7 @@ def report_data(
     """
     recipe = assets.recipe
     contents = _contents(plan)
-    dealt, copies = _dealt(recipe, plan, contents), _copies(contents)
+    dealt, copies = select_inputs(plan).dealt(recipe, contents), copies_of(contents)
     recordings = []
     bags = dict(sorted(plan.bags.items()))
     kept = _KeptFacts(assets, plan.project)
@@ -126,11 +127,6 @@ def build_map(assets: RecordingAssets, plan: Plan, inputs: DatasetInputs) -> Out
     return outcome
 
 
-def _dealt(recipe: Recipe, plan: Plan, contents: Mapping[str, str]) -> dict[str, str]:
-    """Return recording -> split, for all that take part, which are those with contents."""
-    return select_inputs(plan).dealt(recipe, contents)
-
-
 def _contents(plan: Plan) -> dict[str, str]:
     """Return recording -> digest of its content, else its key, for all that take part."""
     return {
@@ -140,17 +136,11 @@ def _contents(plan: Plan) -> dict[str, str]:
     }
 
 
-def _copies(contents: Mapping[str, str]) -> dict[str, str]:
-    """Return recording -> the first of the same content, which the dataset has for both."""
-    first: dict[str, str] = {}
-    same = {key: first.setdefault(content, key) for key, content in contents.items()}
-    return {key: other for key, other in same.items() if other != key}
-
-
 def _map_routes(assets: RecordingAssets, plan: Plan) -> list[MapRoute]:
     """Return the recordings with poses in the order of their keys, without copies, coloured by split."""
     recipe, contents = assets.recipe, _contents(plan)
-    copies, splits, dealt = _copies(contents), sorted(recipe.splits.shares), _dealt(recipe, plan, contents)
+    dealt, copies = select_inputs(plan).dealt(recipe, contents), copies_of(contents)
+    splits = sorted(recipe.splits.shares)
     routes = []
     for key, bag in sorted(plan.bags.items()):
         is_in = bag.skipped is None and key not in copies

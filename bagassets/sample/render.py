@@ -102,17 +102,15 @@ def _ground_colour(spots: Floats) -> NDArray[np.float32]:
     return colours
 
 
-def cast_from(
-    world: World, ego_SE3_sensor: SE3, azimuths: Floats, elevations: Floats, times_s: Floats
-) -> tuple[Floats, Hits]:
-    """Cast rays (M,) of a lidar, each at its own time; return them, in the frame of the lidar, and what they hit."""
+def cast_from(world: World, azimuths: Floats, elevations: Floats, times_s: Floats) -> tuple[Floats, Hits]:
+    """Cast rays (M,) of the lidar, each at its own time; return them, in the frame of the lidar, and what they hit."""
     rays = np.stack(
         [np.cos(elevations) * np.cos(azimuths), np.cos(elevations) * np.sin(azimuths), np.sin(elevations)],
         axis=-1,
     )
     positions, rotations = world.ego.pose(times_s)
-    origins = positions + rotate(rotations, np.array(ego_SE3_sensor.translation))
-    directions = rotate(quaternion_multiply(rotations, np.array(ego_SE3_sensor.rotation)), rays)
+    origins = positions + rotate(rotations, np.array(EGO_SE3_LIDAR.translation))
+    directions = rotate(quaternion_multiply(rotations, np.array(EGO_SE3_LIDAR.rotation)), rays)
     return rays, cast(world.things, origins, directions, times_s)
 
 
@@ -128,7 +126,7 @@ def lidar_points(world: World, start_s: float) -> NDArray[np.void]:
     times = np.repeat(
         start_s + np.arange(LIDAR.columns) / LIDAR.columns * LIDAR.period_ns * 1e-9, LIDAR.rings
     )
-    rays, hits = cast_from(world, EGO_SE3_LIDAR, azimuths, elevations, times)
+    rays, hits = cast_from(world, azimuths, elevations, times)
     seen = (hits.distance_m < LIDAR.range_m) & (hits.thing >= 0)
     kind = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("ring", "<u2"), ("t", "<u4")]
     points = np.zeros(int(seen.sum()), kind)

@@ -22,7 +22,7 @@ from bagassets.geometry.se3 import Floats
 from bagassets.recordings.model import Message
 from bagassets.sample.messages import Messages
 from bagassets.sample.render import CameraView, cast_from
-from bagassets.sample.rig import EGO_SE3_LIDAR, Camera, cameras, rear_camera
+from bagassets.sample.rig import Camera, cameras, rear_camera
 from bagassets.sample.schedule import Event, camera_events, merged, motion_events, sensed
 from bagassets.sample.truth import Truth
 from bagassets.sample.world import World
@@ -117,7 +117,7 @@ def packets_of_revolution(world: World, start_s: float) -> NDArray[np.void]:
     # An azimuth is that of the head, turned by each laser's own.
     azimuths = -(head[:, None] - turn[None, :]).reshape(-1)
     elevations = np.tile(elevation, len(firings))
-    _, hits = cast_from(world, EGO_SE3_LIDAR, azimuths, elevations, times)
+    _, hits = cast_from(world, azimuths, elevations, times)
     seen = (hits.thing >= 0) & (hits.distance_m < _MAX_RANGE_M)
     packets = np.zeros(PACKETS, PACKET)
     blocks = packets["blocks"]

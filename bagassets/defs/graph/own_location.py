@@ -13,7 +13,7 @@ from pathlib import Path
 
 import dagster as dg
 
-from bagassets.base.errors import RecipeError
+from bagassets.base.errors import RecipeError, kind_and_text
 from bagassets.base.fingerprints import contents_fingerprint, site_folders
 from bagassets.defs.dagster_private import (
     ManagedGrpcPythonEnvCodeLocationOrigin,
@@ -57,10 +57,8 @@ def load_locations(home: Path) -> Locations:
                 repository = recon_repository_from_origin(location.python_origin())
                 loaded[location] = repository.get_definition()
         except (Exception, SystemExit) as err:
-            lines = str(err).strip().splitlines()
-            said = f"{type(err).__name__}: {lines[0]}" if lines else type(err).__name__
             raise RecipeError(
-                f"{file}: {named.module} cannot be loaded ({said}), so nothing of yours is brought up to date; "
+                f"{file}: {named.module} cannot be loaded ({kind_and_text(err)}), so nothing of yours is brought up to date; "
                 f"`dagster definitions validate -m {named.module}` in {home} shows where."
             ) from err
     return loaded

@@ -126,9 +126,8 @@ def execute(args: JsonObject) -> str:
                 if asked % ASKS_PER_LOOK == 0:
                     if holder_has_ended(instance, locks, partition_key):
                         return False
-                    current = instance.get_run_by_id(
-                        run_id
-                    )  # the web UI cancels a starting run without a signal
+                    # The web UI cancels a starting run without a signal.
+                    current = instance.get_run_by_id(run_id)
                     if current is None or current.is_finished:
                         return False
                 return not (check_captured_interrupt() or cancel_requested())

@@ -58,9 +58,8 @@ def _engine(url: str) -> Engine:
         record.info["file"] = _identity(path)
 
     def taken(_connection: Any, record: Any, _proxy: object) -> None:
-        if record.info["file"] != _identity(
-            path
-        ):  # the state folder was removed, say, and there is another one
+        # The state folder was removed, say, and there is another one.
+        if record.info["file"] != _identity(path):
             raise DisconnectionError
 
     event.listen(engine, "connect", opened)

@@ -36,7 +36,7 @@ def misfits(facts: Mapping[str, Facts]) -> dict[str, str]:
     kinds = {key: canonical_json(one["features"]) for key, one in sorted(facts.items()) if one["episodes"]}
     if len(set(kinds.values())) < 2:
         return {}
-    usual = max(Counter(kinds.values()).items(), key=lambda item: item[1])[0]
+    usual = Counter(kinds.values()).most_common(1)[0][0]
     example = next(key for key, kind in kinds.items() if kind == usual)
     return {
         key: _difference(facts[key]["features"], example, facts[example]["features"])

@@ -2,7 +2,7 @@
 
 import sqlite3
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 
@@ -122,13 +122,14 @@ def _write_mcap(files: Sequence[SalvagedMcap], target: Path) -> Counter[_TOPIC]:
 def _write_database(
     files: Sequence[SalvagedDatabase], folder: SalvagedFolder | None, target: Path
 ) -> tuple[Counter[_TOPIC], tuple[int, int]]:
-    counts: Counter[_TOPIC] = Counter()
     ids: dict[_TOPIC, int] = {}
     for file in files:
         for row in file.topics.values():
             ids.setdefault(
                 (row.name, normalise_msgtype(row.msgtype), row.serialization, row.qos), len(ids) + 1
             )
+    counts = Counter(dict.fromkeys(ids, 0))
+    topics = [(number, name, kind, how or "cdr", qos) for (name, kind, how, qos), number in ids.items()]
     definitions = {name: one for file in reversed(files) for name, one in file.definitions().items()}
     rows = [
         (name, "ros2idl" if one.format == "idl" else "ros2msg", one.text, "")
@@ -154,7 +155,7 @@ def _write_database(
     with closing(sqlite3.connect(target)) as connection:
         connection.executescript(_TABLES)
         connection.execute("INSERT INTO schema VALUES (4, 'unknown')")
-        connection.executemany("INSERT INTO topics VALUES (?, ?, ?, ?, ?, '')", _numbered(ids))
+        connection.executemany("INSERT INTO topics VALUES (?, ?, ?, ?, ?, '')", topics)
         connection.executemany(
             "INSERT INTO message_definitions (topic_type, encoding, encoded_message_definition, type_description_hash) "
             "VALUES (?, ?, ?, ?)",
@@ -164,13 +165,7 @@ def _write_database(
             "INSERT INTO messages (topic_id, timestamp, data) VALUES (?, ?, ?)", messages()
         )
         connection.commit()
-    for topic in ids:
-        counts.setdefault(topic, 0)
     return counts, (first_ns, last_ns) if counts.total() else (0, 0)
-
-
-def _numbered(ids: Mapping[_TOPIC, int]) -> Iterable[tuple[int, str, str, str, str]]:
-    return [(number, name, msgtype, how or "cdr", qos) for (name, msgtype, how, qos), number in ids.items()]
 
 
 def _write_metadata(

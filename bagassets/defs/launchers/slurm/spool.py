@@ -20,6 +20,7 @@ from bagassets.base.files import make_folder, move, remove, remove_all, write, w
 from bagassets.base.json_types import JsonMapping, JsonObject
 
 _JOB, _SUBMITTED, _ENDED = "job.json", "submitted.json", "ended.json"
+_LATEST = 20  # jobs that tell how long runs take
 
 
 @dataclass(frozen=True)
@@ -281,9 +282,9 @@ class Spool:
         with suppress(OSError):  # somebody else did
             move(folder.path, self.root / "ended" / folder.name)
 
-    def durations(self, most: int = 20) -> Iterator[tuple[float, float]]:
+    def durations(self) -> Iterator[tuple[float, float]]:
         """Yield how long runs of the last jobs should have taken, and took."""
-        for path in sorted((self.root / "ended").glob("*T*-*"), reverse=True)[:most]:
+        for path in sorted((self.root / "ended").glob("*T*-*"), reverse=True)[:_LATEST]:
             for name in _names(path / "took"):
                 with suppress(OSError, ValueError):
                     expected, took = json.loads((path / "took" / name).read_text("utf-8"))
