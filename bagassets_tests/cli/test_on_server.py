@@ -93,6 +93,7 @@ def run(recipe, *arguments):
         return (done.returncode, done.stdout, done.stderr), stream.read().split()
 
 
+@pytest.mark.long
 def test_a_server_that_is_up_carries_them_out_just_as_the_command_does(served):
     there = [run(served, *command) for command in COMMANDS]
     stop(served)

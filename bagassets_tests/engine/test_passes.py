@@ -98,6 +98,7 @@ print(int(status["VmHWM"].split()[0]) // 1024)
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs /proc")
+@pytest.mark.long
 def test_memory_is_bounded_whatever_the_length(tmp_path):
     peaks_mb = []
     for seconds in (0.5, 2.0):
