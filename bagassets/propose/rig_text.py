@@ -13,7 +13,7 @@ from bagassets.propose.poses import lonely_poses
 from bagassets.propose.rigs import RigProposal
 from bagassets.propose.sensors import Sensor, has_ouster_packets, shown_type
 from bagassets.propose.signals import write_signals
-from bagassets.propose.summary import transform_topics
+from bagassets.propose.summary import TopicSummary, transform_topics
 from bagassets.recipe.model import Rig
 from bagassets.recordings.globs import literal_glob
 
@@ -202,35 +202,8 @@ def _write_channel(
         # What was recorded is of this camera for sure, so a file only stands in for it.
         file = None if _has_lens(sensor) else calibration_of(topic.name, calibrations)
         _write_camera(sheet, sensor, file)
-    if sensor.modality == "lidar" and topic.clock is not None and topic.clock.doubt:
-        sheet.ask(
-            4,
-            name,
-            f"it is not sure what the times of its points are: {topic.clock.doubt}; say it in `point_times`, or `ignore`",
-        )
-        since = "header" if topic.clock.origin == "header" else "clock"
-        sheet.off(4, f"point_times: {{unit: {topic.clock.unit}, since: {since}}}")
-    if sensor.modality == "lidar" and topic.most_intensity is not None and topic.most_intensity <= 1.0:
-        sheet.guess(4, "intensity_scale: 255", "its intensities are 0 to 1; those of nuScenes are 0 to 255")
-    is_of_other = topic.clock is not None and topic.clock.origin != "header" and not topic.clock.is_of_headers
-    if sensor.modality == "lidar" and (topic.timed is False or is_of_other):
-        if topic.clock is None:
-            lack = "no times"
-        elif topic.clock.problem:
-            lack = f"times that cannot be used, as {topic.clock.problem}"
-        else:
-            lack = "times of another clock, which do not say what these mark"
-        sheet.guess_note(
-            4,
-            f"stamps stay as recorded, as the points have {lack}. Some drivers stamp the start of a revolution, "
-            "others its end or middle, simulators the one instant of all points; `bagassets docs page poses` says how to find "
-            "out, and a check does. If the header's stamp marks the start of a revolution, uncomment the next line; write "
-            "middle or end instead of start if it marks that.",
-        )
-        sheet.off(4, "header_stamp_is: start")
-    elif sensor.modality == "lidar" and topic.timed and rig.pose.fields:
-        sheet.note(4, "uncomment to move each point to where it would be seen at the stamp of its sweep:")
-        sheet.off(4, "deskew: true")
+    elif sensor.modality == "lidar":
+        _write_lidar(sheet, name, topic, has_poses=bool(rig.pose.fields))
     known = sorted(topic.velocities - {"undecided"})
     if len(known) == 1:
         sheet.guess(4, f"velocities: {known[0]}", "by what stands still while the vehicle drives")
@@ -241,6 +214,35 @@ def _write_channel(
         sheet.ask(5, name, text, below=True)
     if not rig.is_arm:
         _write_place(sheet, rig, name, sensor, file)
+
+
+def _write_lidar(sheet: Sheet, name: str, topic: TopicSummary, *, has_poses: bool) -> None:
+    clock = topic.clock
+    if clock is not None and clock.doubt:
+        what = f"it is not sure what the times of its points are: {clock.doubt}; say it in `point_times`, or `ignore`"
+        sheet.ask(4, name, what)
+        since = "header" if clock.origin == "header" else "clock"
+        sheet.off(4, f"point_times: {{unit: {clock.unit}, since: {since}}}")
+    if topic.most_intensity is not None and topic.most_intensity <= 1.0:
+        sheet.guess(4, "intensity_scale: 255", "its intensities are 0 to 1; those of nuScenes are 0 to 255")
+    if topic.timed is False or (clock is not None and clock.origin != "header" and not clock.is_of_headers):
+        if clock is None:
+            lack = "no times"
+        elif clock.problem:
+            lack = f"times that cannot be used, as {clock.problem}"
+        else:
+            lack = "times of another clock, which do not say what these mark"
+        sheet.guess_note(
+            4,
+            f"stamps stay as recorded, as the points have {lack}. Some drivers stamp the start of a revolution, "
+            "others its end or middle, simulators the one instant of all points; `bagassets docs page poses` says how to find "
+            "out, and a check does. If the header's stamp marks the start of a revolution, uncomment the next line; write "
+            "middle or end instead of start if it marks that.",
+        )
+        sheet.off(4, "header_stamp_is: start")
+    elif topic.timed and has_poses:
+        sheet.note(4, "uncomment to move each point to where it would be seen at the stamp of its sweep:")
+        sheet.off(4, "deskew: true")
 
 
 def _write_place(
