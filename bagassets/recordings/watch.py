@@ -25,6 +25,8 @@ from bagassets.recordings.model import RecordingFiles
 # However often it is woken, scanning takes at most this share of the time.
 _SCAN_SHARE = 0.1
 _SHORTEST_PAUSE_S = 0.5
+# It ends within this time after it was told to.
+_SLICE_S = 0.5
 # The first answer comes after this time even without a change; from then on no change is missed.
 _FIRST_MS = 500
 
@@ -162,13 +164,12 @@ class Watcher:
         self._files: dict[Path, _File] = {}
         self._reported: set[str] = set()
         self._wake = threading.Event()
-        self._stop = threading.Event()
+        self._is_stopped = False
         self._suspect_all = False
 
     def stop(self) -> None:
         """Make `run` return soon; may be called from a signal handler or another thread."""
-        self._stop.set()
-        self._wake.set()
+        self._is_stopped = True
 
     def run(self, *, verify: bool = False, once: bool = False) -> None:
         """Catch up with what is there, then follow changes until `stop` is called.
@@ -187,7 +188,7 @@ class Watcher:
             self._hash_all(due)
             return
         with closing(Notifications(self._bags.root, self._wake.set, self._not_notified)) as notifications:
-            while not self._stop.is_set():
+            while not self._is_stopped:
                 notifications.follow()
                 scanned_at_s = time.monotonic()
                 try:
@@ -198,9 +199,21 @@ class Watcher:
                 scan_s = time.monotonic() - scanned_at_s
                 again_s = scanned_at_s + max(_SHORTEST_PAUSE_S, scan_s / _SCAN_SHARE)
                 if self._hash_all(due, scan_again_at_s=again_s):
-                    self._wake.wait(max(0.0, scanned_at_s + next_s - time.monotonic()))
+                    self._wait(scanned_at_s + next_s, self._wake.wait)
                 self._wake.clear()
-                self._stop.wait(max(0.0, again_s - time.monotonic()))
+                self._wait(again_s, time.sleep)
+
+    def _wait(self, until_s: float, wait: Callable[[float], bool | None]) -> None:
+        """Wait until a time of the monotonic clock, `stop`, or `wait` says that it is over.
+
+        In slices: a signal handler must take no lock, as the thread that it interrupts may hold it, so it can wake nobody.
+        """
+        while (
+            not self._is_stopped
+            and (left_s := until_s - time.monotonic()) > 0
+            and not wait(min(left_s, _SLICE_S))
+        ):
+            pass
 
     # --- scanning -------------------------------------------------------------------------
 
@@ -263,7 +276,7 @@ class Watcher:
     def _hash_all(self, due: list[RecordingFiles], scan_again_at_s: float = float("inf")) -> bool:
         """Hash recordings; return False if a stop or news from the file system interrupted it."""
         for recording in due:
-            if self._stop.is_set():
+            if self._is_stopped:
                 return False
             if self._wake.is_set() and time.monotonic() >= scan_again_at_s:
                 return False
@@ -313,7 +326,7 @@ class Watcher:
             )
 
     def _checkpoint(self, _read: int) -> None:
-        if self._stop.is_set():
+        if self._is_stopped:
             raise _Stopped
 
     def _report_once(self, event: WatchEvent) -> None:

@@ -445,3 +445,12 @@ def test_a_build_never_reads_a_recording_merely_to_hash_it(tmp_path, monkeypatch
     report, _ = in_process.build(recipe_file, monkeypatch)
     assert report.succeeded
     assert report.having("built") == {}
+
+
+def test_a_signal_handler_that_stops_it_waits_for_no_lock_of_the_thread_that_it_interrupts(root):
+    watcher = Watcher(Bags(root=root), None, Events())
+    with watcher._wake._cond:
+        stopping = threading.Thread(target=watcher.stop, daemon=True)
+        stopping.start()
+        stopping.join(10)
+        assert not stopping.is_alive()
