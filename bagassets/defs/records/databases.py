@@ -139,8 +139,8 @@ def database_errors_explained(place: str) -> Iterator[None]:
         yield
     except OperationalError as err:
         raise StoreError(
-            f"{place}: Dagster's database cannot be used ({err.orig}); free disk space, or fix the folder or server that "
-            "dagster.yaml names. Nothing that is in the store is lost."
+            f"{place}: Dagster's database cannot be used ({err.orig}); free disk space, or fix the folder (may this "
+            "user write there?) or server that dagster.yaml names. Nothing that is in the store is lost."
         ) from err
     except DatabaseError as err:
         if type(err.orig) is not sqlite3.DatabaseError:
