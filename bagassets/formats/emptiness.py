@@ -1,8 +1,11 @@
-"""Datasets that hold nothing, although there are recordings, or that nothing asks for any more, and the way out."""
+"""Datasets that hold nothing although there are recordings, are no longer asked for, or are replaced by turns; and the way out."""
 
+import os
 from collections.abc import Collection, Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 
+from bagassets.base.errors import DatasetError
 from bagassets.base.quantities import count_text
 from bagassets.engine.freshness.published import Publication, on_record
 from bagassets.formats.dataset_build import Dataset, datasets_of, made_once
@@ -12,6 +15,7 @@ from bagassets.formats.guard import GUARD
 from bagassets.recipe.format_settings import section_at
 from bagassets.recipe.load import where_in
 from bagassets.recipe.model import Recipe
+from bagassets.store.canonical import digest_bytes
 from bagassets.store.store import Store
 
 
@@ -43,6 +47,21 @@ def why_empty(recipe: Recipe, recipe_file: Path, store: Store, assets: Collectio
             what = f"0 {next(iter(bags[0].counts))} from {count_text(len(bags), 'recording')}"
             sentences.append(f"{dataset.kind.name}: {what}: {why}.")
     return " ".join(sentences)
+
+
+def replaced(recipe: Recipe) -> Iterator[str]:
+    """Yield a sentence about each dataset that is another one than this project has made there, as of another project."""
+    for asset, dataset in datasets_of(recipe).items():
+        record = Publication(recipe.state, asset)
+        roots, digests = record.places()
+        made = digests.get(os.path.relpath(dataset.folder / LOCK, dataset.published_in))
+        if made and roots[0] == str(dataset.published_in) and record.torn_since_s is None:
+            with suppress(DatasetError):
+                if dataset.lock is not None and digest_bytes(dataset.lock.text) != made:
+                    yield (
+                        f"{dataset.folder}: something else has put another dataset here since this project made its own; if another "
+                        "project or checkout did, each replaces that of the other: give one of them another `output`."
+                    )
 
 
 def left_behind(recipe: Recipe) -> dict[Path, str]:
