@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+import sqlite3
 import subprocess
 import sys
 import threading
@@ -514,6 +515,21 @@ class TestCommand:
             )
             assert not state.parent.exists()  # nor is a new one made there
         assert [e["artifact"] for e in self.gc(recipe_file, "--forget", other_file)["artifacts"]] == [old]
+
+    def test_a_database_of_another_user_is_not_even_opened(self, recipe_file, monkeypatch):
+        """SQLite makes files beside a database to read it; if they are of another user, its owner cannot write any more."""
+        database = load_recipe(recipe_file).state / "dagster" / "history" / "runs.db"
+        access, opened = os.access, []
+        monkeypatch.setattr(os, "access", lambda path, mode: path != database and access(path, mode))
+        connect = sqlite3.connect
+        monkeypatch.setattr(
+            sqlite3, "connect", lambda *args, **more: opened.append(args) or connect(*args, **more)
+        )
+        with pytest.raises(
+            StoreError, match=f"{database}: .* read-only for this user; run this as its owner"
+        ):
+            self.gc(recipe_file)
+        assert opened == []
 
     def test_a_state_folder_that_is_not_mounted_makes_nothing_garbage(self, recipe_file, tmp_path):
         recipe = load_recipe(recipe_file)
