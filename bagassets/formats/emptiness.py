@@ -1,7 +1,7 @@
 """Datasets that hold nothing although there are recordings, are no longer asked for, or are replaced by turns; and the way out."""
 
 import os
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -72,8 +72,15 @@ def left_behind(recipe: Recipe) -> dict[Path, str]:
     for asset in sorted(on_record(recipe.state)):
         roots, names = Publication(recipe.state, asset).places()
         tables = {Path(name).parent for name in names if name.endswith(LOCK)}
-        its_own = made[asset].published_in if asset in made else None
-        for root, again in _no_longer_asked(recipe, asset, [Path(root) for root in roots], its_own):
+        # In a copy of a project, the folders on record are those of the original, which goes on.
+        own = [root for root in map(Path, roots) if recipe.state.parent in root.parents]
+        ways = dict.fromkeys(own, "name it as an `output`")
+        if asset in made:
+            ways.pop(made[asset].published_in, None)
+        elif roots:
+            add = f"add `{'.'.join(section_at(asset.removesuffix('_dataset')))}: {{}}` to it"
+            ways[Path(roots[0])] = "name it in its `datasets`" if asset.startswith("dataset_") else add
+        for root, again in ways.items():
             if any(one in (root, *root.parents) or root in one.parents for one in asked):
                 # Others are beside it in one dataroot: its tables tell whether it is still there.
                 inside = {root / one for one in tables} - folders - {root}
@@ -86,24 +93,3 @@ def left_behind(recipe: Recipe) -> dict[Path, str]:
                     f"ask for it; {again}, or remove the folder."
                 )
     return found
-
-
-def _no_longer_asked(
-    recipe: Recipe, asset: str, roots: Sequence[Path], its_own: Path | None
-) -> Iterator[tuple[Path, str]]:
-    """Yield the folders that the recipe does not ask for, and how it would.
-
-    Args:
-        recipe: the recipe.
-        asset: the asset of a dataset.
-        roots: where it was published, the last one first.
-        its_own: where the recipe has it; None if it has no such dataset.
-    """
-    for root in roots:
-        if its_own is None and root == roots[0]:
-            section = ".".join(section_at(asset.removesuffix("_dataset")))
-            is_named = asset.startswith("dataset_")
-            yield root, "name it in its `datasets`" if is_named else f"add `{section}: {{}}` to it"
-        # In a copy of a project, the folders on record are those of the original, which goes on.
-        elif recipe.state.parent in root.parents and root != its_own:
-            yield root, "name it as an `output`"
