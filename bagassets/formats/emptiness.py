@@ -1,8 +1,11 @@
-"""Datasets that hold nothing, although there are recordings, or that nothing asks for any more, and the way out."""
+"""Datasets that hold nothing although there are recordings, are no longer asked for, or are replaced by turns; and the way out."""
 
-from collections.abc import Collection, Iterator, Sequence
+import os
+from collections.abc import Collection, Iterator
+from contextlib import suppress
 from pathlib import Path
 
+from bagassets.base.errors import DatasetError
 from bagassets.base.quantities import count_text
 from bagassets.engine.freshness.published import Publication, on_record
 from bagassets.formats.dataset_build import Dataset, datasets_of, made_once
@@ -12,6 +15,7 @@ from bagassets.formats.guard import GUARD
 from bagassets.recipe.format_settings import section_at
 from bagassets.recipe.load import where_in
 from bagassets.recipe.model import Recipe
+from bagassets.store.canonical import digest_bytes
 from bagassets.store.store import Store
 
 
@@ -45,6 +49,21 @@ def why_empty(recipe: Recipe, recipe_file: Path, store: Store, assets: Collectio
     return " ".join(sentences)
 
 
+def replaced(recipe: Recipe) -> Iterator[str]:
+    """Yield a sentence about each dataset that is another one than this project has made there, as of another project."""
+    for asset, dataset in datasets_of(recipe).items():
+        record = Publication(recipe.state, asset)
+        roots, digests = record.places()
+        made = digests.get(os.path.relpath(dataset.folder / LOCK, dataset.published_in))
+        if made and roots[0] == str(dataset.published_in) and record.torn_since_s is None:
+            with suppress(DatasetError):
+                if dataset.lock is not None and digest_bytes(dataset.lock.text) != made:
+                    yield (
+                        f"{dataset.folder}: something else has put another dataset here since this project made its own; if another "
+                        "project or checkout did, each replaces that of the other: give one of them another `output`."
+                    )
+
+
 def left_behind(recipe: Recipe) -> dict[Path, str]:
     """Return folder -> a sentence, for each dataset that an earlier build made and the recipe does not ask for."""
     made, found = made_once(recipe), {}
@@ -53,8 +72,15 @@ def left_behind(recipe: Recipe) -> dict[Path, str]:
     for asset in sorted(on_record(recipe.state)):
         roots, names = Publication(recipe.state, asset).places()
         tables = {Path(name).parent for name in names if name.endswith(LOCK)}
-        its_own = made[asset].published_in if asset in made else None
-        for root, again in _no_longer_asked(recipe, asset, [Path(root) for root in roots], its_own):
+        # In a copy of a project, the folders on record are those of the original, which goes on.
+        own = [root for root in map(Path, roots) if recipe.state.parent in root.parents]
+        ways = dict.fromkeys(own, "name it as an `output`")
+        if asset in made:
+            ways.pop(made[asset].published_in, None)
+        elif roots:
+            add = f"add `{'.'.join(section_at(asset.removesuffix('_dataset')))}: {{}}` to it"
+            ways[Path(roots[0])] = "name it in its `datasets`" if asset.startswith("dataset_") else add
+        for root, again in ways.items():
             if any(one in (root, *root.parents) or root in one.parents for one in asked):
                 # Others are beside it in one dataroot: its tables tell whether it is still there.
                 inside = {root / one for one in tables} - folders - {root}
@@ -67,24 +93,3 @@ def left_behind(recipe: Recipe) -> dict[Path, str]:
                     f"ask for it; {again}, or remove the folder."
                 )
     return found
-
-
-def _no_longer_asked(
-    recipe: Recipe, asset: str, roots: Sequence[Path], its_own: Path | None
-) -> Iterator[tuple[Path, str]]:
-    """Yield the folders that the recipe does not ask for, and how it would.
-
-    Args:
-        recipe: the recipe.
-        asset: the asset of a dataset.
-        roots: where it was published, the last one first.
-        its_own: where the recipe has it; None if it has no such dataset.
-    """
-    for root in roots:
-        if its_own is None and root == roots[0]:
-            section = ".".join(section_at(asset.removesuffix("_dataset")))
-            is_named = asset.startswith("dataset_")
-            yield root, "name it in its `datasets`" if is_named else f"add `{section}: {{}}` to it"
-        # In a copy of a project, the folders on record are those of the original, which goes on.
-        elif recipe.state.parent in root.parents and root != its_own:
-            yield root, "name it as an `output`"

@@ -39,7 +39,7 @@ def with_our_sections(base: type[M]) -> type[M]:
     for name in OUR_FORMATS:
         own = _our_model(name)
         what = (own.__doc__ or "").partition(":")[0].removesuffix(".")
-        sections[name] = own if name == DEFAULT_FORMAT else own | None, Field(None, description=f"{what}.")
+        sections[name] = own, Field(None, description=f"{what}.")
     model = create_model(
         base.__name__, __base__=base, __doc__=base.__doc__, __module__=base.__module__, **sections
     )

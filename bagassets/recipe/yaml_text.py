@@ -86,6 +86,9 @@ def _syntax_error(err: yaml.YAMLError, text: str, path: Path) -> str:
     if isinstance(err, yaml.reader.ReaderError):
         line = text.count("\n", 0, err.position) + 1
         return f"{path}:{line}: the recipe has a character that YAML does not allow ({text[err.position]!r})."
+    if (at := f"\n{text}".find("\n<<<<<<< ")) >= 0:
+        where = f"{path}:{text.count(chr(10), 0, at) + 1}"
+        return f"{where}: a merge in git left both sides here; keep one, without the lines of <<<<<<<, ======= and >>>>>>>."
     mark = getattr(err, "problem_mark", None)
     where = f"{path}:{mark.line + 1}" if mark is not None else str(path)
     problem = str(getattr(err, "problem", None) or "not valid YAML")

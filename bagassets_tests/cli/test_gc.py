@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+import sqlite3
 import subprocess
 import sys
 import threading
@@ -495,6 +496,72 @@ class TestCommand:
         with pytest.raises(StoreError, match="--forget"):
             self.gc(recipe_file)
         assert self.steps(self.gc(recipe_file, "--forget", other_file)) == ["current"]
+        assert self.gc(recipe_file)["projects"] == [str(recipe_file)]
+
+    def second_project(self, recipe_file, folder, more=""):
+        """A project on the same store, which has noted itself there from another machine, and its state folder."""
+        store, state = load_recipe(recipe_file).store_path, folder / "local" / "state"
+        text = f"{in_process.QUICK}store: {store}\nstate: {state}\n{more}"
+        other_file = in_process.make_project(folder / "two", drives=(), text=text)
+        with pytest.MonkeyPatch.context() as monkeypatch:
+            monkeypatch.setattr("socket.gethostname", lambda: "elsewhere")
+            note_user(store, other_file)
+        return other_file, state
+
+    def test_a_project_whose_state_is_local_to_another_machine_stops_the_collection(
+        self, recipe_file, tmp_path
+    ):
+        other_file, state = self.second_project(recipe_file, tmp_path)
+        shutil.rmtree(state, ignore_errors=True)
+        old = make(Store(load_recipe(recipe_file).store_path), "old")
+        for more in (["-n"], []):
+            with pytest.raises(StoreError) as refused:
+                self.gc(recipe_file, *more)
+            assert str(refused.value) == (
+                f"{other_file}: this project on elsewhere uses the store too, but its state folder {state} cannot be reached "
+                "from here, so nothing was removed; run gc where it can be reached or, if it no longer exists, pass "
+                f"--forget {other_file}."
+            )
+            assert not state.parent.exists()  # nor is a new one made there
+        assert [e["artifact"] for e in self.gc(recipe_file, "--forget", other_file)["artifacts"]] == [old]
+
+    def test_a_database_of_another_user_is_not_even_opened(self, recipe_file, monkeypatch):
+        """SQLite makes files beside a database to read it; if they are of another user, its owner cannot write any more."""
+        database = load_recipe(recipe_file).state / "dagster" / "history" / "runs.db"
+        access, opened = os.access, []
+        monkeypatch.setattr(os, "access", lambda path, mode: path != database and access(path, mode))
+        connect = sqlite3.connect
+        monkeypatch.setattr(
+            sqlite3, "connect", lambda *args, **more: opened.append(args) or connect(*args, **more)
+        )
+        with pytest.raises(
+            StoreError, match=f"{database}: .* read-only for this user; run this as its owner"
+        ):
+            self.gc(recipe_file)
+        assert opened == []
+
+    def test_a_state_folder_that_is_not_mounted_makes_nothing_garbage(self, recipe_file, tmp_path):
+        recipe = load_recipe(recipe_file)
+        store = recipe.store_path.rename(tmp_path / "store")
+        recipe_file.write_text(recipe_file.read_text() + f"store: {store}\n")
+        note_user(store, recipe_file)
+        assert self.gc(recipe_file)["projects"] == [str(recipe_file)]
+        recipe.state.rename(tmp_path / "unmounted")
+        with pytest.raises(StoreError, match=f"its state folder {recipe.state} cannot be reached"):
+            self.gc(recipe_file)
+
+    def test_a_project_of_another_machine_that_has_the_store_elsewhere_is_not_forgotten(
+        self, recipe_file, tmp_path
+    ):
+        other_file, state = self.second_project(recipe_file, tmp_path)
+        state.mkdir(parents=True, exist_ok=True)
+        store = load_recipe(recipe_file).store_path
+        elsewhere = tmp_path / "mnt" / "store"
+        for note in (store / "users").iterdir():
+            note.write_text(note.read_text().replace(str(store), str(elsewhere)))
+        other_file.write_text(other_file.read_text().replace(str(store), str(elsewhere)))
+        assert str(other_file) in self.gc(recipe_file)["projects"]
+        other_file.write_text(other_file.read_text().replace(str(elsewhere), str(tmp_path / "new")))
         assert self.gc(recipe_file)["projects"] == [str(recipe_file)]
 
     def test_a_project_that_was_moved_with_its_store_is_not_missed(self, recipe_file, tmp_path):

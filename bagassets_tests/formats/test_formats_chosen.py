@@ -58,7 +58,6 @@ class TestWhichFormats:
             ("", ["nuscenes_dataset"]),
             ("nuscenes: {}\n", ["nuscenes_dataset"]),
             ("vision: {}\n", ["vision_dataset"]),
-            ("vision:\n", ["nuscenes_dataset"]),
             ("vision: {}\nnuscenes: {}\n", ["nuscenes_dataset", "vision_dataset"]),
             ("datasets: [{name: day}]\n", ["nuscenes_dataset", "dataset_day"]),
             ("vision: {}\ndatasets: [{name: day}]\n", ["nuscenes_dataset", "vision_dataset", "dataset_day"]),
@@ -77,6 +76,10 @@ class TestWhichFormats:
         assert refusal(MINIMAL + self.POSE + "nuscenes:\n", tmp_path) == (
             "recipe.yaml:7: nuscenes: needs a value: the nuScenes dataset."
         )
+        for name in ("vision", "lerobot"):  # there was a nuScenes dataset in its place
+            assert f"recipe.yaml:7: {name}: needs a value: " in refusal(
+                MINIMAL + self.POSE + f"{name}:\n", tmp_path
+            )
         assert refusal(MINIMAL + self.POSE + "formats: {vision: {output: v}}\n", tmp_path) == (
             "recipe.yaml:7: formats.vision: vision is a section at the top level of the recipe; move it there."
         )

@@ -221,6 +221,16 @@ def test_all_mistakes_are_reported_at_once_in_order_of_lines(tmp_path):
         ("name: [x\nbags: 4\n", 2, "not valid YAML"),
         ("name: 'x\n", 2, "not valid YAML"),
         ("name: x\n---\nname: y\n", 2, "one YAML document"),
+        (
+            "name: x\n<<<<<<< HEAD\nbags: a\n=======\nbags: b\n>>>>>>> branch\n",
+            2,
+            "a merge in git left both sides here",
+        ),
+        (
+            "<<<<<<< HEAD\nname: x\n=======\nname: y\n>>>>>>> branch\n",
+            1,
+            "a merge in git left both sides here",
+        ),
         ("name: !env USER\n", 1, "tag !env"),
         ("name: !!python/object:os.system x\n", 1, "tag"),
         ("name: !!int x\n", 1, "'x' is not a number"),

@@ -60,9 +60,10 @@ def find_roots(
     for user in users_of(store.root):
         if user.recipe in forget or user.has_moved:
             forget_user(store.root, user)
-        elif user.recipe != recipe_file:
+        elif user.is_here or user.recipe != recipe_file:
             _add_user(store, user, roots)
-    _add_project(recipe_file, load_recipe(recipe_file), roots)
+    if recipe_file not in roots.projects:
+        _add_project(recipe_file, load_recipe(recipe_file), roots)
     for lock in more_locks:
         _add_lock(lock, roots)
     return roots
@@ -112,11 +113,7 @@ def recorded_versions(records: Records) -> set[str]:
 
 def _add_user(store: Store, user: User, roots: Roots) -> None:
     if not user.recipe.is_file():
-        where = "" if user.is_here else f" on {user.host}"
-        raise StoreError(
-            f"{user.recipe}: this project{where} uses the store too, but cannot be reached from here, so nothing was removed; "
-            f"run gc where it can be reached or, if it no longer exists, pass --forget {user.recipe}."
-        )
+        raise _unreachable(user, "it")
     try:
         recipe = load_recipe(user.recipe)
     except RecipeError as err:
@@ -124,10 +121,22 @@ def _add_user(store: Store, user: User, roots: Roots) -> None:
             f"{user.recipe}: this project uses the store too, but its recipe is wrong, so nothing was removed; correct it:",
             *str(err).split("\n"),
         ) from err
-    if recipe.store_path.resolve() == store.root.resolve():
-        _add_project(user.recipe, recipe, roots)
-    else:
+    is_store = recipe.store_path.resolve() == store.root.resolve()
+    # Another machine may have it elsewhere.
+    if not is_store and (user.is_here or recipe.store_path != user.store):
         forget_user(store.root, user)  # it has moved to another store
+    elif not recipe.state.is_dir():  # elsewhere, or not mounted; a new one has no records
+        raise _unreachable(user, f"its state folder {recipe.state}")
+    else:
+        _add_project(user.recipe, recipe, roots)
+
+
+def _unreachable(user: User, what: str) -> StoreError:
+    where = "" if user.is_here else f" on {user.host}"
+    return StoreError(
+        f"{user.recipe}: this project{where} uses the store too, but {what} cannot be reached from here, so nothing was removed; "
+        f"run gc where it can be reached or, if it no longer exists, pass --forget {user.recipe}."
+    )
 
 
 def _add_project(recipe_file: Path, recipe: Recipe, roots: Roots) -> None:

@@ -30,6 +30,7 @@ from bagassets.formats.after_crash import noted_build
 from bagassets.formats.catalogue import recording_assets
 from bagassets.formats.dataset_build import datasets_of, first_lock, split_on_disk
 from bagassets.formats.dataset_integrity import remove_changed_sources
+from bagassets.formats.emptiness import replaced
 from bagassets.formats.report_data import report_path
 from bagassets.recipe import load_recipe
 
@@ -54,6 +55,7 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
             forget_other_prefixes(instance, workspace.names.prefix, recipe_file)
         end_orphaned_runs(instance)
         repaired = warnings("after_crash", stack.enter_context(noted_build(recipe, recipe_file)))
+        repaired += warnings("replaced", replaced(recipe))
         repaired += warnings("changed_in_place", remove_changed_sources(recipe, workspace.store))
 
         build = BuildLoop(own, options, on_event)

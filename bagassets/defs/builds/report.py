@@ -3,6 +3,7 @@
 import fnmatch
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import dagster as dg
 from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.quality.topic_rules import watched_topics
 from bagassets.base.alike import names_text
-from bagassets.base.errors import StoreError
+from bagassets.base.errors import BagAssetsError, StoreError
 from bagassets.base.fingerprints import recipe_fingerprint
 from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.defs.builds.loop import BuildLoop
@@ -30,6 +31,9 @@ from bagassets.formats.dataset_lock import DatasetLock, LockedBag
 from bagassets.formats.emptiness import left_behind, why_empty
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.schema import suggestion
+from bagassets.recordings.digest import stored_digest
+from bagassets.recordings.digest_record import DigestIndex
+from bagassets.recordings.model import RecordingFiles
 from bagassets.store.store import Store
 
 # There may be thousands of names, and thousands of recordings to compare each of these with.
@@ -116,7 +120,9 @@ def standing_remarks(
     doubts = (one for settings in recipe.dataset_settings.values() for one in settings.doubts(keys))
     unknown = warnings("unknown_recordings", [*_names_of_none(recipe, before.plan), *doubts])
     topics = warnings("unknown_topics", _topics_of_none(recipe, now.plan))
-    copies = warnings("same_content", () if lock is None else _copies(lock.bags.values()))
+    index, files = DigestIndex.of(recipe), before.plan.discovery.recordings
+    alike = () if lock is None else (*_copies(lock.bags.values()), *_parts_again(lock.bags, files, index))
+    copies = warnings("same_content", alike)
     return (*packages, *left, *unknown, *topics, *copies, *warnings("series", before.plan.asked.values()))
 
 
@@ -133,6 +139,25 @@ def _copies(bags: Iterable[LockedBag]) -> Iterator[str]:
                 f"{names_text(keys)} hold the same data in different files, so each is in the dataset, perhaps in different "
                 "splits; keep one, and name the others in bags.exclude or remove them."
             )
+
+
+def _parts_again(
+    bags: Mapping[str, LockedBag], recordings: Mapping[str, RecordingFiles], index: DigestIndex
+) -> Iterator[str]:
+    """Yield a sentence about each recording that is one part, or one file, of another one."""
+    of = {bag.content: key for key, bag in bags.items() if key in recordings and any(bag.counts.values())}
+    sizes = {recordings[key].size for key in of.values()}
+    for key in sorted(of.values()):
+        whole = recordings[key]
+        each = zip(whole.files, whole.seen, strict=False) if len(whole.files) > 1 else ()
+        files = (replace(whole, path=file, files=(file,), size=size) for file, (size, *_) in each)
+        for part in whole.parts or files:
+            with suppress(BagAssetsError):  # it is gone
+                if part.size in sizes and (copy := of.get(stored_digest(part, index) or "")):
+                    yield (
+                        f"{copy} holds the same as {part.path.name} of {key}, so that is in the dataset twice, perhaps in different "
+                        "splits; name it in bags.exclude, or remove it."
+                    )
 
 
 def _names_of_none(recipe: Recipe, plan: Plan) -> Iterator[str]:

@@ -77,8 +77,15 @@ def make_whole(folder: Path) -> None:
     """Create those databases below the folder of a storage that are missing, or were left unfinished and hold nothing.
 
     Raises:
-        StoreError: a database is damaged, or cannot be created.
+        StoreError: a database is damaged, is read-only for this user, or cannot be created.
     """
+    for path in (folder / name for name in _DATABASES):
+        # Only to read it, SQLite would put files beside it, of this user, with which its owner could not write any more.
+        if path.exists() and not os.access(path, os.W_OK):
+            raise StoreError(
+                f"{path}: this database of Dagster is read-only for this user; run this as its owner or as root, or fix its "
+                "permissions."
+            )
     try:
         with database_errors_explained(str(folder)):
             if _unfinished(folder):

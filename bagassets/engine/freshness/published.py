@@ -75,13 +75,13 @@ class Publication:
         except PlanNeeded:
             return None
 
-    def places(self) -> tuple[Sequence[str], Iterable[str]]:
-        """Return its folder with those that it had before, and the files that were written for it; empty if nothing is on record."""
+    def places(self) -> tuple[Sequence[str], Mapping[str, str]]:
+        """Return its folder with those that it had before, and name -> digest of each written file; empty if none are on record."""
         try:
             head = self._head()
-            return [head["root"], *head.get("left", ())], head["files"]
+            return [head["root"], *head.get("left", ())], head["digests"]
         except PlanNeeded:
-            return (), ()
+            return (), {}
 
     def check(self) -> None:
         """Check that the dataset is as it was published.
