@@ -63,10 +63,8 @@ def why_unsaid(recording: Recording, topic: str, field: str | tuple[str, ...], t
     if any(one.value is not None for one in texts):
         return ""
     there = ", ".join(members_of(recording.decode(next(recording.messages([topic])))))
-    return (
-        f"no message of {topic} has a field {' or '.join(_paths(field))}; they have {there or 'none'}: "
-        "correct `field`"
-    )
+    paths = " or ".join(_paths(field))
+    return f"no message of {topic} has a field {paths}; they have {there or 'none'}: correct `field`"
 
 
 def heard(events: Sequence[Said]) -> str:
@@ -155,9 +153,8 @@ def pieces(span: Span, max_length_s: float | None, fps: int) -> Iterator[Span]:
     if max_length_s is None:
         yield span
         return
-    frames = max(1, int(max_length_s * fps))
+    frames = max(1, int(max_length_s * fps + 1e-6))  # 4.1 * 30 is 122.99...
     first = 0
     while (start_ns := span.start_ns + first * 1_000_000_000 // fps) <= span.end_ns:
-        after_ns = span.start_ns + (first + frames) * 1_000_000_000 // fps
-        yield Span(start_ns, min(span.end_ns, after_ns - 1), span.task)
         first += frames
+        yield Span(start_ns, min(span.end_ns, span.start_ns + first * 1_000_000_000 // fps - 1), span.task)

@@ -131,10 +131,8 @@ def frames_of(
         elif len(gaps):
             raise DecodeError(_no_value(source, at(int(times_ns[gaps[0]])), fps))
         picked.append(one)
-    if number < max(LEAST_FRAMES, least_s * fps):
-        raise DecodeError(
-            f"it has {count_text(number, 'frame')}, and must have {max(LEAST_FRAMES, round(least_s * fps))}"
-        )
+    if number < (least := max(LEAST_FRAMES, int(np.ceil(least_s * fps - 1e-6)))):  # 0.14 * 50 is 7.00...1
+        raise DecodeError(f"it has {count_text(number, 'frame')}, and must have {least}")
     if number >= MOST_S * fps:
         raise DecodeError(
             f"it is {number / fps:.0f} s long, and a video ends before {MOST_S} s; set lerobot.episodes.max_length_s"

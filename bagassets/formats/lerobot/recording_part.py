@@ -413,15 +413,20 @@ def _all_kept(summary: JsonMapping, topics: Sequence[str]) -> Finding:
 
 LEROBOT_EPISODES = Asset(
     name="lerobot_episodes",
-    version=4,
+    version=5,
     changes={
         2: "ends an episode of a file of ranges before the frame at its end",
         3: "holds the value before a gap, though the one after it is nearer",
         4: "counts the frames behind a gap that ends an episode",
+        5: "takes a length for whole frames though it is rounded in binary (4.1 s at 30 Hz)",
     },
     spared={
         3: lambda use: not use.params.holds_nearest,
         4: lambda use: all(one.rule.gap != "end" for one in use.params.features),
+        5: lambda use: all(
+            length_s * use.params.fps % 1 == 0
+            for length_s in (use.params.cuts.min_length_s, use.params.cuts.max_length_s or 0)
+        ),
     },
     libraries=(PYAV, "opencv-python-headless", "pyarrow"),
     title="This recording's episodes for the LeRobot dataset: rows, videos and statistics.",

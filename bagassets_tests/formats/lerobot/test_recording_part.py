@@ -10,8 +10,10 @@ from bagassets.assets.asset import Use
 from bagassets.base.errors import RecipeError
 from bagassets.decode import video
 from bagassets.engine.execute import BuildFailure
+from bagassets.formats.lerobot.cuts import pieces
 from bagassets.formats.lerobot.frames import time_text
 from bagassets.formats.lerobot.parameters import EpisodesParams, EpisodesUse
+from bagassets.formats.lerobot.ranges import Span
 from bagassets.formats.lerobot.recording_part import LEROBOT_EPISODES, _all_kept
 from bagassets_tests.arm_recordings import (
     RECIPE,
@@ -257,6 +259,14 @@ class TestCuts:
         artifact = build(tmp_path, cut("{min_length_s: 3}"), seconds=2.0)
         assert left_out(artifact) == ["it has 59 frames, and must have 90"]
 
+    def test_lengths_are_those_of_whole_frames_though_they_are_rounded_in_binary(self, tmp_path):
+        """4.1 s at 30 Hz are 122.99... frames in binary, and 0.14 s at 50 Hz are 7.00...1."""
+        longest = Span(0, 122 * SECOND // 30)
+        assert list(pieces(longest, 4.1, 30)) == [longest]
+        recipe = cut("{min_length_s: 0.14}").replace("fps: 30", "fps: 50")
+        artifact = build(tmp_path, recipe, messages=arm_messages(0.15, camera_hz=50))
+        assert (left_out(artifact), [length for _, length in self.spans(artifact)]) == ([], [7])
+
     def test_one_frame_is_in_the_singular(self, tmp_path):
         artifact = build(tmp_path, cut("{max_length_s: 0.04}"), seconds=0.1)
         assert set(left_out(artifact)) == {"it has 1 frame, and must have 2"}
@@ -333,6 +343,13 @@ class TestBrokenRules:
     )
     def test_only_what_has_other_bytes_is_made_again_after_the_upgrade(self, tmp_path, rule, version):
         recipe = changed("{signals: [command]}", f"{{signals: [command], {rule}}}")
+        self.check_version(tmp_path, recipe, version)
+
+    @pytest.mark.parametrize(("length_s", "version"), [(4.1, 5), (4, 2)])
+    def test_of_lengths_those_that_are_not_whole_frames_in_binary(self, tmp_path, length_s, version):
+        self.check_version(tmp_path, cut(f"{{max_length_s: {length_s}}}"), version)
+
+    def check_version(self, tmp_path, recipe, version):
         settings = make_project(tmp_path, recipe)
         params = EpisodesUse(params=EpisodesParams.of(settings, settings.rigs[0]), start_ns=0, end_ns=1)
         assert LEROBOT_EPISODES.action(Use(params), None).version == version
