@@ -23,6 +23,8 @@ from bagassets.recordings.model import Message, RawMessage
 
 # Packets of the last turn that come after the first of the next: networks change their order.
 _LATE = 1 / 8
+# How much longer than by its median column a revolution may be; while a lidar speeds up, its columns differ.
+_MOST_STRETCHED = 1.5
 # PTP has the time of atomic clocks (TAI), which is ahead of UTC by so much; drivers take it off.
 _TAI_NS = 37_000_000_000
 _MOST_APART_NS = 1_000_000_000
@@ -89,8 +91,7 @@ class OusterSweeps:
         """Take a message."""
         self._writer.files.counts.read += 1
         try:
-            data = packet_in(self._decode(raw))
-            packet = self._lidar.read(data)
+            packet = self._lidar.read(packet_in(self._decode(raw)))
         except DecodeError as err:
             self._fail(str(err), 1, 1)
             return
@@ -103,7 +104,7 @@ class OusterSweeps:
         if number in turn:
             self._writer.files.lose("recorded twice")
         else:
-            turn[number] = (data, raw.log_time_ns)
+            turn[number] = (packet.tobytes(), raw.log_time_ns)
         self._write_until(self._latest / self._lidar.columns - _LATE)
 
     def finish(self) -> None:
@@ -142,6 +143,8 @@ class OusterSweeps:
         expected = np.flatnonzero(self._reported)
         begin = int(columns.times_ns[0]) - int(after_cut[0] - expected[0]) * column_ns
         end = int(columns.times_ns[-1]) + int(expected[-1] + 1 - after_cut[-1]) * column_ns
+        if end - begin > _MOST_STRETCHED * (expected[-1] + 1 - expected[0]) * column_ns:
+            raise DecodeError("the lidar's clock was set in the middle of its revolution")
         log_times_ns = np.array([log_time_ns for _, log_time_ns in packets])
         arrived_ns = structured["columns"]["time_ns"].max(axis=1).astype(np.int64)
         shift_ns = self._shift_ns(int(np.sort(log_times_ns - arrived_ns)[(parts - 1) // 2]))
@@ -184,7 +187,7 @@ def lidar_of(use: OusterUse, inputs: Inputs) -> OusterLidar:
     """
     where = use.metadata_topic or "the file in `metadata`"
     try:
-        return OusterLidar.parse(_metadata(use, inputs))
+        return _described(use, inputs)
     except DecodeError as err:
         raise RecipeError(
             f"{use.channel}: {where} does not say what the packets in {use.settings.topic} hold: {err}; name a file with the "
@@ -192,12 +195,14 @@ def lidar_of(use: OusterUse, inputs: Inputs) -> OusterLidar:
         ) from err
 
 
-def _metadata(use: OusterUse, inputs: Inputs) -> str | bytes:
+def _described(use: OusterUse, inputs: Inputs) -> OusterLidar:
     if use.metadata_topic is None:
-        return use.metadata or b""
+        return OusterLidar.parse(use.metadata or b"")
     topics = (use.metadata_topic,)
     with inputs.messages(topics) as recording:
-        texts = {str(recording.decode(message).data) for message in recording.messages(topics)}
-    if len(texts) != 1:
-        raise DecodeError(f"it describes the lidar in {len(texts)} ways" if texts else "it is empty")
-    return texts.pop()
+        texts = {str(getattr(recording.decode(one), "data", "")) for one in recording.messages(topics)}
+    # It is published again when the driver connects again, with other words on how the lidar is.
+    lidars = set(map(OusterLidar.parse, texts))
+    if len(lidars) != 1:
+        raise DecodeError(f"it describes the lidar in {len(lidars)} ways" if lidars else "it is empty")
+    return lidars.pop()
