@@ -252,8 +252,7 @@ def _write_place(
         frames = sensor.camera_info.frames[:1]
         sheet.guess(4, f"frame: {yaml_scalar(frames[0])}", "of its CameraInfo, as its own headers name none")
     if has_ouster_packets(sensor.topic):
-        known = {frame for edge in rig.summary.edges for frame in edge}
-        frames = tuple(frame for frame in sorted(known) if frame.endswith("os_lidar"))[:1]
+        frames = _frame_of_ouster(rig, sensor.topic.name)
         if frames:
             sheet.guess(4, f"frame: {yaml_scalar(frames[0])}", "of Ouster's driver, as packets name none")
     frame = frames[0] if frames else ""
@@ -301,6 +300,24 @@ def _write_place(
             )
             sheet.off(5, f"file: {yaml_scalar(file.written)}")
             sheet.off(5, "relative_to: frame")
+
+
+def _frame_of_ouster(rig: RigProposal, topic: str) -> tuple[str, ...]:
+    """Return the frame in TF whose words are most like those of a topic; none if another frame or topic is as likely."""
+    frames = {frame for edge in rig.summary.edges for frame in edge if "os_lidar" in frame}
+    rivals = {one.topic.name for one in rig.channels.values() if has_ouster_packets(one.topic)} - {topic}
+
+    def alike(one: str, frame: str) -> tuple[int, int]:
+        words = set(tokens(frame))
+        return len(words & set(tokens(one))), -len(words)
+
+    best = {frame: alike(topic, frame) for frame in frames}
+    return tuple(
+        frame
+        for frame in frames
+        if all(best[frame] > best[other] for other in frames - {frame})
+        and all(best[frame] > alike(one, frame) for one in rivals)
+    )
 
 
 def _lack(rig: RigProposal, frame: str) -> str:
