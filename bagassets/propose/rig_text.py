@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from math import ceil
 
 from bagassets.base.escaping import yaml_scalar
+from bagassets.decode.ouster import metadata_beside
 from bagassets.decode.registry import families_of
 from bagassets.propose.calibration_files import FoundCalibration, ProposedCalibration, calibration_of
 from bagassets.propose.commented_yaml import Sheet
@@ -198,6 +199,13 @@ def _write_channel(
         sheet.guess(4, "clock: log", lack)
     elif topic.name in rig.clock.odd:
         sheet.guess(4, "clock: log", "its header stamps are of another clock")
+    beside = metadata_beside(topic.name)
+    if has_ouster_packets(topic) and (
+        beside not in rig.summary.topics or not rig.summary.topics[beside].count
+    ):
+        sheet.field(4, "metadata:")
+        lack = f"the recording has no {beside}; record it, too, and remove this field, or name a file with the lidar's metadata"
+        sheet.ask(5, name, lack, below=True)
     if sensor.modality == "camera":
         # What was recorded is of this camera for sure, so a file only stands in for it.
         file = None if _has_lens(sensor) else calibration_of(topic.name, calibrations)

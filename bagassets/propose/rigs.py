@@ -268,8 +268,11 @@ def uses_of(
         used.setdefault(sensor.topic.name, []).append(name)
         if sensor.camera_info is not None:
             used.setdefault(sensor.camera_info.name, []).append(f"calibration of {name}")
-        if has_ouster_packets(sensor.topic):
-            used.setdefault(metadata_beside(sensor.topic.name), []).append(f"metadata of {name}")
+        if (
+            has_ouster_packets(sensor.topic)
+            and (beside := metadata_beside(sensor.topic.name)) in summary.topics
+        ):
+            used.setdefault(beside, []).append(f"metadata of {name}")
     for field, what in (("topic", "poses"), ("imu", "orientation")):
         if field in pose.fields:
             used.setdefault(pose.fields[field], []).append(what)

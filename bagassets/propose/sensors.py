@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-from bagassets.decode.ouster import metadata_beside
 from bagassets.decode.registry import AnyFamily, families_of, own_types
 from bagassets.propose.naming import (
     Modality,
@@ -72,7 +71,7 @@ def find_sensors(summary: RecordingSummary) -> tuple[list[Sensor], list[TopicUse
     tracked = {frame for topic in summary.topics.values() for frame in topic.child_frames}
     fixed = {frame for topic in summary.topics.values() if topic.child_frames for frame in topic.frames}
     for topic in summary.topics.values():
-        if (unusable := _unusable(topic, summary)) is not None:
+        if (unusable := _unusable(topic)) is not None:
             left_out.append(unusable)
         elif modality_of(topic) == "lidar" and topic.frames and (fixed - tracked).issuperset(topic.frames):
             why = f"computed: its points are in {topic.frames[0]}, in which the robot moves"
@@ -107,7 +106,7 @@ def shown_type(msgtype: str) -> str:
     return msgtype.replace("/msg/", "/")
 
 
-def _unusable(topic: TopicSummary, summary: RecordingSummary) -> TopicUse | None:
+def _unusable(topic: TopicSummary) -> TopicUse | None:
     """Return why no sensor is proposed for a topic, though its type would do.
 
     None if one is proposed, or if its type is not that of a sensor.
@@ -140,10 +139,6 @@ def _unusable(topic: TopicSummary, summary: RecordingSummary) -> TopicUse | None
         return TopicUse(topic, "not decodable", "none of its packets is from a Velodyne")
     if topic.refusal is not None:
         return TopicUse(topic, "not decodable", topic.refusal)
-    beside = metadata_beside(topic.name)
-    if has_ouster_packets(topic) and (beside not in summary.topics or not summary.topics[beside].count):
-        lack = f"the recording has no {beside}; record it, too, or name a file with the lidar's metadata in `metadata` of a channel"
-        return TopicUse(topic, "not decodable", lack)
     if is_derived(topic.name):
         return TopicUse(topic, "left out", "looks computed, not recorded by a sensor")
     return None

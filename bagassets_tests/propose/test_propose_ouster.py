@@ -119,12 +119,21 @@ def test_a_recording_of_the_driver_is_proposed_and_built(tmp_path, kind):
 
 
 def test_without_metadata_it_says_what_to_do(tmp_path):
-    proposal = proposed(write_mcap(tmp_path / "a.mcap", recorded(ROS2, described=False)))
-    (question,) = proposal.questions
-    assert (
-        "/ouster/lidar_packets: the recording has no /ouster/metadata; record it, too, or name a file"
-        in question.text
+    path = write_mcap(tmp_path / "a.mcap", [static("os_lidar"), *recorded(ROS2, described=False)])
+    proposal = proposed(path)
+    assert channels_of(proposal) == {"LIDAR_TOP": LIDAR}
+    (question,) = (one for one in proposal.questions if one.subject == "LIDAR_TOP")
+    assert question.text.startswith(
+        f"the recording has no {METADATA}; record it, too, and remove this field, or"
     )
+    lines = proposal.text.splitlines()
+    assert lines[question.line - 1].strip() == "metadata:"
+    lines[question.line - 1] += " os.json"
+    (tmp_path / "os.json").write_bytes(metadata())
+    recipe = parse_recipe(
+        "\n".join(lines).replace("# source: fixed", "source: fixed"), tmp_path / "recipe.yaml"
+    )
+    assert recipe.rigs[0].channels["LIDAR_TOP"].metadata == tmp_path / "os.json"
 
 
 def test_where_its_clouds_were_recorded_these_are_proposed(tmp_path):
