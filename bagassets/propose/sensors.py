@@ -152,8 +152,9 @@ def same_sensor(one: TopicSummary, other: TopicSummary) -> bool:
     if modality_of(one) != "camera" and one.frames and other.frames:
         return not set(one.frames).isdisjoint(other.frames)
     names = sorted((sensor_of(one.name), sensor_of(other.name)))
-    # ZED's driver publishes its left camera as that of the whole, too.
+    # ZED's driver publishes its left camera as that of the whole, too: `rgb`, which is no part of a sensor's name.
     is_left = names[1] == f"{names[0]}/left" and not set(one.frames).isdisjoint(other.frames)
+    is_left &= "rgb" in f"{one.name}{other.name}"
     return names[0] == names[1] or is_left
 
 
