@@ -118,6 +118,8 @@ def test_of_a_drone_the_filter_is_preferred_to_the_receiver(more):
     rig = rig_of(CAMERA, own, receiver)
     assert rig.pose.fields["topic"] == "/mavros/local_position/odom"
     assert rig_of(CAMERA, receiver).pose.fields["topic"] == "/mavros/global_position/local"
+    pose = topic("/mavros/local_position/pose", "geometry_msgs/msg/PoseStamped", frame="map")
+    assert rig_of(CAMERA, pose, receiver).pose.fields["topic"] == "/mavros/local_position/pose"
 
 
 @pytest.mark.parametrize(
