@@ -54,12 +54,7 @@ class OusterSweeps:
         writer: writes the revolutions.
         decode: decodes a message.
         fail: called with the text of an error, and how many packets and how many messages it cost.
-
-    Attributes:
-        frame_id: empty: the messages name no frame.
     """
-
-    frame_id = ""
 
     def __init__(
         self,

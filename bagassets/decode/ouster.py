@@ -193,7 +193,7 @@ class OusterLidar:
         """
         if len(data) - self.packet.itemsize not in (0, 1):  # drivers before 2023 send a byte too many
             raise DecodeError(
-                f"its packet has {len(data)} bytes, those of the metadata {self.packet.itemsize}"
+                f"its packet has {len(data)} bytes, those of the metadata {self.packet.itemsize}; name the metadata of this lidar"
             )
         packet: NDArray[np.void] = np.frombuffer(data, self.packet, 1)[0]
         if packet["columns"]["number"][0] >= self.columns:
