@@ -128,7 +128,7 @@ class OusterSweeps:
         structured = np.frombuffer(b"".join(data for data, _ in packets), self._lidar.packet)
         columns = self._lidar.decode(structured)
         after_cut = (columns.numbers - self._cut) % self._lidar.columns
-        if self._missing_deg(after_cut) > MOST_MISSING_DEG:
+        if not len(after_cut) or self._missing_deg(after_cut) > MOST_MISSING_DEG:
             self._writer.files.lose("incomplete revolution", parts)
             return
         steps_ns, steps = np.diff(columns.times_ns), np.diff(after_cut)
@@ -136,10 +136,12 @@ class OusterSweeps:
             raise DecodeError("the times of its columns do not follow their order")
         column_ns = int(np.sort(steps_ns // steps)[len(steps) // 2]) if len(steps) else 0
         expected = np.flatnonzero(self._reported)
-        begin = int(columns.times_ns[0]) - int(after_cut[0] - expected[0]) * column_ns
-        end = int(columns.times_ns[-1]) + int(expected[-1] + 1 - after_cut[-1]) * column_ns
-        if end - begin > _MOST_STRETCHED * (expected[-1] + 1 - expected[0]) * column_ns:
+        begin, end = int(columns.times_ns[0]), int(columns.times_ns[-1])
+        if end - begin > _MOST_STRETCHED * int(steps.sum()) * column_ns:
             raise DecodeError("the lidar's clock was set in the middle of its revolution")
+        # Columns are valid beyond the window where that was set after the metadata was saved.
+        begin -= max(0, int(after_cut[0] - expected[0])) * column_ns
+        end += max(1, int(expected[-1] + 1 - after_cut[-1])) * column_ns
         log_times_ns = np.array([log_time_ns for _, log_time_ns in packets])
         arrived_ns = structured["columns"]["time_ns"].max(axis=1).astype(np.int64)
         shift_ns = self._shift_ns(int(np.sort(log_times_ns - arrived_ns)[(parts - 1) // 2]))

@@ -219,7 +219,8 @@ class OusterLidar:
         columns = columns[np.argsort(columns["time_ns"], kind="stable")]
         numbers = columns["number"].astype(np.int64)
         size, returns, bits, unit_mm = _PROFILES[self.profile]
-        pixels = np.ascontiguousarray(columns["pixels"]).view(np.uint8).reshape(len(columns), -1, size)
+        shape = (*columns["pixels"].shape, size)
+        pixels = np.ascontiguousarray(columns["pixels"]).view(np.uint8).reshape(shape)
         words = [pixels[..., one.word : one.word + 4].copy().view("<u4")[..., 0] for one in returns]
         # All of a column follow each other, the lowest beam first, and both returns of a beam.
         ranges = np.stack([word & ((1 << bits) - 1) for word in words], axis=-1)[:, ::-1] * np.uint32(unit_mm)

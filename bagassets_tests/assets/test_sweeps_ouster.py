@@ -100,12 +100,30 @@ def test_a_part_of_each_turn_is_one_sweep(run, window, cut):
     assert result.lost == ({} if cut == 0 else {"incomplete revolution": 2})
 
 
+def test_columns_beyond_the_window_of_the_metadata_are_within_the_revolution(run):
+    result = run(request(metadata(column_window=[20, 40])), messages(4, logged_ns=START_NS))
+    rows = result.index[1:]  # the first is half a turn, and complete by its window
+    assert [row["points"] for row in rows] == [4 * COLUMNS] * 3
+    assert {row["end_ns"] - row["start_ns"] for row in rows} == {TURN_NS}
+
+
 def test_a_lidar_that_reports_a_single_column_has_a_moment_for_a_sweep(run):
     described = metadata(column_window=[20, 20])
     result = run(request(described), messages(2, logged_ns=START_NS, window=(20, 20)))
     assert [(row["points"], row["start_ns"], row["end_ns"]) for row in result.index] == [
         (4, *[START_NS + 20 * COLUMN_NS + number * TURN_NS] * 2) for number in range(2)
     ]
+
+
+@pytest.mark.parametrize("window", [(0, COLUMNS - 1), (20, 20)])
+def test_a_turn_without_a_valid_column_is_incomplete(run, window):
+    described = metadata(column_window=list(window))
+    whole = list(messages(3, logged_ns=START_NS, window=window))
+    invalid = message(packet(COLUMNS + 16, window=(0, 0)), COLUMNS + 16, START_NS)
+    turn = len(whole) // 3
+    result = run(request(described), [*whole[:turn], invalid, *whole[2 * turn :]])
+    assert len(result.index) == 2
+    assert result.lost == {"incomplete revolution": 1}
 
 
 def test_the_cut_angle_moves_the_revolutions_by_packets(run):
