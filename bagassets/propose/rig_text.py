@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from math import ceil
 
 from bagassets.base.escaping import yaml_scalar
-from bagassets.decode.ouster import metadata_beside
 from bagassets.decode.registry import families_of
 from bagassets.propose.calibration_files import FoundCalibration, ProposedCalibration, calibration_of
 from bagassets.propose.commented_yaml import Sheet
@@ -12,7 +11,7 @@ from bagassets.propose.frames import MOUNT, connected, contradiction, is_optical
 from bagassets.propose.naming import PREFIX, tokens
 from bagassets.propose.poses import lonely_poses
 from bagassets.propose.rigs import RigProposal
-from bagassets.propose.sensors import Sensor, has_ouster_packets, shown_type
+from bagassets.propose.sensors import Sensor, has_ouster_packets, metadata_of, shown_type
 from bagassets.propose.signals import write_signals
 from bagassets.propose.summary import transform_topics
 from bagassets.recipe.model import Rig
@@ -199,13 +198,10 @@ def _write_channel(
         sheet.guess(4, "clock: log", lack)
     elif topic.name in rig.clock.odd:
         sheet.guess(4, "clock: log", "its header stamps are of another clock")
-    beside = metadata_beside(topic.name)
-    if has_ouster_packets(topic) and (
-        beside not in rig.summary.topics or not rig.summary.topics[beside].count
-    ):
+    if has_ouster_packets(topic) and metadata_of(topic, rig.summary) is None:
         sheet.field(4, "metadata:")
-        lack = f"the recording has no {beside}; record it, too, and remove this field, or name a file with the lidar's metadata"
-        sheet.ask(5, name, lack, below=True)
+        lack = "the recording has no topic `metadata` beside the packets; record it, too, and remove this field, or name a file "
+        sheet.ask(5, name, f"{lack}with the lidar's metadata", below=True)
     if sensor.modality == "camera":
         # What was recorded is of this camera for sure, so a file only stands in for it.
         file = None if _has_lens(sensor) else calibration_of(topic.name, calibrations)
@@ -319,12 +315,11 @@ def _frame_of_ouster(rig: RigProposal, topic: str) -> tuple[str, ...]:
         words = set(tokens(frame))
         return len(words & set(tokens(one))), -len(words)
 
-    best = {frame: alike(topic, frame) for frame in frames}
     return tuple(
         frame
         for frame in frames
-        if all(best[frame] > best[other] for other in frames - {frame})
-        and all(best[frame] > alike(one, frame) for one in rivals)
+        if all(alike(topic, frame) > alike(topic, other) for other in frames - {frame})
+        and all(alike(topic, frame) > alike(one, frame) for one in rivals)
     )
 
 

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from bagassets.decode.ouster import metadata_beside
 from bagassets.decode.registry import AnyFamily, families_of, own_types
 from bagassets.propose.naming import (
     Modality,
@@ -94,6 +95,12 @@ def find_sensors(summary: RecordingSummary) -> tuple[list[Sensor], list[TopicUse
 def has_ouster_packets(topic: TopicSummary) -> bool:
     """Tell whether messages hold packets of an Ouster, which have neither stamp nor frame."""
     return topic.msgtype in own_types("ouster")
+
+
+def metadata_of(topic: TopicSummary, summary: RecordingSummary) -> str | None:
+    """Return the topic with the metadata of an Ouster whose packets a topic holds; None if there is none."""
+    beside = summary.topics.get(metadata_beside(topic.name))
+    return beside.name if beside and beside.count and has_ouster_packets(topic) else None
 
 
 def lacks_definition(topic: TopicSummary) -> bool:

@@ -124,7 +124,7 @@ def test_without_metadata_it_says_what_to_do(tmp_path):
     assert channels_of(proposal) == {"LIDAR_TOP": LIDAR}
     (question,) = (one for one in proposal.questions if one.subject == "LIDAR_TOP")
     assert question.text.startswith(
-        f"the recording has no {METADATA}; record it, too, and remove this field, or"
+        "the recording has no topic `metadata` beside the packets; record it, too, and remove this field, or name a file"
     )
     lines = proposal.text.splitlines()
     assert lines[question.line - 1].strip() == "metadata:"
