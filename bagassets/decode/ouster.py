@@ -72,7 +72,7 @@ def packet_in(message: Message) -> bytes:
         DecodeError: it has none.
     """
     try:
-        return bytes(message.buf)
+        return memoryview(message.buf).tobytes()  # `bytes` would make as many as a number says
     except (AttributeError, TypeError, ValueError) as err:
         raise DecodeError("it has no field buf with the bytes of a packet") from err
 

@@ -89,7 +89,9 @@ def test_metadata_that_cannot_be_used_says_why(text, reason):
         OusterLidar.parse(text)
 
 
-@pytest.mark.parametrize("message", [object(), SimpleNamespace(buf=None), SimpleNamespace(buf="text")])
+@pytest.mark.parametrize(
+    "message", [object(), *(SimpleNamespace(buf=odd) for odd in (None, "text", 4, 1 << 63, ["text"]))]
+)
 def test_a_message_of_that_name_without_a_packet_says_so(message):
     with pytest.raises(DecodeError, match="no field buf with the bytes of a packet"):
         packet_in(message)
