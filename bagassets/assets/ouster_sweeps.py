@@ -23,6 +23,8 @@ from bagassets.recordings.model import Message, RawMessage
 
 # Packets of the last turn that come after the first of the next: networks change their order.
 _LATE = 1 / 8
+# How much longer than by its median column a revolution may be; while a lidar speeds up, its columns differ.
+_MOST_STRETCHED = 1.5
 # PTP has the time of atomic clocks (TAI), which is ahead of UTC by so much; drivers take it off.
 _TAI_NS = 37_000_000_000
 _MOST_APART_NS = 1_000_000_000
@@ -52,12 +54,7 @@ class OusterSweeps:
         writer: writes the revolutions.
         decode: decodes a message.
         fail: called with the text of an error, and how many packets and how many messages it cost.
-
-    Attributes:
-        frame_id: empty: the messages name no frame.
     """
-
-    frame_id = ""
 
     def __init__(
         self,
@@ -89,8 +86,7 @@ class OusterSweeps:
         """Take a message."""
         self._writer.files.counts.read += 1
         try:
-            data = packet_in(self._decode(raw))
-            packet = self._lidar.read(data)
+            packet = self._lidar.read(packet_in(self._decode(raw)))
         except DecodeError as err:
             self._fail(str(err), 1, 1)
             return
@@ -103,7 +99,7 @@ class OusterSweeps:
         if number in turn:
             self._writer.files.lose("recorded twice")
         else:
-            turn[number] = (data, raw.log_time_ns)
+            turn[number] = (packet.tobytes(), raw.log_time_ns)
         self._write_until(self._latest / self._lidar.columns - _LATE)
 
     def finish(self) -> None:
@@ -132,7 +128,7 @@ class OusterSweeps:
         structured = np.frombuffer(b"".join(data for data, _ in packets), self._lidar.packet)
         columns = self._lidar.decode(structured)
         after_cut = (columns.numbers - self._cut) % self._lidar.columns
-        if self._missing_deg(after_cut) > MOST_MISSING_DEG:
+        if not len(after_cut) or self._missing_deg(after_cut) > MOST_MISSING_DEG:
             self._writer.files.lose("incomplete revolution", parts)
             return
         steps_ns, steps = np.diff(columns.times_ns), np.diff(after_cut)
@@ -140,8 +136,12 @@ class OusterSweeps:
             raise DecodeError("the times of its columns do not follow their order")
         column_ns = int(np.sort(steps_ns // steps)[len(steps) // 2]) if len(steps) else 0
         expected = np.flatnonzero(self._reported)
-        begin = int(columns.times_ns[0]) - int(after_cut[0] - expected[0]) * column_ns
-        end = int(columns.times_ns[-1]) + int(expected[-1] + 1 - after_cut[-1]) * column_ns
+        begin, end = int(columns.times_ns[0]), int(columns.times_ns[-1])
+        if end - begin > _MOST_STRETCHED * int(steps.sum()) * column_ns:
+            raise DecodeError("the lidar's clock was set in the middle of its revolution")
+        # Columns are valid beyond the window where that was set after the metadata was saved.
+        begin -= max(0, int(after_cut[0] - expected[0])) * column_ns
+        end += max(1, int(expected[-1] + 1 - after_cut[-1])) * column_ns
         log_times_ns = np.array([log_time_ns for _, log_time_ns in packets])
         arrived_ns = structured["columns"]["time_ns"].max(axis=1).astype(np.int64)
         shift_ns = self._shift_ns(int(np.sort(log_times_ns - arrived_ns)[(parts - 1) // 2]))
@@ -184,7 +184,7 @@ def lidar_of(use: OusterUse, inputs: Inputs) -> OusterLidar:
     """
     where = use.metadata_topic or "the file in `metadata`"
     try:
-        return OusterLidar.parse(_metadata(use, inputs))
+        return _described(use, inputs)
     except DecodeError as err:
         raise RecipeError(
             f"{use.channel}: {where} does not say what the packets in {use.settings.topic} hold: {err}; name a file with the "
@@ -192,12 +192,14 @@ def lidar_of(use: OusterUse, inputs: Inputs) -> OusterLidar:
         ) from err
 
 
-def _metadata(use: OusterUse, inputs: Inputs) -> str | bytes:
+def _described(use: OusterUse, inputs: Inputs) -> OusterLidar:
     if use.metadata_topic is None:
-        return use.metadata or b""
+        return OusterLidar.parse(use.metadata or b"")
     topics = (use.metadata_topic,)
     with inputs.messages(topics) as recording:
-        texts = {str(recording.decode(message).data) for message in recording.messages(topics)}
-    if len(texts) != 1:
-        raise DecodeError(f"it describes the lidar in {len(texts)} ways" if texts else "it is empty")
-    return texts.pop()
+        texts = {str(getattr(recording.decode(one), "data", "")) for one in recording.messages(topics)}
+    # It is published again when the driver connects again, with other words on how the lidar is.
+    lidars = set(map(OusterLidar.parse, texts))
+    if len(lidars) != 1:
+        raise DecodeError(f"it describes the lidar in {len(lidars)} ways" if lidars else "it is empty")
+    return lidars.pop()

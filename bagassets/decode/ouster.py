@@ -27,6 +27,8 @@ from bagassets.recordings.model import Message
 
 _MOST_PIXELS = 4096 * 512
 _LEGACY, _FUSA = "LEGACY", "FUSA"
+# Firmware 1 does not say how far from the axis beams begin: as Ouster's own library has it, by model.
+_ORIGIN_MM, _ORIGIN_OF_FIRST_MM = {"OS-0": 27.67, "OS-1": 15.806, "OS-2": 13.762}, 12.163
 
 
 class _Return(NamedTuple):
@@ -70,7 +72,7 @@ def packet_in(message: Message) -> bytes:
         DecodeError: it has none.
     """
     try:
-        return bytes(message.buf)
+        return memoryview(message.buf).tobytes()  # `bytes` would make as many as a number says
     except (AttributeError, TypeError, ValueError) as err:
         raise DecodeError("it has no field buf with the bytes of a packet") from err
 
@@ -99,7 +101,7 @@ class Columns:
     without_return: int
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class OusterLidar:
     """What the metadata of an Ouster says.
 
@@ -132,7 +134,8 @@ class OusterLidar:
         """
         try:
             whole = json.loads(text)
-            data: Mapping[str, Any] = whole.get("lidar_data_format") or whole.get("data_format") or {}
+            formats = (whole.get("lidar_data_format"), whole.get("data_format"))
+            data: Mapping[str, Any] = next((one for one in formats if isinstance(one, dict)), {})
             beams: Mapping[str, Any] = whole.get("beam_intrinsics") or whole
             mode = (whole.get("config_params") or whole).get("lidar_mode") or "0x0"
             columns = int(data.get("columns_per_frame") or mode.split("x")[0])
@@ -149,7 +152,7 @@ class OusterLidar:
                 profile.startswith(_FUSA) or (profile != _LEGACY and data.get("header_type") == _FUSA),
                 altitudes,
                 azimuths,
-                _origin_mm(beams),
+                _origin_mm(beams, (whole.get("sensor_info") or whole).get("prod_line")),
             )
         except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError) as err:
             raise DecodeError(f"it is no metadata of an Ouster ({type(err).__name__}: {err})") from err
@@ -188,11 +191,11 @@ class OusterLidar:
         Raises:
             DecodeError: it is none of this lidar.
         """
-        if len(data) != self.packet.itemsize:
+        if len(data) - self.packet.itemsize not in (0, 1):  # drivers before 2023 send a byte too many
             raise DecodeError(
-                f"its packet has {len(data)} bytes, those of the metadata {self.packet.itemsize}"
+                f"its packet has {len(data)} bytes, those of the metadata {self.packet.itemsize}; name the metadata of this lidar"
             )
-        packet: NDArray[np.void] = np.frombuffer(data, self.packet)[0]
+        packet: NDArray[np.void] = np.frombuffer(data, self.packet, 1)[0]
         if packet["columns"]["number"][0] >= self.columns:
             raise DecodeError(f"its packet is of a lidar with more than {self.columns} columns")
         return packet
@@ -216,7 +219,8 @@ class OusterLidar:
         columns = columns[np.argsort(columns["time_ns"], kind="stable")]
         numbers = columns["number"].astype(np.int64)
         size, returns, bits, unit_mm = _PROFILES[self.profile]
-        pixels = np.ascontiguousarray(columns["pixels"]).view(np.uint8).reshape(len(columns), -1, size)
+        shape = (*columns["pixels"].shape, size)
+        pixels = np.ascontiguousarray(columns["pixels"]).view(np.uint8).reshape(shape)
         words = [pixels[..., one.word : one.word + 4].copy().view("<u4")[..., 0] for one in returns]
         # All of a column follow each other, the lowest beam first, and both returns of a beam.
         ranges = np.stack([word & ((1 << bits) - 1) for word in words], axis=-1)[:, ::-1] * np.uint32(unit_mm)
@@ -258,8 +262,9 @@ class OusterLidar:
         return cos_column, sin_column, cos_beam, sin_beam, cos_altitude, sin_altitude
 
 
-def _origin_mm(beams: Mapping[str, Any]) -> tuple[float, float]:
+def _origin_mm(beams: Mapping[str, Any], model: str | None) -> tuple[float, float]:
     transform: Sequence[float] | None = beams.get("beam_to_lidar_transform")
     if transform is not None:  # row by row
         return float(transform[3]), float(transform[11])
-    return float(beams["lidar_origin_to_beam_origin_mm"]), 0.0
+    default_mm = _ORIGIN_MM.get(str(model)[:4], _ORIGIN_OF_FIRST_MM)
+    return float(beams.get("lidar_origin_to_beam_origin_mm", default_mm)), 0.0

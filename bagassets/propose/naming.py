@@ -56,6 +56,7 @@ _STREAM = re.compile(
     r"^(image(_\w+)?|compressed(_?depth)?|theora|ffmpeg|video|h26[45]|points?(_?\w+)?|point_?cloud2?|clouds?|"
     r"packets?|velodyne_points|(velodyne|lidar)_packets|scan|laser_?scan|raw|rect|rgb|colou?r|gr[ae]y|data|targets?|tracks?|detections?)$"
 )
+_VARIANT = re.compile(r"(_raw)?(_gr[ae]y)?$")  # of the pictures of one camera, in folders of their own
 _VAGUE = word_set(
     "camera cameras cam cams color colour rgb image images img raw rect compressed mono lidar lidars laser radar "
     "radars velodyne points point cloud pointcloud scan packets sensor sensors sensing driver node topic ros "
@@ -81,9 +82,9 @@ def sensor_of(topic: str) -> str:
     `/cam/image_raw/compressed`, `/cam/image_rect_color` and `/cam/image_raw` all give `/cam`.
     """
     parts = topic.split("/")
-    while len(parts) > 1 and _STREAM.match(parts[-1].removesuffix("_raw")):
+    while len(parts) > 1 and _STREAM.match(_VARIANT.sub("", parts[-1])):
         parts.pop()
-    return "/".join(parts).removesuffix("_raw")
+    return _VARIANT.sub("", "/".join(parts))
 
 
 def is_derived(topic: str) -> bool:

@@ -76,6 +76,7 @@ def pose_candidates(summary: RecordingSummary, ego_frame: str) -> list[PosePropo
         if _COMMANDS.isdisjoint(tokens(topic.name))
     ]
     found += [_from_pose(topic, poses, summary, ego_frame) for topic in poses]
+    found.sort(key=lambda one: one.fields["topic"].endswith(_UNFILTERED))
     systems = _ranked(summary, (topic for topic in summary.topics.values() if topic.ncom_sender is not None))
     found += [_from_ncom(topic, systems, ego_frame) for topic in systems]
     global_frame = global_frame_of(summary, ego_frame)

@@ -11,7 +11,7 @@ from bagassets.propose.frames import MOUNT, connected, contradiction, is_optical
 from bagassets.propose.naming import PREFIX, tokens
 from bagassets.propose.poses import lonely_poses
 from bagassets.propose.rigs import RigProposal
-from bagassets.propose.sensors import Sensor, has_ouster_packets, shown_type
+from bagassets.propose.sensors import Sensor, has_ouster_packets, metadata_of, shown_type
 from bagassets.propose.signals import write_signals
 from bagassets.propose.summary import TopicSummary, transform_topics
 from bagassets.recipe.model import Rig
@@ -198,6 +198,10 @@ def _write_channel(
         sheet.guess(4, "clock: log", lack)
     elif topic.name in rig.clock.odd:
         sheet.guess(4, "clock: log", "its header stamps are of another clock")
+    if has_ouster_packets(topic) and metadata_of(topic, rig.summary) is None:
+        sheet.field(4, "metadata:")
+        lack = "the recording has no topic `metadata` beside the packets; record it, too, and remove this field, or name a file "
+        sheet.ask(5, name, f"{lack}with the lidar's metadata", below=True)
     if sensor.modality == "camera":
         # What was recorded is of this camera for sure, so a file only stands in for it.
         file = None if _has_lens(sensor) else calibration_of(topic.name, calibrations)
@@ -254,8 +258,7 @@ def _write_place(
         frames = sensor.camera_info.frames[:1]
         sheet.guess(4, f"frame: {yaml_scalar(frames[0])}", "of its CameraInfo, as its own headers name none")
     if has_ouster_packets(sensor.topic):
-        known = {frame for edge in rig.summary.edges for frame in edge}
-        frames = tuple(frame for frame in sorted(known) if frame.endswith("os_lidar"))[:1]
+        frames = _frame_of_ouster(rig, sensor.topic.name)
         if frames:
             sheet.guess(4, f"frame: {yaml_scalar(frames[0])}", "of Ouster's driver, as packets name none")
     frame = frames[0] if frames else ""
@@ -303,6 +306,23 @@ def _write_place(
             )
             sheet.off(5, f"file: {yaml_scalar(file.written)}")
             sheet.off(5, "relative_to: frame")
+
+
+def _frame_of_ouster(rig: RigProposal, topic: str) -> tuple[str, ...]:
+    """Return the frame in TF whose words are most like those of a topic; none if another frame or topic is as likely."""
+    frames = {frame for edge in rig.summary.edges for frame in edge if "os_lidar" in frame}
+    rivals = {one.topic.name for one in rig.channels.values() if has_ouster_packets(one.topic)} - {topic}
+
+    def alike(one: str, frame: str) -> tuple[int, int]:
+        words = set(tokens(frame))
+        return len(words & set(tokens(one))), -len(words)
+
+    return tuple(
+        frame
+        for frame in frames
+        if all(alike(topic, frame) > alike(topic, other) for other in frames - {frame})
+        and all(alike(topic, frame) > alike(one, frame) for one in rivals)
+    )
 
 
 def _lack(rig: RigProposal, frame: str) -> str:

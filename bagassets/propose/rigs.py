@@ -7,14 +7,13 @@ from typing import Literal
 
 from bagassets.base.errors import CalibrationError
 from bagassets.base.quantities import span_text
-from bagassets.decode.ouster import metadata_beside
 from bagassets.decode.registry import types_of
 from bagassets.geometry.urdf import urdf_edges
 from bagassets.propose.frames import EgoFrame, connected, propose_ego_frame
 from bagassets.propose.grouping import Group
 from bagassets.propose.naming import channel_name, free_name, tokens, word_set
 from bagassets.propose.poses import PoseProposal, odometry_of, propose_pose
-from bagassets.propose.sensors import Sensor, find_sensors, has_ouster_packets
+from bagassets.propose.sensors import Sensor, find_sensors, has_ouster_packets, metadata_of
 from bagassets.propose.signals import SignalProposal, find_signals, is_of_tool, said_in, word_on
 from bagassets.propose.summary import USES, RecordingSummary, TopicSummary, TopicUse, transform_topics
 
@@ -268,8 +267,8 @@ def uses_of(
         used.setdefault(sensor.topic.name, []).append(name)
         if sensor.camera_info is not None:
             used.setdefault(sensor.camera_info.name, []).append(f"calibration of {name}")
-        if has_ouster_packets(sensor.topic):
-            used.setdefault(metadata_beside(sensor.topic.name), []).append(f"metadata of {name}")
+        if (described := metadata_of(sensor.topic, summary)) is not None:
+            used.setdefault(described, []).append(f"metadata of {name}")
     for field, what in (("topic", "poses"), ("imu", "orientation")):
         if field in pose.fields:
             used.setdefault(pose.fields[field], []).append(what)

@@ -72,7 +72,7 @@ def find_sensors(summary: RecordingSummary) -> tuple[list[Sensor], list[TopicUse
     tracked = {frame for topic in summary.topics.values() for frame in topic.child_frames}
     fixed = {frame for topic in summary.topics.values() if topic.child_frames for frame in topic.frames}
     for topic in summary.topics.values():
-        if (unusable := _unusable(topic, summary)) is not None:
+        if (unusable := _unusable(topic)) is not None:
             left_out.append(unusable)
         elif modality_of(topic) == "lidar" and topic.frames and (fixed - tracked).issuperset(topic.frames):
             why = f"computed: its points are in {topic.frames[0]}, in which the robot moves"
@@ -97,6 +97,12 @@ def has_ouster_packets(topic: TopicSummary) -> bool:
     return topic.msgtype in own_types("ouster")
 
 
+def metadata_of(topic: TopicSummary, summary: RecordingSummary) -> str | None:
+    """Return the topic with the metadata of an Ouster whose packets a topic holds; None if there is none."""
+    beside = summary.topics.get(metadata_beside(topic.name))
+    return beside.name if beside and beside.count and has_ouster_packets(topic) else None
+
+
 def lacks_definition(topic: TopicSummary) -> bool:
     """Tell whether a sensor's messages would be decoded if their type were defined."""
     return topic.problem is not None and "definition" in topic.problem and modality_of(topic) is not None
@@ -107,7 +113,7 @@ def shown_type(msgtype: str) -> str:
     return msgtype.replace("/msg/", "/")
 
 
-def _unusable(topic: TopicSummary, summary: RecordingSummary) -> TopicUse | None:
+def _unusable(topic: TopicSummary) -> TopicUse | None:
     """Return why no sensor is proposed for a topic, though its type would do.
 
     None if one is proposed, or if its type is not that of a sensor.
@@ -140,10 +146,6 @@ def _unusable(topic: TopicSummary, summary: RecordingSummary) -> TopicUse | None
         return TopicUse(topic, "not decodable", "none of its packets is from a Velodyne")
     if topic.refusal is not None:
         return TopicUse(topic, "not decodable", topic.refusal)
-    beside = metadata_beside(topic.name)
-    if has_ouster_packets(topic) and (beside not in summary.topics or not summary.topics[beside].count):
-        lack = f"the recording has no {beside}; record it, too, or name a file with the lidar's metadata in `metadata` of a channel"
-        return TopicUse(topic, "not decodable", lack)
     if is_derived(topic.name):
         return TopicUse(topic, "left out", "looks computed, not recorded by a sensor")
     return None
@@ -157,8 +159,9 @@ def same_sensor(one: TopicSummary, other: TopicSummary) -> bool:
     if modality_of(one) != "camera" and one.frames and other.frames:
         return not set(one.frames).isdisjoint(other.frames)
     names = sorted((sensor_of(one.name), sensor_of(other.name)))
-    # ZED's driver publishes its left camera as that of the whole, too.
+    # ZED's driver publishes its left camera as that of the whole, too: `rgb`, which is no part of a sensor's name.
     is_left = names[1] == f"{names[0]}/left" and not set(one.frames).isdisjoint(other.frames)
+    is_left &= "rgb" in f"{one.name}{other.name}"
     return names[0] == names[1] or is_left
 
 

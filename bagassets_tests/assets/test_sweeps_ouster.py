@@ -1,11 +1,15 @@
 """Packets of an Ouster through the step `sweeps`: revolutions, clocks, parts of a turn, deskewing, what is lost."""
 
+import json
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from bagassets.assets.ouster_sweeps import lidar_of
 from bagassets.assets.sweeps import SWEEPS
 from bagassets.base.errors import LossLimitError, RecipeError
 from bagassets.decode.ouster import OusterLidar
@@ -96,12 +100,30 @@ def test_a_part_of_each_turn_is_one_sweep(run, window, cut):
     assert result.lost == ({} if cut == 0 else {"incomplete revolution": 2})
 
 
+def test_columns_beyond_the_window_of_the_metadata_are_within_the_revolution(run):
+    result = run(request(metadata(column_window=[20, 40])), messages(4, logged_ns=START_NS))
+    rows = result.index[1:]  # the first is half a turn, and complete by its window
+    assert [row["points"] for row in rows] == [4 * COLUMNS] * 3
+    assert {row["end_ns"] - row["start_ns"] for row in rows} == {TURN_NS}
+
+
 def test_a_lidar_that_reports_a_single_column_has_a_moment_for_a_sweep(run):
     described = metadata(column_window=[20, 20])
     result = run(request(described), messages(2, logged_ns=START_NS, window=(20, 20)))
     assert [(row["points"], row["start_ns"], row["end_ns"]) for row in result.index] == [
         (4, *[START_NS + 20 * COLUMN_NS + number * TURN_NS] * 2) for number in range(2)
     ]
+
+
+@pytest.mark.parametrize("window", [(0, COLUMNS - 1), (20, 20)])
+def test_a_turn_without_a_valid_column_is_incomplete(run, window):
+    described = metadata(column_window=list(window))
+    whole = list(messages(3, logged_ns=START_NS, window=window))
+    invalid = message(packet(COLUMNS + 16, window=(0, 0)), COLUMNS + 16, START_NS)
+    turn = len(whole) // 3
+    result = run(request(described), [*whole[:turn], invalid, *whole[2 * turn :]])
+    assert len(result.index) == 2
+    assert result.lost == {"incomplete revolution": 1}
 
 
 def test_the_cut_angle_moves_the_revolutions_by_packets(run):
@@ -166,10 +188,29 @@ def test_a_lidar_that_was_started_again_goes_on(run):
     ]
 
 
+@pytest.mark.parametrize("clock", ["log", "header"])
+@pytest.mark.parametrize("first", [2, 3, 4])
+def test_a_revolution_in_which_the_lidar_is_synchronized_is_refused(run, clock, first):
+    before = list(messages(1, logged_ns=START_NS))[:first]
+    after = list(messages(3, logged_ns=START_NS, start_ns=START_NS))[first:]
+    result = run(request(limit=1.0, clock=clock), [*before, *after])
+    kept = (1, 2) if first < 4 or clock == "header" else (0, 1, 2)
+    assert [row["start_ns"] for row in result.index] == [START_NS + number * TURN_NS for number in kept]
+    assert all(row["end_ns"] - row["start_ns"] == TURN_NS for row in result.index)
+
+
 def test_what_hit_nothing_is_no_point(run):
     result = run(request(), messages(1, logged_ns=START_NS, range_mm=0))
     assert result.lost == {"no point in it": 4}
     assert result.summary["points"]["dropped"] == {"no measurement": 4 * COLUMNS}
+
+
+def test_drivers_before_2023_send_a_byte_too_many(run):
+    whole = list(messages(2, logged_ns=START_NS))
+    longer = [message(packet(first) + b"\0", first, START_NS) for first in range(0, 2 * COLUMNS, PER_PACKET)]
+    results = [run(request(), one) for one in (whole, longer)]
+    assert results[0].index == results[1].index
+    assert len(results[0].index) == 2
 
 
 def test_packets_that_are_none_of_the_lidar_are_counted(run):
@@ -212,6 +253,37 @@ def test_metadata_that_cannot_be_used_names_the_channel(run):
         match=r"LIDAR_TOP: the file in `metadata` does not say.*/sensor.*no metadata of an Ouster",
     ):
         run(request(b"{}"), [])
+
+
+def published(*messages):
+    """What the topic beside the packets says of the lidar."""
+    use = replace(request().params, metadata=None, metadata_topic="/metadata")
+
+    @contextmanager
+    def recording(topics):
+        assert topics == ("/metadata",)
+        yield SimpleNamespace(messages=lambda _: messages, decode=lambda message: message)
+
+    return lidar_of(use, SimpleNamespace(messages=recording))
+
+
+def test_metadata_may_be_published_again():
+    again = json.dumps(json.loads(metadata()) | {"sensor_info": {"status": "RUNNING"}}, indent=1)
+    texts = [SimpleNamespace(data=text) for text in (metadata().decode(), again)]
+    assert vars(published(*texts)) == vars(OusterLidar.parse(metadata()))
+    other = SimpleNamespace(data=metadata(column_window=[0, 31]).decode())
+    with pytest.raises(
+        RecipeError, match=r"/metadata does not say.*describes the lidar in 2 ways; name a file"
+    ):
+        published(*texts, other)
+    with pytest.raises(RecipeError, match="it is empty"):
+        published()
+
+
+@pytest.mark.parametrize("odd", [SimpleNamespace(text="{}"), SimpleNamespace(data=np.zeros(2, np.uint8))])
+def test_what_is_published_as_metadata_may_be_something_else(odd):
+    with pytest.raises(RecipeError, match=r"LIDAR_TOP: /metadata does not say.*no metadata of an Ouster"):
+        published(odd)
 
 
 @pytest.mark.parametrize(

@@ -52,6 +52,19 @@ def test_metadata_of_every_firmware_says_the_same():
         assert vars(OusterLidar.parse(json.dumps(other))) == known
     del first["data_format"]
     assert OusterLidar.parse(json.dumps(first)).profile == "LEGACY"
+    refused = json.dumps(first | {"lidar_data_format": "error: invalid path"})  # what firmware 1.12 answers
+    assert vars(OusterLidar.parse(refused)) == vars(OusterLidar.parse(json.dumps(first)))
+
+
+@pytest.mark.parametrize(
+    ("model", "origin_mm"),
+    [("OS-0-32-U0", 27.67), ("OS-1-64", 15.806), ("OS-2-128", 13.762), (None, 12.163)],
+)
+def test_where_firmware_1_does_not_say_where_beams_begin_the_model_does(model, origin_mm):
+    flat = json.loads(metadata())
+    del flat["lidar_origin_to_beam_origin_mm"]
+    for where in ({"prod_line": model}, {"sensor_info": {"prod_line": model}}):
+        assert OusterLidar.parse(json.dumps(flat | where)).origin_mm == (origin_mm, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -76,7 +89,9 @@ def test_metadata_that_cannot_be_used_says_why(text, reason):
         OusterLidar.parse(text)
 
 
-@pytest.mark.parametrize("message", [object(), SimpleNamespace(buf=None), SimpleNamespace(buf="text")])
+@pytest.mark.parametrize(
+    "message", [object(), *(SimpleNamespace(buf=odd) for odd in (None, "text", 4, 1 << 63, ["text"]))]
+)
 def test_a_message_of_that_name_without_a_packet_says_so(message):
     with pytest.raises(DecodeError, match="no field buf with the bytes of a packet"):
         packet_in(message)
@@ -84,8 +99,13 @@ def test_a_message_of_that_name_without_a_packet_says_so(message):
 
 def test_packets_of_another_lidar_are_told_by_size_and_columns():
     lidar = OusterLidar.parse(metadata())
-    with pytest.raises(DecodeError, match="its packet has 48 bytes, those of the metadata"):
+    with pytest.raises(
+        DecodeError, match=r"its packet has 48 bytes, those of the metadata \d+; name the metadata of"
+    ):
         lidar.read(bytes(48))
+    assert lidar.read(packet(0) + b"\0") == lidar.read(packet(0))  # of drivers before 2023
+    with pytest.raises(DecodeError, match="its packet has"):
+        lidar.read(packet(0) + b"\0\0")
     half = OusterLidar.parse(metadata(columns_per_frame=32, column_window=[0, 31]))
     with pytest.raises(DecodeError, match="a lidar with more than 32 columns"):
         half.read(packet(32))

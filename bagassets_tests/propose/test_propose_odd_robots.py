@@ -81,9 +81,11 @@ ZED = ("rgb", "left", "right")
     "names",
     [
         [f"{one}/image_rect_color" for one in ZED] + [f"{one}_raw/image_raw_color" for one in ZED],
+        [f"{one}{how}_gray/image_{how}gray" for one in ZED for how in ("", "_raw")]
+        + [f"{one}_raw/image_raw_color" for one in ZED],
         [f"{one}/color/{how}/image" for one in ZED for how in ("rect", "raw")],
     ],
-    ids=["4", "5"],
+    ids=["4", "4 and grey", "5"],
 )
 def test_the_many_topics_of_a_stereo_camera_are_two_cameras(names):
     topics = [
@@ -104,6 +106,11 @@ def test_the_many_topics_of_a_stereo_camera_are_two_cameras(names):
     assert all("raw" in name for name in chosen)
 
 
+def test_a_camera_on_the_left_of_another_is_one_of_its_own():
+    names = [f"/front{side}/image_raw" for side in ("", "/left", "/right")]  # all in the frame of the vehicle
+    assert len(rig_of(*(topic(name, IMAGE, frame="base_link") for name in names)).channels) == 3
+
+
 @pytest.mark.parametrize("more", [0, 50])
 def test_of_a_drone_the_filter_is_preferred_to_the_receiver(more):
     own = odometry("/mavros/local_position/odom")
@@ -111,6 +118,8 @@ def test_of_a_drone_the_filter_is_preferred_to_the_receiver(more):
     rig = rig_of(CAMERA, own, receiver)
     assert rig.pose.fields["topic"] == "/mavros/local_position/odom"
     assert rig_of(CAMERA, receiver).pose.fields["topic"] == "/mavros/global_position/local"
+    pose = topic("/mavros/local_position/pose", "geometry_msgs/msg/PoseStamped", frame="map")
+    assert rig_of(CAMERA, pose, receiver).pose.fields["topic"] == "/mavros/local_position/pose"
 
 
 @pytest.mark.parametrize(

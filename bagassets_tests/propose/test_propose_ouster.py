@@ -1,5 +1,7 @@
 """Packets of an Ouster as its driver records them: what `init` proposes, and that the proposal builds."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from rosbags.typesys import get_types_from_msg
@@ -56,14 +58,14 @@ def words_of(proposal):
     return " ".join(proposal.text.replace("#", "").split())
 
 
-def static(child):
+def static(*children):
     def make(store):
         kind = store.types["geometry_msgs/msg/TransformStamped"]
         vector = store.types["geometry_msgs/msg/Vector3"](1.0, 0.0, 2.0)
         turn = store.types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 1.0, 0.0)
         moved = store.types["geometry_msgs/msg/Transform"](vector, turn)
         return store.types["tf2_msgs/msg/TFMessage"](
-            [kind(header(store, NOON_NS, "base_link"), child, moved)]
+            [kind(header(store, NOON_NS, "base_link"), child, moved) for child in children]
         )
 
     return Message("/tf_static", "tf2_msgs/msg/TFMessage", NOON_NS, make)
@@ -117,12 +119,21 @@ def test_a_recording_of_the_driver_is_proposed_and_built(tmp_path, kind):
 
 
 def test_without_metadata_it_says_what_to_do(tmp_path):
-    proposal = proposed(write_mcap(tmp_path / "a.mcap", recorded(ROS2, described=False)))
-    (question,) = proposal.questions
-    assert (
-        "/ouster/lidar_packets: the recording has no /ouster/metadata; record it, too, or name a file"
-        in question.text
+    path = write_mcap(tmp_path / "a.mcap", [static("os_lidar"), *recorded(ROS2, described=False)])
+    proposal = proposed(path)
+    assert channels_of(proposal) == {"LIDAR_TOP": LIDAR}
+    (question,) = (one for one in proposal.questions if one.subject == "LIDAR_TOP")
+    assert question.text.startswith(
+        "the recording has no topic `metadata` beside the packets; record it, too, and remove this field, or name a file"
     )
+    lines = proposal.text.splitlines()
+    assert lines[question.line - 1].strip() == "metadata:"
+    lines[question.line - 1] += " os.json"
+    (tmp_path / "os.json").write_bytes(metadata())
+    recipe = parse_recipe(
+        "\n".join(lines).replace("# source: fixed", "source: fixed"), tmp_path / "recipe.yaml"
+    )
+    assert recipe.rigs[0].channels["LIDAR_TOP"].metadata == tmp_path / "os.json"
 
 
 def test_where_its_clouds_were_recorded_these_are_proposed(tmp_path):
@@ -160,6 +171,33 @@ def test_where_the_robot_moves_its_points_may_be_deskewed(tmp_path):
     poses = [pose(NOON_NS + number * TURN_NS) for number in range(15)]
     proposal = proposed(write_mcap(tmp_path / "a.mcap", [*recorded(ROS2), *poses]))
     assert "# deskew: true" in proposal.text
+
+
+@pytest.mark.parametrize(
+    ("frames", "given"),
+    [
+        (["front/os_lidar", "rear/os_lidar"], {"LIDAR_TOP": "front/os_lidar", "LIDAR_BACK": "rear/os_lidar"}),
+        (["os_lidar_rear", "os_lidar"], {"LIDAR_BACK": "os_lidar_rear"}),
+        (["os_lidar"], {}),
+        (["left/os_lidar", "right/os_lidar"], {}),
+    ],
+)
+def test_each_of_two_lidars_gets_its_own_frame_or_is_asked_for_it(tmp_path, frames, given):
+    two = [
+        replace(one, topic=f"/{place}{one.topic}") for one in recorded(ROS2) for place in ("front", "rear")
+    ]
+    proposal = proposed(write_mcap(tmp_path / "a.mcap", [static(*frames), *two]))
+    assert set(channels_of(proposal)) == {"LIDAR_TOP", "LIDAR_BACK"}
+    asked = {one.subject for one in proposal.questions if "give `frame`" in one.text}
+    assert asked == channels_of(proposal).keys() - given.keys()
+    channels = proposal.text.split("LIDAR_BACK:")
+    for name, lines in zip(("LIDAR_TOP", "LIDAR_BACK"), channels, strict=True):
+        found = [
+            line.split()[1]
+            for line in lines.splitlines()
+            if line.strip().startswith("frame:") and "os_lidar" in line
+        ]
+        assert found == ([given[name]] if name in given else [])
 
 
 def test_beside_sensors_with_stamps_it_alone_goes_by_the_log(tmp_path):
