@@ -57,7 +57,10 @@ def changes(recipe: Recipe, sections: Collection[str] | None = None) -> Iterator
             continue
         seen.add(text)
         try:
-            changed = Recipe.model_validate(data)
+            # A section that is left out is None, but cannot be said to be.
+            changed = Recipe.model_validate(
+                {name: value for name, value in data.items() if value is not None}
+            )
         except ValidationError:
             continue  # fields that only go together
         yield Change(field, f"{field}: {_difference(before, data)}", changed)
@@ -121,6 +124,8 @@ def _of_model(
         if _is_tag(info.annotation) or (only is not None and name not in only):
             continue
         annotation = Annotated[info.annotation, *info.metadata] if info.metadata else info.annotation
+        if info.default is None and _is_model(info.annotation):  # a section of a format
+            annotation |= None
         for field, value in _others(annotation, data[name]):
             yield field or f"{model.__name__}.{name}", {**data, name: value}
 

@@ -418,7 +418,7 @@ LEROBOT_EPISODES = Asset(
         2: "ends an episode of a file of ranges before the frame at its end",
         3: "holds the value before a gap, though the one after it is nearer",
         4: "counts the frames behind a gap that ends an episode",
-        5: "takes a length for whole frames though it is rounded in binary (4.1 s at 30 Hz)",
+        5: "takes a length for whole frames though it is rounded in binary",
     },
     spared={
         3: lambda use: not use.params.holds_nearest,
