@@ -4,7 +4,7 @@
 # Seen with mcap-ros2-support-fast 0.8.0 and mcap-ros2-support 0.6.0 on 2026-11-30, without a word:
 # - of the former: x = 0, a length of 5e-315 m in place of 4 m and an id of six letters, in the frames "map", "base_link" or "velodyne"; all is right in "lidar" or "camera_front". The
 #   length of an empty list is followed by padding only up to where the next number needs it; that decoder takes the next double to begin 4 bytes early if the items of
-#   the list would have ended in doubles, and whether there is padding to miss hangs on the letters of the frame's name
+#   the list would have ended in doubles, and whether there is padding to miss depends on the letters of the frame's name
 # - one result in the list, and all is right; so is each message of ROS 2 Jazzy's own packages, none of which has a double behind a list of such messages
 set -euo pipefail
 folder=$(mktemp -d)
