@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 
-from bagassets.assets.inventory import INVENTORY
 from bagassets.base.errors import BagAssetsError
 from bagassets.defs.records.databases import read_settings
 from bagassets.forkserver.client import Client
@@ -21,6 +20,8 @@ pytestmark = pytest.mark.once
 
 ROOT = Path(__file__).parents[2]
 RELEASE = "0.1.0"
+# The drives here are bare MCAPs, which the inventory's version 10 spares.
+OF_MCAPS = 9
 
 
 def test_settings_of_another_version_are_refused_in_one_sentence(tmp_path):
@@ -130,7 +131,7 @@ class TestBothWays:
         assert "nothing to do" in now("build")
         after = tables(project)
         both = steps(project)
-        assert both["inventory"] == {6, INVENTORY.version}
+        assert both["inventory"] == {6, OF_MCAPS}
 
         said = then("build")
         assert re.search(r"a\.mcap +mcap .* hit", said), "what the release had made, it finds in the store"
@@ -153,7 +154,7 @@ class TestBothWays:
         then("init", str(project))
         then("build")
         assert "nothing to do" in then("build")
-        assert steps(project)["inventory"] == {6, INVENTORY.version}
+        assert steps(project)["inventory"] == {6, OF_MCAPS}
         now("build")
         assert tables(project) == after
 
