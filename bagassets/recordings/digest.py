@@ -326,9 +326,7 @@ def hash_file(
             f"{path}: cannot be read ({err.strerror}); correct its permissions, or check the disk."
         ) from err
     same_times = (before.st_size, before.st_mtime_ns) == (after.st_size, after.st_mtime_ns)
-    if not is_unchanged(path, before, after, digest) and not (
-        same_times and _has_digest(path, after, digest)
-    ):
+    if not (is_unchanged(path, before, after, digest) or (same_times and _has_digest(path, after, digest))):
         raise ChangedWhileReadError(
             f"{path}: the file changed while it was hashed; build again when it is complete."
         )

@@ -208,12 +208,9 @@ class Watcher:
 
         In slices: a signal handler must take no lock, as the thread that it interrupts may hold it, so it can wake nobody.
         """
-        while (
-            not self._is_stopped
-            and (left_s := until_s - time.monotonic()) > 0
-            and not wait(min(left_s, _SLICE_S))
-        ):
-            pass
+        while not self._is_stopped and (left_s := until_s - time.monotonic()) > 0:
+            if wait(min(left_s, _SLICE_S)):
+                return
 
     # --- scanning -------------------------------------------------------------------------
 
