@@ -46,30 +46,39 @@ ENCODINGS: Mapping[str, _Encoding] = {
     **{f"bayer_{name}8": _Encoding(1, 1, code) for name, code in _BAYER.items()},
     **{f"bayer_{name}16": _Encoding(1, 2, code) for name, code in _BAYER.items()},
 }
+# Rows of luma, and below them half as many rows in which the two chromas alternate, each for four pixels.
+_CHROMA_BELOW = {"nv12": cv2.COLOR_YUV2BGR_NV12, "nv21": cv2.COLOR_YUV2BGR_NV21}
 
 
 def decode_image(message: Message) -> ImageReading:
-    """Return the image with its pixels as recorded: a view of the message, not yet converted.
+    """Return the image with its pixels as recorded: a view of the message, not yet converted, but for NV12 and NV21.
 
     Raises:
         DecodeError: the encoding is unknown, or the size does not fit the data.
     """
     stamp_ns, frame_id = head(message)
     encoding = str(message.encoding).lower()
-    layout = ENCODINGS.get(encoding)
+    conversion = _CHROMA_BELOW.get(encoding)
+    layout = ENCODINGS.get(encoding if conversion is None else "mono8")
     if layout is None:
         raise DecodeError(f"image encoding '{message.encoding}' is not supported")
     width, height, step = int(message.width), int(message.height), int(message.step)
     data = byte_array(message.data)
     row_bytes = width * layout.channels * layout.bytes_per_channel
-    if step == 0 and len(data) == height * row_bytes:  # several drivers leave it zero
+    lines = height if conversion is None else height + height // 2
+    if step == 0 and len(data) == lines * row_bytes:  # several drivers leave it zero
         step = row_bytes
-    if not width or not height or step < row_bytes or len(data) < (height - 1) * step + row_bytes:
+    is_whole = width and height and step >= row_bytes and len(data) >= (lines - 1) * step + row_bytes
+    # Where more follows, nothing says at which row the chroma begins.
+    if not is_whole or (conversion is not None and (width % 2 or height % 2 or len(data) > lines * step)):
         raise DecodeError(
             f"an image of {width}x{height} in {encoding} with step {step} does not fit {len(data)} bytes"
         )
     # The last row may end with its last pixel, without padding.
-    rows = np.ndarray((height, row_bytes), np.uint8, data, strides=(step, 1))
+    rows = np.ndarray((lines, row_bytes), np.uint8, data, strides=(step, 1))
+    if conversion is not None:
+        colours: Pixels = cv2.cvtColor(np.ascontiguousarray(rows), conversion)
+        return ImageReading(stamp_ns, frame_id, colours, None, "bgr8")
     pixels: Pixels | NDArray[np.float32] = rows
     if layout.bytes_per_channel == 2:
         order = ">u2" if getattr(message, "is_bigendian", False) else "<u2"

@@ -35,16 +35,16 @@ rigs:
 """
 
 
-def raw(number, encoding, rows, *, big=0, padding=0):
-    """An `Image` from an array whose rows are lines of the image."""
+def raw(number, encoding, rows, *, big=0, padding=0, height=None):
+    """An `Image` from an array whose rows are lines of the image; `height` of them, if others lie below."""
     lines = np.ascontiguousarray(rows).view(np.uint8).reshape(rows.shape[0], -1)
     padded = np.pad(lines, ((0, 0), (0, padding)), constant_values=77)
 
     def make(store):
         kind = store.types["sensor_msgs/msg/Image"]
         stamp = header(store, NOON_NS + number * 100 * MS, "cam")
-        height, width = rows.shape[:2]
-        return kind(stamp, height, width, encoding, big, padded.shape[1], padded.reshape(-1))
+        lines, width = rows.shape[:2]
+        return kind(stamp, height or lines, width, encoding, big, padded.shape[1], padded.reshape(-1))
 
     return Message("/cam", "sensor_msgs/msg/Image", NOON_NS + number * 100 * MS, make)
 
@@ -144,6 +144,22 @@ def test_yuv_has_the_colours_of_bt_601(tmp_path, encoding):
     truth = np.stack([bt601(first, cb, cr), bt601(second, cb, cr)], axis=2).reshape(HEIGHT, WIDTH, 3)
     assert np.abs(truth[..., 0] - truth[..., 2]).max() > 200, "red and blue must not be alike"
     (image,) = built(tmp_path, [raw(0, encoding, packed.reshape(HEIGHT, WIDTH, 2), padding=4)])
+    assert np.abs(image - truth).max() <= 1.5
+
+
+@pytest.mark.parametrize("encoding", ["nv12", "NV21"])
+@pytest.mark.parametrize("padding", [0, 4])
+def test_chroma_below_the_luma_has_the_colours_of_bt_601(tmp_path, encoding, padding):
+    """The size is that of the picture, so the data is half as long again as its rows."""
+    rows, columns = np.mgrid[0:HEIGHT, 0:WIDTH]
+    luma = (40 + columns * 4 + rows * 5).astype(np.uint8)
+    cb, cr = 20 + columns[::2, ::2] * 10, 230 - rows[::2, ::2] * 7
+    pairs = (cb, cr) if encoding == "nv12" else (cr, cb)
+    chroma = np.stack(pairs, axis=-1).astype(np.uint8).reshape(HEIGHT // 2, WIDTH)
+    both = (np.repeat(np.repeat(one, 2, axis=0), 2, axis=1) for one in (cb, cr))
+    truth = bt601(luma, *both)
+    assert np.abs(truth[..., 0] - truth[..., 2]).max() > 200, "red and blue must not be alike"
+    (image,) = built(tmp_path, [raw(0, encoding, np.vstack([luma, chroma]), padding=padding, height=HEIGHT)])
     assert np.abs(image - truth).max() <= 1.5
 
 

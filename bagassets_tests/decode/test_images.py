@@ -97,6 +97,17 @@ def test_a_size_that_does_not_fit_is_refused():
         decode_image(message)
 
 
+@pytest.mark.parametrize(("width", "height", "size"), [(6, 4, 35), (6, 4, 42), (5, 4, 30), (6, 3, 24)])
+def test_nv12_of_another_size_is_refused(width, height, size):
+    """Where a board aligns the height, nothing says at which row the chroma begins."""
+    message = image("nv12", np.zeros((height, width), np.uint8))
+    message.data = np.zeros(size, np.uint8)
+    with pytest.raises(
+        DecodeError, match=f"{width}x{height} in nv12 with step {width} does not fit {size} bytes"
+    ):
+        decode_image(message)
+
+
 @pytest.mark.parametrize("encoding", ["rgb8", "mono16"])
 def test_the_padding_of_the_last_row_may_be_left_out(encoding):
     """Some drivers send no more than the pixels of the last row, though its step is longer."""

@@ -103,8 +103,15 @@ def _of_rosbags():
                 elif kind.endswith("CompressedImage"):
                     seeds += [bytes(pack(_compressed(whole, name), kind)) for name in (".jpg", ".png")]
                     seeds.append(bytes(pack(_depth_in_rvl(whole), kind)))
+                elif kind.endswith("/Image"):
+                    seeds.append(bytes(pack(_nv12(whole), kind)))
                 seeds.append(bytes(pack(whole, kind)))
                 yield Case(line, _source(kind, Definition("msg", text), how), tuple(seeds))
+
+
+def _nv12(message):
+    planes = np.arange(36 * 32, dtype=np.uint8)
+    return dataclasses.replace(message, encoding="nv12", height=24, width=32, step=32, data=planes)
 
 
 def _compressed(message, suffix):

@@ -44,6 +44,8 @@ made = {
         *(cv2.cvtColor(one, getattr(cv2, f"COLOR_Bayer{order}2BGR"))
           for one in (grey, wide) for order in ("BG", "GB", "RG", "GR")),
         *(cv2.cvtColor(grey, getattr(cv2, f"COLOR_Bayer{order}2BGRA")) for order in ("BG", "GB", "RG", "GR")),
+        *(cv2.cvtColor(grey[:300, :402].copy(), getattr(cv2, f"COLOR_YUV2BGR_{kind}")) for kind in ("NV12", "NV21")),
+        *(cv2.cvtColor(colour[:300, :402, :2].copy(), getattr(cv2, f"COLOR_YUV2BGR_{kind}")) for kind in ("UYVY", "YUY2")),
         cv2.cvtColor(colour, cv2.COLOR_BGR2RGB), cv2.cvtColor(bgra, cv2.COLOR_BGRA2BGR),
         cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY), cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR),
     ],
