@@ -3,7 +3,6 @@
 import fnmatch
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 
@@ -11,8 +10,7 @@ import dagster as dg
 
 from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.quality.topic_rules import watched_topics
-from bagassets.base.alike import names_text
-from bagassets.base.errors import BagAssetsError, StoreError
+from bagassets.base.errors import StoreError
 from bagassets.base.fingerprints import recipe_fingerprint
 from bagassets.base.json_types import JsonMapping, JsonObject
 from bagassets.defs.builds.loop import BuildLoop
@@ -27,13 +25,11 @@ from bagassets.engine.targets import TO_MAKE
 from bagassets.formats.catalogue import problems_of
 from bagassets.formats.checking import remarks_on_record
 from bagassets.formats.dataset_build import Dataset, dataset_folders, datasets_of
-from bagassets.formats.dataset_lock import DatasetLock, LockedBag
+from bagassets.formats.dataset_lock import DatasetLock
 from bagassets.formats.emptiness import left_behind, why_empty
+from bagassets.formats.same_data import LOOKED_AT, same_data
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.schema import suggestion
-from bagassets.recordings.digest import stored_digest
-from bagassets.recordings.digest_record import DigestIndex
-from bagassets.recordings.model import RecordingFiles
 from bagassets.store.store import Store
 
 # There may be thousands of names, and thousands of recordings to compare each of these with.
@@ -116,48 +112,14 @@ def standing_remarks(
     """Return what holds until somebody does something about it."""
     packages = warnings("installed_packages", problems_of(recipe))
     left = warnings("left_behind", left_behind(recipe).values())
-    keys = before.plan.bags.keys()
+    keys, bags = before.plan.bags.keys(), now.plan.bags
     doubts = (one for settings in recipe.dataset_settings.values() for one in settings.doubts(keys))
     unknown = warnings("unknown_recordings", [*_names_of_none(recipe, before.plan), *doubts])
     topics = warnings("unknown_topics", _topics_of_none(recipe, now.plan))
-    index, files = DigestIndex.of(recipe), before.plan.discovery.recordings
-    alike = () if lock is None else (*_copies(lock.bags.values()), *_parts_again(lock.bags, files, index))
-    copies = warnings("same_content", alike)
+    used = [key for key, bag in lock.bags.items() if any(bag.counts.values())] if lock is not None else ()
+    versions = {key: [*filter(None, map(bags[key].version, LOOKED_AT))] for key in used if key in bags}
+    copies = warnings("same_content", same_data(versions, Store(recipe.store_path), recipe.state))
     return (*packages, *left, *unknown, *topics, *copies, *warnings("series", before.plan.asked.values()))
-
-
-def _copies(bags: Iterable[LockedBag]) -> Iterator[str]:
-    """Yield a sentence about recordings with the same images and clouds, as of one that was converted; equal files are left out."""
-    alike: dict[tuple[str, ...], list[str]] = {}
-    for bag in bags:
-        # A part may name its recording, but not so what its files are linked from; one without links is all there is.
-        if any(bag.counts.values()):
-            alike.setdefault(tuple(bag.needs[1:] or bag.needs), []).append(bag.key)
-    for keys in alike.values():
-        if len(keys) > 1:
-            yield (
-                f"{names_text(keys)} hold the same data in different files, so each is in the dataset, perhaps in different "
-                "splits; keep one, and name the others in bags.exclude or remove them."
-            )
-
-
-def _parts_again(
-    bags: Mapping[str, LockedBag], recordings: Mapping[str, RecordingFiles], index: DigestIndex
-) -> Iterator[str]:
-    """Yield a sentence about each recording that is one part, or one file, of another one."""
-    of = {bag.content: key for key, bag in bags.items() if key in recordings and any(bag.counts.values())}
-    sizes = {recordings[key].size for key in of.values()}
-    for key in sorted(of.values()):
-        whole = recordings[key]
-        each = zip(whole.files, whole.seen, strict=False) if len(whole.files) > 1 else ()
-        files = (replace(whole, path=file, files=(file,), size=size) for file, (size, *_) in each)
-        for part in whole.parts or files:
-            with suppress(BagAssetsError):  # it is gone
-                if part.size in sizes and (copy := of.get(stored_digest(part, index) or "")):
-                    yield (
-                        f"{copy} holds the same as {part.path.name} of {key}, so that is in the dataset twice, perhaps in different "
-                        "splits; name it in bags.exclude, or remove it."
-                    )
 
 
 def _names_of_none(recipe: Recipe, plan: Plan) -> Iterator[str]:
