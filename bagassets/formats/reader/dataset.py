@@ -253,7 +253,7 @@ class Sample:
         """Return what a channel read before this sample, newest first: at most `number` readings of its scene.
 
         As the links `prev` of the devkit have it, those between two samples and those of earlier samples alike. Nothing is
-        decoded yet. The first time a channel is asked for, its part of the tables is read.
+        decoded yet. The first time a channel is asked for, its part of the tables is read. Only nuScenes datasets have any.
 
         Raises:
             KeyError: the sample has no reading of this channel.
