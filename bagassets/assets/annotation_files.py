@@ -56,6 +56,7 @@ class Labels:
         frames: number of that part's first message on the topic that gives the times, and how many it has.
         is_moved: rows of nuScenes tables are moved from where the global frame of their log begins.
         parts: of a series that has no label files but those of its parts, these.
+        by_other_clock: the topic that gives the times is that of a channel with the other clock than the rig.
     """
 
     folder: bool
@@ -69,6 +70,7 @@ class Labels:
     frames: tuple[int, int] | None = omitted()
     is_moved: bool = omitted(default=False)
     parts: tuple["Labels", ...] = omitted(())
+    by_other_clock: bool = omitted(default=False)
 
     @property
     def frame(self) -> str | None:
@@ -80,8 +82,7 @@ class Labels:
     @property
     def topics(self) -> tuple[str, ...]:
         """The topics that give their times."""
-        times = _times_of(self.entry)
-        return (times.topic,) if isinstance(times, TopicTimes) else ()
+        return _topics_of(self.entry)
 
 
 def labels_of(
@@ -119,6 +120,7 @@ def labels_of(
             found.frames,
             isinstance(entry, NuScenesTables) and found.is_series,
             parts,
+            not {*params.other_clock}.isdisjoint(_topics_of(entry)),
         )
 
     for entry in entries:
@@ -142,6 +144,11 @@ def labels_of(
 def _times_of(entry: AnnotationFiles) -> FrameTimes | None:
     """Return where the times of frames come from; None if each box has its own."""
     return None if isinstance(entry, BoxFiles | NuScenesTables) else entry.times
+
+
+def _topics_of(entry: AnnotationFiles) -> tuple[str, ...]:
+    times = _times_of(entry)
+    return (times.topic,) if isinstance(times, TopicTimes) else ()
 
 
 def _require_times(entry: AnnotationFiles, found: LabelSet, inventory: Inventory) -> None:
@@ -367,8 +374,8 @@ def _frame_clock(labels: Labels, stamps_ns: Sequence[int]) -> FrameClock | None:
 
 def _stamps_ns(labels: Labels, recording: Recording, clock: Clock) -> list[int]:
     """Return the times of the messages on the topic that gives those of frames; none if no topic does."""
-    stamps = []
+    stamps, by_log = [], (clock == "log") != labels.by_other_clock
     for message in recording.messages(labels.topics) if labels.topics else ():
-        header = None if clock == "log" else recording.topics[message.topic].header(message.data)
+        header = None if by_log else recording.topics[message.topic].header(message.data)
         stamps.append(message.log_time_ns if header is None else header[0])
     return stamps

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from bagassets.assets.asset import Facts
+from bagassets.assets.asset import Facts, omitted
 from bagassets.assets.boxes.frames import DATASET_FRAME, BoxFrames
 from bagassets.assets.ego_poses import EGO_POSES
 from bagassets.assets.topic_log import MOST_FRAMES
@@ -29,6 +29,7 @@ class ReadingParams:
         tf_static: topics with static transforms, whether or not a recording has them.
         tf: topics with transforms, whether or not a recording has them.
         channels: topics of the channels, which limit the times of labels; empty without label files.
+        other_clock: those of channels for which the other time of a message counts.
     """
 
     clock: Clock
@@ -37,6 +38,7 @@ class ReadingParams:
     tf_static: tuple[str, ...]
     tf: tuple[str, ...]
     channels: tuple[str, ...]
+    other_clock: tuple[str, ...] = omitted(())
 
 
 @dataclass(frozen=True)

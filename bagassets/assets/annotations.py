@@ -72,13 +72,15 @@ class AnnotationParams:
         files = {entry.path: entry for entry in rig.annotation_files}
         if not topics and not files:
             return cls((), (), None)
+        clocks = {one.topic: recipe.clock_of(rig, one) for one in rig.channels.values()} if files else {}
         reading = ReadingParams(
-            recipe.clock_of(rig),
+            (clock := recipe.clock_of(rig)),
             recipe.limits.lost_messages,
             rig.ego_frame,
             rig.tf_static,
             rig.tf,
-            tuple(sorted({channel.topic for channel in rig.channels.values()})) if files else (),
+            tuple(sorted(clocks)),
+            tuple(sorted(topic for topic, own in clocks.items() if own != clock)),
         )
         return cls(
             tuple(topics[name] for name in sorted(topics)),

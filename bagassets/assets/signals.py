@@ -115,7 +115,7 @@ class Elements:
         elif settings.names and len(settings.names) == len(labels):
             labels = settings.names
         elif settings.names:
-            raise DecodeError("it has another number of elements than `names` in the recipe, and names none")
+            raise UnsetError("it has another number of elements than `names` in the recipe, and names none")
         self.names = labels
         self._places: dict[tuple[str, ...], tuple[list[int], list[int]]] = {}
 

@@ -26,6 +26,10 @@ def problems_in(recipe: Recipe, data: JsonObject) -> Iterator[Problem]:
     """
     yield from _paths(recipe, data)
     yield from _globs(recipe)
+    lists = [(name, parts) for name, parts in recipe.bags.series.items() if not isinstance(parts, bool)]
+    yield from _repeated(
+        (("bags", "series", name, n), part) for name, parts in lists for n, part in enumerate(parts)
+    )
     yield from _scenes(recipe)
     yield from _named_channels(recipe)
     for name, section in recipe.dataset_settings.items():

@@ -167,6 +167,21 @@ class TestFormats:
         np.testing.assert_array_equal(first.centers_m, again.centers_m)
         assert first.tracks == again.tracks
 
+    @pytest.mark.parametrize("clock", ["header", "log"])
+    def test_frames_of_a_channel_with_its_own_clock_have_the_times_of_its_messages(self, bags, clock):
+        """Else labels would be beside the clouds that they were drawn into."""
+        labels = WRITERS["sustechpoints"](bags)
+        data = yaml.safe_load(RECIPE.format(name="test", root="bags"))
+        data |= {"clock": "header" if clock == "log" else "log"}
+        data["rigs"][0]["annotation_files"] = [labels | {"outside": "keep"}]
+        data["rigs"][0]["channels"]["LIDAR_TOP"] |= {"clock": clock}
+        (bags.parent / "recipe.yaml").write_text(yaml.safe_dump(data))
+        recipe = load_recipe(bags.parent / "recipe.yaml")
+        made = build(recipe, {*BOXES, "sweeps"})
+        clouds = Store(recipe.store_path).artifact(made["sweeps"].channels["LIDAR_TOP"])
+        table = BoxTable.from_arrow(made["annotations"].artifact.read_table("annotations.parquet"))
+        assert {*table.stamps_ns.tolist()} <= {*clouds.read_table("index.parquet")["stamp_ns"].to_pylist()}
+
     def test_times_may_be_shifted(self, bags):
         source = WRITERS["kitti_objects"](bags) | {"offset_s": 0.05}
         table, _ = annotate(bags, source)

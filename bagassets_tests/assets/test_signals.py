@@ -352,6 +352,20 @@ def test_elements_without_names_that_change_number_are_lost(tmp_path):
         assert built.counts(name)["lost"] == {"it has another number of elements than before": 2}
 
 
+def test_elements_that_are_not_yet_there_cost_their_messages_alone(tmp_path):
+    """As those do that are there no more: which come first does not decide whether the signal fails."""
+    messages = [numbers(n, [n] if n < 2 else [n, n]) for n in range(8)]
+    built = Built(
+        tmp_path,
+        messages,
+        {"named": {"topic": "/command", "field": "data", "clock": "log", "names": ["a", "b"]}},
+    )
+    assert not built.errors
+    assert built.rows("named")[1] == [(n, n) for n in range(2, 8)]
+    (reason,) = built.counts("named")["lost"]
+    assert reason == "it has another number of elements than `names` in the recipe, and names none"
+
+
 @pytest.mark.parametrize(
     ("signal", "error"),
     [

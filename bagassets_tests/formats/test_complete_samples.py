@@ -93,6 +93,27 @@ def test_samples_may_lack_a_channel_if_the_recipe_allows_it_and_are_counted(proj
         (project / "recipe.yaml").write_text(text)
 
 
+def test_a_camera_at_no_keyframe_is_a_sensor_all_the_same(project):
+    """Its images are sweeps, which lead to a row of the table of sensors."""
+    text = (project / "recipe.yaml").read_text()
+    (project / "recipe.yaml").write_text(
+        text.replace("min_length_s: 0.5", "missing: allow, tolerance_s: 0.001")
+    )
+    try:
+        output = json.loads(run(project, "build", "--json").stdout)
+        assert not any(
+            row["is_key_frame"] for row in table(project, "sample_data") if row["fileformat"] == "jpg"
+        )
+        sensors = {row["token"]: row["channel"] for row in table(project, "sensor")}
+        assert sorted(sensors.values()) == ["CAM_FRONT", "LIDAR_TOP"]
+        assert {row["sensor_token"] for row in table(project, "calibrated_sensor")} == sensors.keys()
+        assert [one for one in output["remarks"] if one["severity"] == "error"] == []
+        seen = run(project, "view", "whole.mcap_000", "--output", project / "seen.mcap")
+        assert seen.returncode == 0, seen.stderr
+    finally:
+        (project / "recipe.yaml").write_text(text)
+
+
 def test_a_recording_without_a_channel_is_built_without_it_and_named(project):
     write_drive(project / "bags" / "blind.bag", "ros1", duration_s=2.0, keep=no_camera)
     try:

@@ -138,8 +138,8 @@ def test_names_of_no_recording_in_pins_and_named_datasets_are_told(tmp_path, mon
     named = """\
 splits: {pinned: {day/a.bag: val, b.bag: val, day__a.bag: train}}
 datasets:
-  - {name: known, recordings: ["day*", day__a.bag], scenes: [day__a.bag_000, "night*"]}
-  - {name: unknown, recordings: ["night*"], scenes: [c.bag_000]}
+  - {name: known, recordings: ["day*", day__a.bag], scenes: [day__a.bag_000, "day*_000", "day__a.bag_0*", "*_00[01]"]}
+  - {name: unknown, recordings: ["night*"], scenes: [c.bag_000, "eve*_000"]}
 """
     recipe_file = make_project(
         tmp_path, ["day/a.bag"], text=QUICK + named.replace("{", "{{").replace("}", "}}")
@@ -148,10 +148,12 @@ datasets:
         report, _ = build(recipe_file, monkeypatch)
         assert report.succeeded
         pins, datasets = (one.problem for one in report.remarks if one.check == "unknown_recordings")
-        more = "(nor what 1 more of its names stand for); "
-        assert pins == f"splits.pinned: there is no recording day/a.bag {more}did you mean day__a.bag?"
+        more = "(nor what {} more of its names stand for); "
+        assert (
+            pins == f"splits.pinned: there is no recording day/a.bag {more.format(1)}did you mean day__a.bag?"
+        )
         keys = "`bagassets status --all` lists the keys."
-        assert datasets == f"datasets: unknown: there is no recording night* {more}{keys}"
+        assert datasets == f"datasets: unknown: there is no recording night* {more.format(2)}{keys}"
 
 
 def test_limits_of_a_topic_of_no_recording_are_told(tmp_path, monkeypatch):

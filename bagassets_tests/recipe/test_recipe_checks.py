@@ -152,6 +152,14 @@ def test_what_is_right_is_accepted(value, tmp_path):
             recipe(nuscenes={"categories": [{"name": "a"}, {"name": "a"}]}),
             "nuscenes.categories[1].name", "listed twice",
         ),
+        (
+            recipe(bags={"root": "bags", "series": {"a.bag": ["x_0.bag", "x_0.bag"]}}),
+            "bags.series.a.bag[1]", "x_0.bag is listed twice",
+        ),
+        (
+            recipe(bags={"root": "bags", "series": {"a.bag": ["x_0.bag", "x_1.bag"], "b.bag": ["x_1.bag", "x_2.bag"]}}),
+            "bags.series.b.bag[0]", "x_1.bag is listed twice",
+        ),
         (recipe(splits={"shares": {"train": 0.7}}), "splits.shares", "they add up to 0.7"),
         (recipe(splits={"pinned": {"monday": "tset"}}), "splits.pinned.monday", "tset is not a split"),
         (recipe(nuscenes={"output": ".bagassets/store"}), "nuscenes.output", "state folder"),

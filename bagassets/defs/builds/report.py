@@ -127,7 +127,7 @@ def _names_of_none(recipe: Recipe, plan: Plan) -> Iterator[str]:
     known = dict.fromkeys(chain(plan.bags, *plan.ties.former.values()))
     fields: list[tuple[str, Iterable[str]]] = [("splits.pinned", recipe.splits.pinned)]
     for one in recipe.datasets:
-        of_scenes = [name.rpartition("_")[0] for name in one.scenes if not set(name) & _WILDCARDS]
+        of_scenes = [_recording_of(name, known) for name in one.scenes]
         fields.append((f"datasets: {one.name}", [*one.recordings, *of_scenes]))
     for field, names in fields:
         unknown = [
@@ -139,6 +139,14 @@ def _names_of_none(recipe: Recipe, plan: Plan) -> Iterator[str]:
             more = f" (nor what {len(unknown) - 1} more of its names stand for)" if unknown[1:] else ""
             hint = suggestion(unknown[0], [*known]) or "; `bagassets status --all` lists the keys."
             yield f"{field}: there is no recording {unknown[0]}{more}{hint}"
+
+
+def _recording_of(scene: str, known: Collection[str]) -> str:
+    """Return the recording of a scene or, of a glob of scenes, the beginning that stands for some; the glob itself if none does."""
+    if not set(scene) & _WILDCARDS:
+        return scene.rpartition("_")[0]
+    heads = (scene[:end] for end in range(len(scene), 0, -1))
+    return next((head for head in heads if fnmatch.filter(known, head)), scene)
 
 
 def _topics_of_none(recipe: Recipe, plan: Plan) -> Iterator[str]:

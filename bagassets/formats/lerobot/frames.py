@@ -117,12 +117,13 @@ def frames_of(
     picked: list[Picked] = []
     counts: dict[str, Counter[str]] = {what: Counter() for what in COUNTED}
     number = len(times_ns)
+    held: dict[str, NDArray[np.bool_]] = {}
     for source in sources:
         one = pick(source.stamps_ns, times_ns, source.rule.at, round(source.rule.tolerance_s * 1e9))
         gaps = np.flatnonzero(~one.has_value)
         if len(gaps) and source.rule.gap == "hold":
+            held[source.feature] = held.get(source.feature, False) | ~one.has_value
             one = one.held()
-            counts["held"][source.feature] += len(gaps)
             gaps = np.flatnonzero(~one.has_value)
         if len(gaps) and source.rule.gap == "end":
             if gaps[0] < number:
@@ -138,6 +139,7 @@ def frames_of(
             f"it is {number / fps:.0f} s long, and a video ends before {MOST_S} s; set lerobot.episodes.max_length_s"
         )
     times_ns, picked = times_ns[:number], [one.cut(number) for one in picked]
+    counts["held"] = +Counter({feature: int(those[:number].sum()) for feature, those in held.items()})
     for source, one in zip(sources, picked, strict=True):
         first, after = np.searchsorted(source.stamps_ns, [times_ns[0], times_ns[-1] + 1])
         within = np.arange(first, after)

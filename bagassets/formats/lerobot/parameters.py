@@ -59,6 +59,12 @@ class EpisodesParams:
         """True if a feature gets its nearest value, and holds one in a gap."""
         return any((one.rule.at, one.rule.gap) == ("nearest", "hold") for one in self.features)
 
+    @property
+    def holds_once(self) -> bool:
+        """True if no frame can be held for two signals of a feature, or lie behind the end of its episode."""
+        ends = any(one.rule.gap == "end" for one in self.features)
+        return not any(one.rule.gap == "hold" and (ends or len(one.signals) > 1) for one in self.features)
+
     @classmethod
     def of(cls, recipe: Recipe, rig: Rig) -> "EpisodesParams":
         """Return the parameters for a rig; without features if it has not all that they are made from."""

@@ -67,13 +67,13 @@ def unknown_rows(path: Path, keys: Collection[str]) -> Iterator[str]:
         _, rows = _rows(path.read_bytes(), path)
     except (OSError, DatasetError):
         return
-    named = ((line, row.get("recording")) for line, row in rows)
-    unknown = [(line, key) for line, key in named if key and key not in keys]
+    named = ((line, row["recording"] or "") for line, row in rows if "recording" in row and any(row.values()))
+    unknown = [(line, key) for line, key in named if key not in keys]
     if unknown:
         (line, key), others = unknown[0], len(unknown) - 1
         more = f" (nor what {others} more of its rows name)" if others else ""
         yield (
-            f"{path}:{line}: there is no recording {key}{more}, so it has no episodes; `bagassets status --all` lists the keys."
+            f"{path}:{line}: there is no recording {key or repr(key)}{more}, so it has no episodes; `bagassets status --all` lists the keys."
         )
 
 

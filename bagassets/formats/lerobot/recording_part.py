@@ -413,12 +413,13 @@ def _all_kept(summary: JsonMapping, topics: Sequence[str]) -> Finding:
 
 LEROBOT_EPISODES = Asset(
     name="lerobot_episodes",
-    version=5,
+    version=6,
     changes={
         2: "ends an episode of a file of ranges before the frame at its end",
         3: "holds the value before a gap, though the one after it is nearer",
         4: "counts the frames behind a gap that ends an episode",
         5: "takes a length for whole frames though it is rounded in binary",
+        6: "counts a held frame once, and only if it is kept",
     },
     spared={
         3: lambda use: not use.params.holds_nearest,
@@ -427,6 +428,7 @@ LEROBOT_EPISODES = Asset(
             length_s * use.params.fps % 1 == 0
             for length_s in (use.params.cuts.min_length_s, use.params.cuts.max_length_s or 0)
         ),
+        6: lambda use: use.params.holds_once,
     },
     libraries=(PYAV, "opencv-python-headless", "pyarrow"),
     title="This recording's episodes for the LeRobot dataset: rows, videos and statistics.",

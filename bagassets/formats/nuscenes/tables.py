@@ -239,7 +239,9 @@ def make(use: Use[TablesUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
         "missing": scenes.missing,
         "tolerance_s": scenes.tolerance_s,
         "channels": {
-            name: channel.modality for name, channel in readings.items() if sensors.keyframes.get(name)
+            name: channel.modality
+            for name, channel in readings.items()
+            if sensors.keyframes.get(name) or sensors.sweeps.get(name)
         },
         "categories": sorted(objects.categories),
         "attributes": sorted(objects.attributes),
@@ -287,11 +289,13 @@ def _shown(artifact: Artifact) -> JsonObject:
 NUSCENES_TABLES = Asset(
     name="nuscenes_tables",
     enabled=lambda recipe: recipe.settings(NuScenes) is not None,
-    version=8,
+    version=9,
     changes={
         7: "cuts scenes at long pauses and where a clock was set",
         8: "gives each ego pose the token of its reading, as in nuScenes itself",
+        9: "names the sensors that are at no keyframe",
     },
+    spared={9: lambda use: use.scenes.missing == "refuse"},
     title="This recording's rows of the nuScenes tables: scenes, keyframes, readings, poses, boxes.",
     description="Keyframe rate, scene length and tolerance act here; nothing is extracted again when they change.",
     kinds=frozenset({"nuscenes", "json"}),

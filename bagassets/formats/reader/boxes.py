@@ -69,10 +69,10 @@ class Box:
 
 @dataclass(frozen=True)
 class View:
-    """How a camera sees: `cam_SE3_global` at the time of its image, the camera matrix, width and height of its image."""
+    """How a camera sees: `cam_SE3_global` at the time of its image, a function for its matrix, width and height of its image."""
 
     cam_SE3_global: SE3
-    intrinsics: Floats
+    find_intrinsics: Callable[[], Floats]
     size_px: tuple[int, int]
 
 
@@ -114,6 +114,7 @@ class Boxes(Sequence[Box]):
 
         Raises:
             KeyError: the sample has no image of this camera.
+            DatasetError: it has no intrinsics, by which boxes would be visible.
             ValueError: these boxes are in the frame of a camera already.
         """
         if self.frame != "global":
@@ -123,14 +124,15 @@ class Boxes(Sequence[Box]):
         view = self._view(channel)
         boxes = [replace(box, pose=view.cam_SE3_global @ box.pose) for box in self._boxes]
         if visible_only:
-            boxes = [box for box in boxes if _is_in_image(box.corners_m, view)]
+            k = view.find_intrinsics()
+            boxes = [box for box in boxes if _is_in_image(box.corners_m, k, view.size_px)]
         return Boxes(boxes, channel, self._view)
 
 
-def _is_in_image(corners_m: Floats, view: View) -> bool:
+def _is_in_image(corners_m: Floats, k: Floats, size_px: tuple[int, int]) -> bool:
     depths = corners_m[:, 2]
     if not (depths > _IN_FRONT_M).all():
         return False
-    pixels = (corners_m @ view.intrinsics.T)[:, :2] / depths[:, None]
-    inside = ((pixels > 0) & (pixels < np.array(view.size_px))).all(axis=1)
+    pixels = (corners_m @ k.T)[:, :2] / depths[:, None]
+    inside = ((pixels > 0) & (pixels < np.array(size_px))).all(axis=1)
     return bool((inside & (depths > _IN_IMAGE_M)).any())

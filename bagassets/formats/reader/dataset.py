@@ -253,7 +253,7 @@ class Sample:
         """Return what a channel read before this sample, newest first: at most `number` readings of its scene.
 
         As the links `prev` of the devkit have it, those between two samples and those of earlier samples alike. Nothing is
-        decoded yet. The first time a channel is asked for, its part of the tables is read.
+        decoded yet. The first time a channel is asked for, its part of the tables is read. Only nuScenes datasets have any.
 
         Raises:
             KeyError: the sample has no reading of this channel.
@@ -284,7 +284,7 @@ class Sample:
 
         Raises:
             KeyError: the sample has no image of this camera.
-            DatasetError: the format has no calibration.
+            DatasetError: the format has no calibration, or the camera no intrinsics.
         """
         return _matrix(_chosen(self.readings, channel, ("camera",)))
 
@@ -348,6 +348,7 @@ class Sweep:
 
         Raises:
             KeyError: it is no image.
+            DatasetError: the camera has no intrinsics.
         """
         return _matrix(self._of("camera"))
 
@@ -366,7 +367,10 @@ def _chosen(readings: Mapping[str, Reading], channel: str, modalities: Collectio
 
 
 def _matrix(camera: Reading) -> Floats:
-    return np.array(_placed(camera).intrinsics, dtype=np.float64)
+    if not (rows := _placed(camera).intrinsics):
+        why = "has no intrinsics in this dataset; record its CameraInfo, or give `intrinsics` in the recipe"
+        raise DatasetError(f"{camera.path}: {camera.channel} {why}.")
+    return np.array(rows, dtype=np.float64)
 
 
 def _placed(reading: Reading) -> Reading:
@@ -379,7 +383,7 @@ def _placed(reading: Reading) -> Reading:
 def _view(readings: Mapping[str, Reading], channel: str) -> View:
     reading = _chosen(readings, channel, ("camera",))
     cam_SE3_global = (reading.find_pose() @ reading.ego_SE3_sensor).inverse()
-    return View(cam_SE3_global, _matrix(reading), reading.size_px)
+    return View(cam_SE3_global, partial(_matrix, reading), reading.size_px)
 
 
 def _found(things: Mapping[str, T], name: str, what: str, where: str) -> T:

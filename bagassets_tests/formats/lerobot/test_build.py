@@ -131,7 +131,7 @@ def test_what_an_episode_lacks_is_said_with_the_setting(skipped, episodes, said,
 
 
 def test_ranges_of_no_recording_are_named_with_file_row_and_key(tmp_path, monkeypatch):
-    rows = "a.mcap,0,0.5\nb.mcap,0,0.5\nc.mcap,0,0.5\n"
+    rows = "a.mcap,0,0.5\nb.mcap,0,0.5\nc.mcap,0,0.5\n,,\n"  # the last is what spreadsheets leave
     (tmp_path / "ranges.csv").write_text(f"recording,start_s,end_s\n{rows}")
     write_arm(tmp_path, "a", seconds=1.0)
     write_project(tmp_path, RECIPE + "  episodes: {ranges: ranges.csv}\n")
@@ -142,6 +142,15 @@ def test_ranges_of_no_recording_are_named_with_file_row_and_key(tmp_path, monkey
             f"{tmp_path}/ranges.csv:3: there is no recording b.mcap (nor what 1 more of its rows name), so it has no episodes; "
             "`bagassets status --all` lists the keys."
         )
+
+
+def test_ranges_of_no_name_are_told(tmp_path, monkeypatch):
+    (tmp_path / "ranges.csv").write_text("recording,start_s,end_s\na.mcap,0,0.5\n,0.5,0.9\n")
+    write_arm(tmp_path, "a", seconds=1.0)
+    write_project(tmp_path, RECIPE + "  episodes: {ranges: ranges.csv}\n")
+    report, _ = build(tmp_path / "recipe.yaml", monkeypatch)
+    (remark,) = [one for one in report.remarks if one.check == "unknown_recordings"]
+    assert remark.problem.startswith(f"{tmp_path}/ranges.csv:3: there is no recording '', so it")
 
 
 def test_nothing_runs_again_and_one_more_runs_alone(built, monkeypatch):

@@ -331,6 +331,37 @@ class TestBrokenRules:
         shown = numbers(artifact, episode["videos"]["observation.images.wrist"]["file"])
         assert shown[30:47] == [30] * 14 + [45, 45, 46]
 
+    def test_frames_are_held_once_however_many_signals_a_feature_has(self, tmp_path):
+        recipe = changed(
+            "{signals: [joints], at: linear}", "{signals: [joints, command], gap: hold}"
+        ).replace("{signals: [command]}", "{next_of: observation.state}")
+        artifact = build(
+            tmp_path,
+            recipe,
+            seconds=2.0,
+            skip=lambda topic, time: (
+                (topic == "/joint_states" and 0.5 < time < 0.8) or (topic == "/command" and 0.6 < time < 0.9)
+            ),
+        )
+        (episode,) = artifact.read_json("episodes.json")
+        assert episode["held"] == {"observation.state": 10}
+
+    def test_frames_behind_the_end_are_not_held(self, tmp_path):
+        recipe = changed("{camera: CAM_WRIST}", "{camera: CAM_WRIST, gap: hold}").replace(
+            "{signals: [command]}", "{signals: [command], gap: end}"
+        )
+        artifact = build(
+            tmp_path,
+            recipe,
+            seconds=3.0,
+            skip=lambda topic, time: (
+                (topic == "/wrist" and (0.4 < time < 0.6 or 1.5 < time < 2.5))
+                or (topic == "/command" and 1.2 < time < 1.4)
+            ),
+        )
+        (episode,) = artifact.read_json("episodes.json")
+        assert episode["held"] == {"observation.images.wrist": 4}
+
     @pytest.mark.parametrize(
         ("rule", "version"),
         [
@@ -339,6 +370,8 @@ class TestBrokenRules:
             ("gap: hold", 2),
             ("at: linear, gap: hold", 2),
             ("gap: end", 4),
+            ("gap: end}\n    other: {signals: [joints], gap: hold", 6),
+            ("gap: hold}\n    other: {signals: [joints, command], gap: hold", 6),
         ],
     )
     def test_only_what_has_other_bytes_is_made_again_after_the_upgrade(self, tmp_path, rule, version):

@@ -1,5 +1,6 @@
 """`bagassets.open_dataset` against the real devkit, and against the truth of the sample world."""
 
+import json
 import multiprocessing
 import os
 import pickle
@@ -281,6 +282,24 @@ class TestSweeps:
         with pytest.raises(KeyError, match="no such lidar or radar; there is none"):
             dataset[2].sweeps("CAM_FRONT", 1)[0].points()
         assert repr(dataset[2].sweeps("LIDAR_TOP", 1)[0]).startswith("<Sweep of LIDAR_TOP at ")
+
+
+def test_a_camera_without_intrinsics_says_so_and_has_all_the_rest(project, tmp_path):
+    folder = shutil.copytree(project[0].nuscenes.output, tmp_path / "dataset")
+    (file,) = folder.glob("*/calibrated_sensor.json")
+    rows = json.loads(file.read_text())
+    file.unlink()
+    file.write_text(json.dumps([{**row, "camera_intrinsic": []} for row in rows]))
+    sample = bagassets.open_dataset(folder)[2]
+    assert len(sample.boxes.in_camera("CAM_FRONT")) == len(sample.boxes) > 0
+    assert sample.image("CAM_FRONT").size
+    for asked in (
+        lambda: sample.intrinsics("CAM_FRONT"),
+        lambda: sample.boxes.in_camera("CAM_FRONT", visible_only=True),
+        sample.sweeps("CAM_FRONT", 1)[0].intrinsics,
+    ):
+        with pytest.raises(DatasetError, match=r"CAM_FRONT has no intrinsics .* `intrinsics` in the recipe"):
+            asked()
 
 
 class TestPoints:
