@@ -139,7 +139,7 @@ def _globs(recipe: Recipe) -> Iterator[Problem]:
     for at, glob in globs:
         if not glob:
             yield at, "an empty glob matches nothing; `**` matches everything"
-        elif glob.startswith("/") or ".." in PurePosixPath(glob).parts:
+        elif glob.startswith(("/", "./")) or ".." in PurePosixPath(glob).parts:
             yield (
                 at,
                 f"{glob!r} cannot match: globs are matched against the path below bags.root, as in `2024/**`",

@@ -156,6 +156,17 @@ datasets:
         assert datasets == f"datasets: unknown: there is no recording night* {more.format(2)}{keys}"
 
 
+@pytest.mark.parametrize("glob", ["day", "day/"])
+def test_a_folder_in_exclude_that_leaves_nothing_out_is_told(glob, tmp_path, monkeypatch):
+    text = QUICK.replace("settle_s: 0", f"settle_s: 0, exclude: [{glob}, b.bag, '*/c.bag']")
+    recipe_file = make_project(tmp_path, ["day/a.bag", "day/c.bag", "b.bag"], text=text)
+    for _ in range(2):  # the second has nothing to do
+        report, _ = build(recipe_file, monkeypatch)
+        assert [one.problem for one in report.remarks if one.check == "unknown_recordings"] == [
+            f"bags.exclude: {glob} is a folder, whose recordings it does not leave out; day/** does"
+        ]
+
+
 def test_limits_of_a_topic_of_no_recording_are_told(tmp_path, monkeypatch):
     limits = "{/odm: {{min_hz: 40}}, /cam/camera_info: {{min_hz: 5}}, /points: {{min_hz: 5}}, /no: {{required: true}}}}"
     text = f"{QUICK}checks: {{{{topic_rates: {{{{limits: {{{limits}}}}}}}}}\n"

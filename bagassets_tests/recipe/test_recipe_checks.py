@@ -117,6 +117,7 @@ def test_what_is_right_is_accepted(value, tmp_path):
         (recipe(bags={"root": "bags", "message_definitions": ["no"]}), "bags.message_definitions[0]", "no folder"),
         (recipe(bags={"root": "bags", "include": ["/a/**"]}), "bags.include[0]", "cannot match"),
         (recipe(bags={"root": "bags", "exclude": ["a", "../b"]}), "bags.exclude[1]", "cannot match"),
+        (recipe(bags={"root": "bags", "exclude": ["./a.bag"]}), "bags.exclude[0]", "cannot match"),
         (recipe(bags={"root": "bags", "exclude": [""]}), "bags.exclude[0]", "empty glob"),
         (recipe(rig(match=["a/../b"])), "rigs[van].match[0]", "cannot match"),
         (recipe(rig(name="a"), rig(name="b")), "rigs[b].match", "rig a before it matches `**`"),

@@ -30,6 +30,7 @@ from bagassets.formats.emptiness import left_behind, why_empty
 from bagassets.formats.same_data import LOOKED_AT, same_data
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.schema import suggestion
+from bagassets.recordings.globs import matches
 from bagassets.store.store import Store
 
 # There may be thousands of names, and thousands of recordings to compare each of these with.
@@ -124,6 +125,11 @@ def standing_remarks(
 
 def _names_of_none(recipe: Recipe, plan: Plan) -> Iterator[str]:
     """Yield a sentence about each field of the recipe that names recordings of which there are none."""
+    found = plan.discovery.recordings.values()
+    for glob in recipe.bags.exclude:
+        below = f"{glob.rstrip('/')}/**"
+        if not set(glob) & _WILDCARDS and any(matches(below, one.relative) for one in found):
+            yield f"bags.exclude: {glob} is a folder, whose recordings it does not leave out; {below} does"
     known = dict.fromkeys(chain(plan.bags, *plan.ties.former.values()))
     fields: list[tuple[str, Iterable[str]]] = [("splits.pinned", recipe.splits.pinned)]
     for one in recipe.datasets:
