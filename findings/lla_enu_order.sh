@@ -2,7 +2,7 @@
 # lla-enu is for distances in east, north and up between fixes (degrees and metres). A point 100 m east and 10 m up of a fix is made (`lla_add_enu`), and its distance from it asked for
 # (`distance_enu`, said to return east, north, up), 0 m and 3000 m high. Guess: 100, 0, 10 within 0.5 %, as its Earth is a sphere, and the same back at any height, as both are its own.
 # Seen with lla-enu 0.1.0 on 2026-12-01, without a word: 0, 100, 10, north first: an axis swap, by which a vehicle heads north for east and turns left for right.
-# 3000 m high, it is 99.95 m back: one adds height to the Earth's radius, the other does not. And of a real 100 m east (pyproj) it makes 99.7 m, north 100.18 m
+# 3000 m high, it is 99.95 m back: one adds height to the Earth's radius, the other does not. And of a real 100 m east (pyproj) it makes 99.7 m, though 100 m north are right
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
