@@ -36,8 +36,16 @@ _KINDS: Mapping[str, tuple[tuple[str, ...], str]] = {
 _TEXTS = {"std_msgs/msg/String": "data", "foxglove_msgs/msg/Log": "message"}
 _COMMANDS = word_set(
     "action actions cmd cmds command commanded commands desired gello goal leader master reference setpoint target targets "
-    "teleop"
+    "teleop traj trajectory"
 )
+# By their names they might be commands, or measured; but none of these has numbers that a robot follows.
+_NO_COMMANDS = {
+    *_TEXTS,
+    *(f"{package}/msg/GoalStatusArray" for package in ("action_msgs", "actionlib_msgs")),
+    *(f"visualization_msgs/msg/{kind}" for kind in ("Marker", "MarkerArray")),
+    *(f"sensor_msgs/msg/{kind}" for kind in ("CameraInfo", "TimeReference")),
+    "nav_msgs/msg/Path",
+}
 _EPISODES, _TASKS = (
     word_set("episode episodes"),
     word_set("instruction instructions language prompt task tasks"),
@@ -153,6 +161,8 @@ def word_on(topic: TopicSummary, *, beside_signals: bool) -> str:
     if not beside_signals:
         joints = "joints, beside a lidar or radar; `signals` and `lerobot` in the recipe make a dataset of them, too"
         return joints if kind == _JOINTS and topic.elements else ""
+    if topic.msgtype in _NO_COMMANDS:
+        return ""
     if sounds_commanded(topic):
         return "commands, by its name; if the robot follows them, describe them in `signals`, and add them to `action`"
     if kind == "velocity" or is_of_tool(topic) or "gripper" in tokens(topic.name):
