@@ -255,3 +255,14 @@ def test_joints_beside_a_lidar_have_a_word():
     rig = rig_of(CAMERA, topic("/points", CLOUD, frame="lidar"), odometry(), joints)
     (use,) = (use for use in rig.topic_uses if use.topic.name == "/joint_states")
     assert (use.status, use.text[:30]) == ("left out", "joints, beside a lidar or rada")
+
+
+def test_transforms_that_cannot_be_decoded_are_left_out_with_a_word():
+    """As of a converter that wrote bytes of another format: they were said to become transforms, and to be the recipe's `tf`."""
+    broken = topic("/robot/tf", "tf2_msgs/msg/TFMessage", problem="its bytes do not fit")
+    sound = topic("/tf", "tf2_msgs/msg/TFMessage")
+    topics = (CAMERA, odometry(), broken, sound)
+    uses = {use.topic.name: (use.status, use.text) for use in rig_of(*topics).topic_uses}
+    assert uses["/robot/tf"] == ("left out", "transforms that cannot be decoded: its bytes do not fit")
+    assert uses["/tf"] == ("used", "transforms")
+    assert "tf: [" not in propose_recipe({"a": summary(*topics)}, name="odd", root="/").text
