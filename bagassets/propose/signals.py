@@ -111,9 +111,12 @@ def find_signals(summary: RecordingSummary, *, cameras: bool = False) -> list[Si
         cameras: they have cameras; what was commanded alone makes no dataset.
     """
     found: list[SignalProposal] = []
+    shared = _shared_words(summary)
     for topic in summary.topics.values():
         fields, kind = _KINDS.get(topic.msgtype, ((), ""))
         role = _role(topic, kind)
+        if role == "command" and kind == _JOINTS and not set(tokens(topic.name)) & _COMMANDS - shared:
+            role = "state"
         if not topic.elements or role is None:
             continue
         named = kind == _JOINTS or topic.msgtype.endswith("/JointTrajectory")
@@ -131,6 +134,14 @@ def find_signals(summary: RecordingSummary, *, cameras: bool = False) -> list[Si
     found.sort(key=lambda one: (order.index(one.role), one.topic.name))
     roles = {one.role for one in found}
     return found if "state" in roles or (cameras and "command" in roles) else []
+
+
+def _shared_words(summary: RecordingSummary) -> set[str]:
+    """Return the words that all topics of joints share, such as a namespace `teleop`, if others tell which are commands."""
+    topics = [one for one in summary.topics.values() if _KINDS.get(one.msgtype, ((), ""))[1] == _JOINTS]
+    names = [set(tokens(topic.name)) for topic in topics if topic.elements]
+    shared = set[str]().union(*names).intersection(*names)
+    return shared if any(words & _COMMANDS - shared for words in names) else set()
 
 
 def _role(topic: TopicSummary, kind: str) -> _Role | None:
