@@ -49,6 +49,8 @@ class Published:
 
 
 _EVO = "MichaelGrupp/evo", "26d0953d4da0f0cb56f90ba6269a15e72f69d3ad"
+_ROBOCODEC = "archebase/robocodec", "cf8a37f3eb390c52e9d15d3e9eb64c6f245e3bc4"
+_PLOTJUGGLER = "facontidavide/PlotJuggler", "ddcbd05be05f9a8e90da624828b36ec795383fb4"
 _LOCALIZATION = "cra-ros-pkg/robot_localization", "1cb953379378d13b3e0935ed73d0c7407bd80543"
 _RECOGNITION = "jsk-ros-pkg/jsk_recognition", "300149fc7d63d95df90d9bede3b24ccfc6862c2a"
 RECORDINGS = (
@@ -77,8 +79,7 @@ RECORDINGS = (
         "a single cloud",
     ),
     Published(
-        "archebase/robocodec",
-        "cf8a37f3eb390c52e9d15d3e9eb64c6f245e3bc4",
+        *_ROBOCODEC,
         "tests/fixtures/robocodec_test_11.mcap",
         "four JPEG cameras around two arms",
     ),
@@ -155,6 +156,13 @@ RECORDINGS = (
         "testdata/array_msgs/array_msgs_0.mcap",
         "an Imu and joint states",
     ),
+    Published(
+        *_ROBOCODEC,
+        "tests/fixtures/robocodec_test_18.bag",
+        "cameras and commands of a humanoid; its index is damaged",
+    ),
+    Published(*_PLOTJUGGLER, "datasamples/tilt_laser.bag", "a laser on a mount that nods, an Imu, fixes"),
+    Published(*_PLOTJUGGLER, "datasamples/fake_joint_state.bag", "joint states"),
 )
 _WHY = {
     "nothing to convert": "nothing to convert",

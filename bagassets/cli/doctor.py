@@ -66,7 +66,8 @@ def _print(found: "Examined", copy: Path | None, written: int | None) -> None:
     findings = [] if damage is None else [*damage.findings]
     if found.verdict == "sound":
         number = sum(count for _, count in found.topics.values())
-        echo_lines(f"{path}\n\nSound: all {number} messages can be read.")
+        sound = {0: "Sound, but empty: it holds no message.", 1: "Sound: its only message can be read."}
+        echo_lines(f"{path}\n\n{sound.get(number, f'Sound: all {number} messages can be read.')}")
     else:
         problem = without_advice(found.problem).removeprefix(f"{found.path}: ")
         if "its index is damaged" in problem and no_index in findings:

@@ -289,6 +289,9 @@ def uses_of(
         for name, topic in summary.topics.items()
         if topic.count and (channels or signals) and (word := word_on(topic, beside_signals=bool(signals)))
     } | dict.fromkeys(annotations, boxes)
+    if channels or signals:
+        for name in transform_topics(summary, decodable=False):
+            left[name] = f"transforms that cannot be decoded: {summary.topics[name].problem}"
     uses += [
         TopicUse(topic, "left out" if name in left else "not needed", left.get(name, ""))
         for name, topic in summary.topics.items()

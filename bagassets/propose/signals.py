@@ -36,8 +36,16 @@ _KINDS: Mapping[str, tuple[tuple[str, ...], str]] = {
 _TEXTS = {"std_msgs/msg/String": "data", "foxglove_msgs/msg/Log": "message"}
 _COMMANDS = word_set(
     "action actions cmd cmds command commanded commands desired gello goal leader master reference setpoint target targets "
-    "teleop"
+    "teleop traj trajectory"
 )
+# By their names they might be commands, or measured; but none of these has numbers that a robot follows.
+_NO_COMMANDS = {
+    *_TEXTS,
+    *(f"{package}/msg/GoalStatusArray" for package in ("action_msgs", "actionlib_msgs")),
+    *(f"visualization_msgs/msg/{kind}" for kind in ("Marker", "MarkerArray")),
+    *(f"sensor_msgs/msg/{kind}" for kind in ("CameraInfo", "TimeReference")),
+    "nav_msgs/msg/Path",
+}
 _EPISODES, _TASKS = (
     word_set("episode episodes"),
     word_set("instruction instructions language prompt task tasks"),
@@ -103,9 +111,12 @@ def find_signals(summary: RecordingSummary, *, cameras: bool = False) -> list[Si
         cameras: they have cameras; what was commanded alone makes no dataset.
     """
     found: list[SignalProposal] = []
+    shared = _shared_words(summary)
     for topic in summary.topics.values():
         fields, kind = _KINDS.get(topic.msgtype, ((), ""))
         role = _role(topic, kind)
+        if role == "command" and kind == _JOINTS and not set(tokens(topic.name)) & _COMMANDS - shared:
+            role = "state"
         if not topic.elements or role is None:
             continue
         named = kind == _JOINTS or topic.msgtype.endswith("/JointTrajectory")
@@ -123,6 +134,14 @@ def find_signals(summary: RecordingSummary, *, cameras: bool = False) -> list[Si
     found.sort(key=lambda one: (order.index(one.role), one.topic.name))
     roles = {one.role for one in found}
     return found if "state" in roles or (cameras and "command" in roles) else []
+
+
+def _shared_words(summary: RecordingSummary) -> set[str]:
+    """Return the words that all topics of joints share, such as a namespace `teleop`, if others tell which are commands."""
+    topics = [one for one in summary.topics.values() if _KINDS.get(one.msgtype, ((), ""))[1] == _JOINTS]
+    names = [set(tokens(topic.name)) for topic in topics if topic.elements]
+    shared = set[str]().union(*names).intersection(*names)
+    return shared if any(words & _COMMANDS - shared for words in names) else set()
 
 
 def _role(topic: TopicSummary, kind: str) -> _Role | None:
@@ -153,6 +172,8 @@ def word_on(topic: TopicSummary, *, beside_signals: bool) -> str:
     if not beside_signals:
         joints = "joints, beside a lidar or radar; `signals` and `lerobot` in the recipe make a dataset of them, too"
         return joints if kind == _JOINTS and topic.elements else ""
+    if topic.msgtype in _NO_COMMANDS:
+        return ""
     if sounds_commanded(topic):
         return "commands, by its name; if the robot follows them, describe them in `signals`, and add them to `action`"
     if kind == "velocity" or is_of_tool(topic) or "gripper" in tokens(topic.name):

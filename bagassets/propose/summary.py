@@ -131,10 +131,11 @@ class RecordingSummary:
         return frozenset(self.transforms)
 
 
-def transform_topics(summary: RecordingSummary) -> list[str]:
-    """Return the topics with transforms."""
+def transform_topics(summary: RecordingSummary, *, decodable: bool = True) -> list[str]:
+    """Return the topics with transforms that can be decoded, or that cannot."""
     types = set(types_of("transforms"))
-    return [topic.name for topic in summary.topics.values() if topic.msgtype in types and topic.count > 0]
+    topics = [topic for topic in summary.topics.values() if topic.msgtype in types and topic.count > 0]
+    return [topic.name for topic in topics if (topic.problem is None) is decodable]
 
 
 def merge_recordings(summaries: Iterable[RecordingSummary]) -> RecordingSummary:

@@ -20,6 +20,7 @@ from bagassets.cli.main import root
 from bagassets.recordings.open import open_recording
 from bagassets.store.canonical import digest_file
 from bagassets_tests.damaged_files import SOUND, damaged, storage_of, truth
+from bagassets_tests.recorded_bags import NOON_NS, text, write_mcap, write_ros1, write_ros2
 
 pytestmark = pytest.mark.once
 SUFFIX = {"ros1": ".bag", "mcap": ".mcap"}
@@ -83,6 +84,19 @@ def test_a_copy_is_read_without_complaint_and_has_the_same_messages(tmp_path, so
         assert (read - truth(kind)).total() <= 2
     assert doctor(copy)[0] == 0
     assert sorted(one.name for one in tmp_path.iterdir()) == sorted([path.name, copy.name])
+
+
+@pytest.mark.parametrize(
+    ("messages", "said"),
+    [
+        ([], "Sound, but empty: it holds no message."),
+        ([text(NOON_NS)], "Sound: its only message can be read."),
+    ],
+)
+def test_a_recording_of_no_message_is_said_to_be_empty(tmp_path, messages, said):
+    paths = write_mcap(tmp_path / "a.mcap", messages), write_ros2(tmp_path / "b", messages)
+    for path in (*paths, write_ros1(tmp_path / "c.bag", messages)):
+        assert doctor(path) == (0, f"{path}\n\n{said}\n")
 
 
 @pytest.mark.parametrize("kind", SOUND)

@@ -255,3 +255,26 @@ def test_joints_beside_a_lidar_have_a_word():
     rig = rig_of(CAMERA, topic("/points", CLOUD, frame="lidar"), odometry(), joints)
     (use,) = (use for use in rig.topic_uses if use.topic.name == "/joint_states")
     assert (use.status, use.text[:30]) == ("left out", "joints, beside a lidar or rada")
+
+
+def test_transforms_that_cannot_be_decoded_are_left_out_with_a_word():
+    """As of a converter that wrote bytes of another format: they were said to become transforms, and to be the recipe's `tf`."""
+    broken = topic("/robot/tf", "tf2_msgs/msg/TFMessage", problem="its bytes do not fit")
+    sound = topic("/tf", "tf2_msgs/msg/TFMessage")
+    topics = (CAMERA, odometry(), broken, sound)
+    uses = {use.topic.name: (use.status, use.text) for use in rig_of(*topics).topic_uses}
+    assert uses["/robot/tf"] == ("left out", "transforms that cannot be decoded: its bytes do not fit")
+    assert uses["/tf"] == ("used", "transforms")
+    assert "tf: [" not in propose_recipe({"a": summary(*topics)}, name="odd", root="/").text
+
+
+def test_a_namespace_that_states_and_commands_share_says_nothing_of_them():
+    """All joints below `teleop` were commands, and the dataset had no state."""
+    names = ("joint_cmd", "joint_states", "target_gripper_status")
+    joints = [topic(f"/io_teleop/{name}", JOINTS, elements=(("waist", "wrist"),)) for name in names]
+    roles = {one.topic.name.split("/")[-1]: one.role for one in rig_of(CAMERA, *joints).signals}
+    assert roles == {"joint_cmd": "command", "joint_states": "state", "target_gripper_status": "command"}
+    leaders = [
+        topic(f"/leader_{side}/joint_states", JOINTS, elements=(("waist",),)) for side in ("left", "right")
+    ]
+    assert [one.role for one in rig_of(CAMERA, *leaders).signals] == ["command", "command"]

@@ -101,6 +101,51 @@ def test_commands_that_no_rule_makes_a_signal_are_left_out_with_a_word(tmp_path)
     assert uses["/temperature"] == ("not needed", "")
 
 
+def test_names_of_commands_do_not_make_commands_of_texts_times_and_sensors(tmp_path):
+    """To describe them as signals, as the word on commands advises, would be a dead end: they hold no command."""
+
+    def text(store):
+        return store.types["std_msgs/msg/String"]("arm 7")
+
+    def time_reference(store):
+        now = header(store, NOON_NS, "")
+        return store.types["sensor_msgs/msg/TimeReference"](now, now.stamp, "gps")
+
+    def joy(store):
+        now = header(store, NOON_NS, "")
+        return store.types["sensor_msgs/msg/Joy"](now, np.zeros(2, np.float32), np.zeros(1, np.int32))
+
+    def joints(store):
+        empty = np.zeros(0)
+        return store.types[JOINT](header(store, NOON_NS, ""), ["a"], np.zeros(1), empty, empty)
+
+    messages = [
+        Message("/teleop/robot_info", "std_msgs/msg/String", NOON_NS, text),
+        Message("/gripper/serial", "std_msgs/msg/String", NOON_NS, text),
+        Message("/gps/time_reference", "sensor_msgs/msg/TimeReference", NOON_NS, time_reference),
+        Message("/teleop/joy", "sensor_msgs/msg/Joy", NOON_NS, joy),
+        Message("/joint_states", JOINT, NOON_NS, joints),
+    ]
+    write_ros1(tmp_path / "a.bag", messages)
+    proposal, _ = proposed(tmp_path / "a.bag")
+    uses = {use.topic.name: use.text for use in proposal.rigs[0].topic_uses}
+    assert uses["/teleop/robot_info"] == uses["/gripper/serial"] == uses["/gps/time_reference"] == ""
+    assert uses["/teleop/joy"].startswith("commands, by its name; ")
+
+
+def test_joints_of_a_trajectory_are_commands(tmp_path):
+    def joints(store):
+        empty = np.zeros(0)
+        return store.types[JOINT](header(store, NOON_NS, ""), ["a"], np.zeros(1), empty, empty)
+
+    topics = ("/joint_states", "/humanoid_arm_traj")
+    write_ros1(tmp_path / "a.bag", [Message(topic, JOINT, NOON_NS, joints) for topic in topics])
+    _, recipe = proposed(tmp_path / "a.bag")
+    features = recipe["lerobot"]["features"]
+    assert features["observation.state"] == {"signals": ["joint_states"]}
+    assert features["action"] == {"signals": ["humanoid_arm_traj"]}
+
+
 def test_texts_of_two_kinds_of_recordings_have_a_field_each(arms):
     _, recipe = proposed(arms["ros1"], arms["foxglove"])
     assert len(recipe["rigs"]) == 2
