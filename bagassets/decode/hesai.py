@@ -28,11 +28,9 @@ _HOUR_US = 3_600_000_000
 _40P_UNIT_MM = 4
 # Return mode -> returns of a firing.
 _RETURNS = {0x33: 1, 0x34: 1, 0x37: 1, 0x38: 1, 0x39: 2, 0x3A: 2, 0x3B: 2, 0x3C: 2, 0x3D: 3, 0x3E: 2}
-
-
 _Fields = list[tuple[str, str] | tuple[str, str, int]]
 
-# Before the blocks, by number of bytes; where in it the numbers of channels and blocks are.
+# Before the blocks, by number of bytes, and where in it the numbers of channels and blocks are.
 _HEADS: Mapping[int, _Fields] = {
     0: [],
     8: [("", "V5"), ("unit_mm", "u1"), ("", "V2")],
@@ -89,12 +87,11 @@ class HesaiModel:
 
     def packet_in(self, payload: bytes) -> bytes | None:
         """Return the packet of this model in a payload; None if there is none."""
-        at, numbers = _NUMBERS_AT.get(self.head, 0), bytes([self.channels, self.blocks])
-        begin, size = (
-            (b"\xee\xff", self.packet.itemsize) if self.head else (b"\xff\xee", self.packet.itemsize)
-        )
-        fits = payload[:2] == begin and (not self.head or payload[at : at + 2] == numbers)
-        return payload[:size] if fits and 0 <= len(payload) - size <= _MOST_TRAILING else None
+        size, at = self.packet.itemsize, _NUMBERS_AT.get(self.head)
+        begin = b"\xff\xee" if at is None else b"\xee\xff"
+        fits = at is None or payload[at : at + 2] == bytes([self.channels, self.blocks])
+        fits &= payload[:2] == begin and 0 <= len(payload) - size <= _MOST_TRAILING
+        return payload[:size] if fits else None
 
     def firings_ns(self, returns: int) -> _Times:
         """Return (L, F, C) when the channels fire in each firing of a packet, after the time of the packet."""
@@ -111,14 +108,14 @@ def _us(times_us: str) -> _Times:
     return np.rint(np.array([times_us.split()], dtype=np.float64) * 1000).astype(np.int64)
 
 
-def _steps(number: int, step_ns: int, first_ns: int = 0) -> _Times:
-    return first_ns + step_ns * np.arange(number)[None, :]
+def _steps(number: int, step_ns: int) -> _Times:
+    return step_ns * np.arange(number)[None, :]
 
 
 def _qt128() -> _Times:
-    """Return (2, 128) times of a QT128: 32 times three channels fire, of which the third is another one in each loop.
+    """Return (2, 128) times of a QT128: 32 times three channels fire, 32 to 127 in the first loop, all but 32 to 63 in the other.
 
-    Channels that do not fire in a loop have a time of 0.
+    Channels that do not fire have a time of 0.
     """
     pairs = np.array([[0, 7], [2, 5], [3, 4], [1, 6]])
     order = [

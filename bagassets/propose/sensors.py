@@ -129,10 +129,13 @@ def _unusable(topic: TopicSummary) -> TopicUse | None:
         if topic.count > 0 and topic.msgtype == UNKNOWN:
             return TopicUse(topic, "not decodable", "no schema says what its messages are; record one")
         if topic.count > 0 and not families_of(topic.msgtype) and is_sensor_type(topic.msgtype):
+            what = shown_type(topic.msgtype)
+            if topic.packets_of is not None:
+                what = "its packets, which are of no Velodyne, nor of a Hesai of a known model"
             return TopicUse(
                 topic,
                 "not decodable",
-                f"no decoder for {shown_type(topic.msgtype)}; record what its driver publishes (Image, PointCloud2), or "
+                f"no decoder for {what}; record what its driver publishes (Image, PointCloud2), or "
                 "install a decoder (`bagassets docs page decoders`)",
             )
         return None
@@ -149,9 +152,7 @@ def _unusable(topic: TopicSummary) -> TopicUse | None:
         )
         return TopicUse(topic, "left out", depth)
     if topic.packets_of == "":
-        return TopicUse(
-            topic, "not decodable", "none of its packets is from a Velodyne, or a Hesai of a known model"
-        )
+        return TopicUse(topic, "not decodable", "none of its packets is from a Velodyne")
     if topic.refusal is not None:
         return TopicUse(topic, "not decodable", topic.refusal)
     if is_derived(topic.name):
