@@ -11,6 +11,7 @@ import pytest
 from bagassets.assets.sweeps import SWEEPS
 from bagassets.base.errors import LossLimitError, RecipeError
 from bagassets.recipe.model import Rig
+from bagassets.recordings.skim import SkimmedPackets
 from bagassets.store.artifact import ArtifactWriter
 from bagassets_tests.facts import MadeUpFacts, calibrated, use_of
 from bagassets_tests.hesai_data import (
@@ -123,7 +124,9 @@ def test_a_lidar_may_count_other_hours_than_the_host(run):
 
 def test_jitter_of_the_host_does_not_move_revolutions(run):
     sent = []
-    for number, one in enumerate(messages("XT32", 2, start_ns=START_NS, per_message=1)):
+    # The lidar's microseconds begin again in the middle.
+    packets = messages("XT32", 2, start_ns=START_NS, per_message=1, start_us=5_950_000)
+    for number, one in enumerate(packets):
         late_ns = 2_000_000 * (number % 5 == 0)
         (only,) = one.data.message.packets
         stamp = header(only.stamp.sec * 10**9 + only.stamp.nanosec + late_ns).stamp
@@ -176,6 +179,31 @@ def test_what_is_no_data_packet_is_counted(run):
         "its packet has an unknown return mode": 1,
     }
     assert len(result.index) == 1
+
+
+class Skimmed(Messages):
+    """A topic whose packets can be had at once."""
+
+    def packets(self, messages, payloads):
+        found = [one.message.payload for one in messages]
+        if len({len(payload) for payload in found}) != 1:
+            return None
+        stamps_ns = np.full(len(found), START_NS, dtype=np.int64)
+        return SkimmedPackets(stamps_ns, "lidar", np.stack(found))
+
+
+def test_packets_of_a_velodyne_on_the_topic_of_a_hesai_are_refused(run):
+    def single(data, number):
+        payload = np.frombuffer(data, np.uint8)
+        return raw(EthernetPacket(header(START_NS + number), payload), PACKET, START_NS)
+
+    ours = [single(data, since_ns) for since_ns, data in spin("XT32", 2)]
+    others = [single(data.tobytes(), TURN_NS) for data in vlp16_packets(4)[:256]]
+    asked = request(msgtype=PACKET, limit=1.0)
+    result = run(asked, [*ours[:256], *others, *ours[256:]], recording=Skimmed())
+    assert result.lost["it holds no data packet of 1076 bytes"] == 256
+    result = run(request(msgtype=PACKET, metadata=None), others, recording=Skimmed())
+    assert result.index, "of a Velodyne, they are read"
 
 
 def test_packets_of_no_known_lidar_say_which_are(run):

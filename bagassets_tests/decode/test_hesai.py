@@ -231,6 +231,7 @@ GOOD = corrections(16)
     [
         GOOD,
         b"\xef\xbb\xbf" + GOOD.replace(b"\n", b"\r\n"),
+        b"\xef\xbb\xbf" + GOOD.partition(b"\n")[2],
         b"EEFF,1,1\n" + GOOD + b"# a checksum\n0123456789abcdef,\n",
         b"\n".join(reversed(GOOD.split(b"\n"))),
         GOOD.replace(b",", b", "),
