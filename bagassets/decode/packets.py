@@ -88,11 +88,7 @@ def packets_in(message: Message) -> list[tuple[int | None, bytes]]:
         DecodeError: no field holds packets.
     """
     if hasattr(message, "packets"):
-        # Where arrays are of one length, `size` says how much of it is a packet.
-        return [
-            (stamp_ns(packet.stamp), _as_bytes(packet.data)[: getattr(packet, "size", None)])
-            for packet in message.packets
-        ]
+        return [(stamp_ns(packet.stamp), _filled(packet)) for packet in message.packets]
     return [(None, payload(message))]
 
 
@@ -115,6 +111,12 @@ def payload(message: Message) -> bytes:
         if isinstance(value, np.ndarray | bytes | bytearray | memoryview | list):
             return _as_bytes(value)
     raise DecodeError(f"it has no field {' or '.join(PAYLOADS)} with the bytes of a packet")
+
+
+def _filled(packet: Message) -> bytes:
+    """Return the bytes of a packet; where all arrays are of one length, `size` says how much of it is filled."""
+    data, size = _as_bytes(packet.data), getattr(packet, "size", None)
+    return data[:size] if isinstance(size, int) and size >= 0 else data
 
 
 def _as_bytes(value: NDArray[np.generic] | bytes | bytearray | memoryview | list[int]) -> bytes:

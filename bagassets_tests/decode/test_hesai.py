@@ -5,18 +5,22 @@ import pytest
 
 from bagassets.base.errors import DecodeError
 from bagassets.decode.hesai import MODELS, HesaiLidar, HesaiPackets, corrections_beside, packet_and_model
+from bagassets.decode.packets import packets_in
 from bagassets_tests.hesai_data import (
     DUAL,
     LAYOUTS,
     SINGLE,
     TRIPLE,
     UNITS_M,
+    Packet,
+    Scan,
     corrections,
     distance,
     elevation,
     packet,
     seen,
 )
+from bagassets_tests.sweep_data import header
 
 START_NS = 1_700_000_000_000_000_000
 # From the time of a packet: channel 1 of the first block, and the last channel of the last one, as manuals and tables have it.
@@ -48,6 +52,12 @@ def decoded(model, *payloads, by_log_time=False, text=None):
 
 def test_every_model_is_tested():
     assert [model.name for model in MODELS] == list(LAYOUTS)
+
+
+@pytest.mark.parametrize(("size", "number"), [(0, 0), (4, 4), (6, 6), (99, 6), (-1, 6), ("4", 6), (None, 6)])
+def test_a_message_says_how_much_of_an_array_is_a_packet(size, number):
+    message = Scan(header(START_NS), [Packet(header(START_NS).stamp, np.arange(6, dtype=np.uint8), size)])
+    assert packets_in(message) == [(START_NS, bytes(range(number)))]
 
 
 # --- which model it is -----------------------------------------------------------------------
