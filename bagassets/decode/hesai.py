@@ -225,13 +225,13 @@ class HesaiLidar:
     def refusals(self, data: NDArray[np.void]) -> Mapping[int, str]:
         """Return index -> reason of those of the (N,) packets that cannot be decoded."""
         returns = _returns(data)
-        whole = (returns > 0) & (self.model.blocks % np.maximum(returns, 1) == 0)
-        reasons = dict.fromkeys(np.flatnonzero(~whole).tolist(), "its packet has an unknown return mode")
-        turned = (data["blocks"]["azimuth"] >= ALL_AZIMUTHS).any(axis=1)
-        return {
-            **dict.fromkeys(np.flatnonzero(turned).tolist(), "its packet has azimuths beyond a turn"),
-            **reasons,
+        faults = {
+            "its packet has azimuths beyond a turn": (data["blocks"]["azimuth"] >= ALL_AZIMUTHS).any(axis=1),
+            "its packet has an unknown return mode": (returns == 0)
+            | (self.model.blocks % np.maximum(returns, 1) != 0),
+            "its packet has no unit of distances": data["unit_mm"] == 0 if self.model.head else returns < 0,
         }
+        return {index: why for why, found in faults.items() for index in np.flatnonzero(found).tolist()}
 
     def decode(self, packets: Packets, times_ns: NDArray[np.int64]) -> PacketPoints:
         """Decode the returns in `packets`, whose times were (N,) `times_ns`.

@@ -217,17 +217,19 @@ def test_returns_may_change_in_the_middle_of_a_revolution():
 
 
 def test_what_cannot_be_decoded_is_refused():
-    sent = [bytearray(packet("XT16")) for _ in range(5)]
+    sent = [bytearray(packet("XT16")) for _ in range(6)]
     sent[1][12:14] = (36_000).to_bytes(2, "little")
     mode_at = len(sent[0]) - 24 + 10
     sent[2][mode_at] = 0
     sent[3][mode_at] = TRIPLE  # which eight blocks are no multiple of
     sent[4][12 + 7 * 66 : 14 + 7 * 66] = (35_999).to_bytes(2, "little")
+    sent[5][9] = 0
     lidar, data = parsed("XT16", *map(bytes, sent))
     assert lidar.refusals(data) == {
         1: "its packet has azimuths beyond a turn",
         2: "its packet has an unknown return mode",
         3: "its packet has an unknown return mode",
+        5: "its packet has no unit of distances",
     }
 
 
