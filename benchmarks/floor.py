@@ -19,8 +19,8 @@ import numpy as np
 
 from bagassets.assets.lidar_file import lidar_bytes
 from bagassets.decode.image import decode_image
-from bagassets.decode.packets import packets_in
-from bagassets.decode.velodyne import Packets, RevolutionDecoder
+from bagassets.decode.packets import Packets, packets_in
+from bagassets.decode.velodyne import RevolutionDecoder
 from bagassets.engine.process import keep_freed_memory
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.kernels.returns import PACKET

@@ -10,7 +10,7 @@ does; it may also differ when no action does, for example for a rig that made no
 from collections.abc import Callable, Collection, Iterable, Mapping
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager
-from dataclasses import Field, dataclass, field, fields, is_dataclass, replace
+from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass, replace
 from functools import cache
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
@@ -68,12 +68,12 @@ def inlined(*, without: Collection[str] = ()) -> Any:
     return field(metadata={_INLINED: True, _WITHOUT: frozenset(without)})
 
 
-def by_digest() -> Any:
+def by_digest(default: object = MISSING) -> Any:
     """Return a dataclass field that is left out of JSON, since the digest of its value is among `Use.inputs`.
 
     For the content or the paths of files beside the recipe or the recording.
     """
-    return field(metadata={_BY_DIGEST: True})
+    return field(default=default, metadata={_BY_DIGEST: True})
 
 
 def for_messages(default: object) -> Any:

@@ -421,15 +421,16 @@ def _losses(summary: JsonMapping) -> list[Loss]:
 
 INVENTORY = Asset(
     name="inventory",
-    version=10,
+    version=11,
     changes={
         7: "lists topics that metadata.yaml leaves out, and knows stray fixes and clocks that were set",
         8: "reads messages in protobuf and JSON, and the stamps of Foxglove's in ROS 2",
         9: "notes where log times go back, and the codec of video in CompressedImage",
         10: "knows the packets of Ouster's driver where no definitions were recorded",
+        11: "knows the packets of Hesai's drivers where no definitions were recorded",
     },
     # Definitions are always recorded in bags of ROS 1 and bare MCAPs.
-    spared={8: lambda use: use.format == "ros1", 10: lambda use: use.format != "ros2"},
+    spared={8: lambda use: use.format == "ros1", **dict.fromkeys((10, 11), lambda use: use.format != "ros2")},
     # rosbags has the standard types, which recordings without definitions are decoded with.
     libraries=("pyarrow", "rosbags"),
     title="What is in the recording: topics, types, counts, rates, gaps, offsets between clocks, the place, day or night.",

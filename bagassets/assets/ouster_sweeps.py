@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bagassets.assets.asset import Inputs, by_digest
+from bagassets.assets.lidar_metadata import described
 from bagassets.assets.lidar_sweeps import LidarUse, LidarWriter
 from bagassets.assets.revolutions import MOST_MISSING_DEG
 from bagassets.base.errors import DecodeError, RecipeError
@@ -184,22 +185,9 @@ def lidar_of(use: OusterUse, inputs: Inputs) -> OusterLidar:
     """
     where = use.metadata_topic or "the file in `metadata`"
     try:
-        return _described(use, inputs)
+        return described(OusterLidar.parse, use.metadata_topic, use.metadata, inputs)
     except DecodeError as err:
         raise RecipeError(
             f"{use.channel}: {where} does not say what the packets in {use.settings.topic} hold: {err}; name a file with the "
             "metadata of the lidar in `metadata` of the channel."
         ) from err
-
-
-def _described(use: OusterUse, inputs: Inputs) -> OusterLidar:
-    if use.metadata_topic is None:
-        return OusterLidar.parse(use.metadata or b"")
-    topics = (use.metadata_topic,)
-    with inputs.messages(topics) as recording:
-        texts = {str(getattr(recording.decode(one), "data", "")) for one in recording.messages(topics)}
-    # It is published again when the driver connects again, with other words on how the lidar is.
-    lidars = set(map(OusterLidar.parse, texts))
-    if len(lidars) != 1:
-        raise DecodeError(f"it describes the lidar in {len(lidars)} ways" if lidars else "it is empty")
-    return lidars.pop()

@@ -1,8 +1,8 @@
-"""Cutting a stream of Velodyne packets into revolutions.
+"""Cutting a stream of packets of a Velodyne or Hesai into revolutions.
 
 A packet belongs to the revolution in which its first block was fired: the cut is as fine as a
 packet is long (0.6 degrees for a VLS-128 at 10 Hz, 5 for a VLP-16). Azimuth is the lidar's own,
-clockwise from the x axis of its frame.
+clockwise from the x axis of a Velodyne's frame, the y axis of a Hesai's.
 
 A lidar may be configured to report only a part of each turn; it then sends no packets for the rest. An arc that is
 missing at the same place in most of the first turns is taken for such a *blind arc*: it does not count as missing,
@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bagassets.decode.velodyne import Packets
+from bagassets.decode.packets import Packets
 
 MOST_MISSING_DEG = 20.0
 # Packets follow each other within 2 ms. If 20 ms more have passed than the lidar needs from one azimuth to the

@@ -4,7 +4,7 @@ Files of one sensor: `<stamp_ns>.pcd.bin` or `<stamp_ns>.pcd`, `index.parquet`, 
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Literal
@@ -31,6 +31,7 @@ from bagassets.assets.sweep_files import LIDAR_SCHEMA, SweepFiles
 from bagassets.base.errors import DecodeError, LossLimitError, RecipeError
 from bagassets.base.json_types import JsonObject
 from bagassets.decode.fields import check_points, head
+from bagassets.decode.hesai import corrections_beside
 from bagassets.decode.ouster import metadata_beside
 from bagassets.decode.point_times import Moment
 from bagassets.decode.pointcloud2 import POINT_CLOUDS
@@ -47,7 +48,7 @@ SweepUse = CloudUse | PacketUse | OusterUse | RadarUse
 _OF_PACKETS = {
     "model": ({"packets"}, "Velodyne packets"),
     "cut_angle_deg": ({"packets", "ouster"}, "packets"),
-    "metadata": ({"ouster"}, "Ouster packets"),
+    "metadata": ({"ouster", "packets"}, "packets of Ouster and Hesai"),
 }
 
 
@@ -60,7 +61,7 @@ class LidarChannelSettings:
         header_stamp_is: for clouds, which time of a revolution their stamps are.
         model: for packets, the model of the lidar.
         cut_angle_deg: for packets, azimuth at which revolutions begin.
-        metadata: for packets of an Ouster, the file with its metadata; None if the recording has it.
+        metadata: for packets of an Ouster or Hesai, the file with its metadata or corrections; None if the recording has it.
         zero_points: for clouds, what becomes of points at exactly 0, 0, 0.
         point_times: for clouds, what the times of their points are.
     """
@@ -140,8 +141,7 @@ def _use_of_lidar(facts: Facts, name: str, settings: LidarChannelSettings) -> Us
                 "recipe."
             )
     if decoder.family == "packets":
-        velodyne = PacketUse(**vars(lidar), model=settings.model, cut_angle_deg=settings.cut_angle_deg)
-        return Use(velodyne, (topic.name,), inputs)
+        return _use_of_packets(facts, lidar, settings, inputs)
     if decoder.family == "ouster":
         return _use_of_ouster(facts, lidar, settings, inputs)
     clouds = CloudUse(
@@ -165,13 +165,7 @@ def _use_of_ouster(
     """
     topic, cut_deg = settings.common.topic, settings.cut_angle_deg
     if settings.metadata is not None:
-        try:
-            content = facts.file(settings.metadata)
-        except OSError as err:
-            raise RecipeError(
-                f"{lidar.channel}: {settings.metadata}: the metadata cannot be read ({err.strerror}); correct `metadata` in the "
-                "recipe."
-            ) from err
+        content = _metadata(facts, lidar.channel, settings.metadata)
         in_file = OusterUse(**vars(lidar), cut_angle_deg=cut_deg, metadata_topic=None, metadata=content)
         return Use(in_file, (topic,), {**inputs, "metadata": digest_bytes(content)})
     beside = metadata_beside(topic)
@@ -182,6 +176,33 @@ def _use_of_ouster(
         )
     use = OusterUse(**vars(lidar), cut_angle_deg=cut_deg, metadata_topic=beside, metadata=None)
     return Use(use, (topic, beside), inputs)
+
+
+def _use_of_packets(
+    facts: Facts, lidar: LidarUse, settings: LidarChannelSettings, inputs: Mapping[str, str]
+) -> Use[SweepUse]:
+    """Return what the sweeps of a Velodyne or Hesai depend on: corrections of the latter, where there are some.
+
+    Raises:
+        RecipeError: the file with them cannot be read.
+    """
+    topic, beside = settings.common.topic, corrections_beside(settings.common.topic)
+    use = PacketUse(**vars(lidar), model=settings.model, cut_angle_deg=settings.cut_angle_deg)
+    if settings.metadata is not None:
+        content = _metadata(facts, lidar.channel, settings.metadata)
+        return Use(replace(use, metadata=content), (topic,), {**inputs, "metadata": digest_bytes(content)})
+    if facts.inventory.has_readable(beside):
+        return Use(replace(use, metadata_topic=beside), (topic, beside), inputs)
+    return Use(use, (topic,), inputs)
+
+
+def _metadata(facts: Facts, channel: str, path: Path) -> bytes:
+    try:
+        return facts.file(path)
+    except OSError as err:
+        raise RecipeError(
+            f"{channel}: {path}: the metadata cannot be read ({err.strerror}); correct `metadata` in the recipe."
+        ) from err
 
 
 def _use_of_radar(facts: Facts, name: str, settings: RadarSettings) -> Use[SweepUse]:
@@ -252,7 +273,7 @@ class SweepExtractor:
             case PacketUse():
                 writer = LidarWriter(use, self._files, motion)
                 topic = recording.topics[use.settings.topic]
-                self._sweeps = PacketSweeps(use, writer, topic, self._decoded, self._fail_parts)
+                self._sweeps = PacketSweeps(use, writer, topic, inputs, self._decoded, self._fail_parts)
             case OusterUse():
                 writer = LidarWriter(use, self._files, motion)
                 lidar = lidar_of(use, inputs)

@@ -142,8 +142,8 @@ _COMMON_PACKAGES = frozenset(
 # Messages of another family for the same channels, or recognized by their fields, as errors call them.
 _FOUND_BY_FIELDS: Mapping[AnyFamily, str] = {
     "image": "video (foxglove_msgs/CompressedVideo, ffmpeg_image_transport_msgs/FFMPEGPacket)",
-    "cloud": "Velodyne packets (velodyne_msgs/VelodyneScan, ethernet_msgs/Packet and the like) or Ouster packets "
-    "(ouster_sensor_msgs/PacketMsg)",
+    "cloud": "Velodyne or Hesai packets (velodyne_msgs/VelodyneScan, pandar_msgs/PandarScan, ethernet_msgs/Packet and the like) or "
+    "Ouster packets (ouster_sensor_msgs/PacketMsg)",
     "radar": "the targets of a radar (radar_msgs/RadarScan, RadarTracks and the like)",
 }
 

@@ -13,9 +13,8 @@ lidar's clock instead of the recipe's. Its tables of sines are the C library's i
 that another library or processor might round differently.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import cached_property, partial
+from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import velodyne_decoder
@@ -23,8 +22,9 @@ from numpy.typing import NDArray
 from velodyne_decoder.velodyne_decoder_pylib import TimePair
 
 from bagassets.base.errors import DecodeError, RecipeError
+from bagassets.decode.packets import PacketPoints, Packets
 from bagassets.decode.velodyne_lasers import Head, all_azimuths, head_of
-from bagassets.geometry.kernels.returns import ALL_AZIMUTHS, BANK_FLAGS, PACKET, RETURNS, Angles, take_returns
+from bagassets.geometry.kernels.returns import ALL_AZIMUTHS, BANK_FLAGS, RETURNS, Angles, take_returns
 
 POSITION_PACKET_SIZE = 512  # NMEA sentences and temperatures, sent to another port of the same host
 
@@ -49,59 +49,6 @@ _MODELS: dict[str, tuple[object, int]] = {
 # Product id -> model, if there is one only; VLP-32A and VLP-32B share theirs.
 _SELF_EXPLANATORY = {product: model for model, product in _MODELS.values() if product != 0x23}
 MODEL_NAMES = "HDL-32E, VLP-16, Puck Hi-Res, VLP-32A, VLP-32B, VLP-32C, VLS-128"
-
-
-@dataclass(frozen=True, eq=False)
-class Packets:
-    """Data packets, in the order in which they were recorded.
-
-    Attributes:
-        host_ns: (N,) when the host received them, on the clock of the recipe.
-        data: (N,) `PACKET`, all that is in them.
-    """
-
-    host_ns: NDArray[np.int64]
-    data: NDArray[np.void]
-
-    @cached_property
-    def device_us(self) -> NDArray[np.int64]:
-        """The lidar's own times (N,), microseconds since the top of the hour."""
-        return self.data["us"].astype(np.int64)
-
-    @cached_property
-    def azimuths(self) -> NDArray[np.int64]:
-        """Azimuths (N,) of their first blocks, hundredths of a degree, clockwise from the x axis."""
-        return self.data["blocks"]["azimuth"][:, 0].astype(np.int64)
-
-    @classmethod
-    def joined(cls, parts: "Sequence[Packets]") -> "Packets":
-        """Return packets that follow each other."""
-        if not parts:
-            return cls(np.empty(0, dtype=np.int64), np.empty(0, dtype=PACKET))
-        if len(parts) == 1:
-            return parts[0]
-        # As plain bytes: numpy copies structures field by field.
-        data = np.concatenate([part.data.view(np.uint8).reshape(-1, PACKET.itemsize) for part in parts])
-        return cls(np.concatenate([part.host_ns for part in parts]), data.view(PACKET)[:, 0])
-
-    def __getitem__(self, which: slice) -> "Packets":
-        return Packets(self.host_ns[which], self.data[which])
-
-    def __len__(self) -> int:
-        return len(self.host_ns)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PacketPoints:
-    """Points of a revolution: (N, 5) as in `CloudReading`, and their (N,) times."""
-
-    points: NDArray[np.float32]
-    times_ns: NDArray[np.int64]
-
-    @classmethod
-    def room(cls, number: int) -> "PacketPoints":
-        """Return room for so many points."""
-        return cls(np.empty((number, 5), dtype=np.float32), np.empty(number, dtype=np.int64))
 
 
 class PacketFilter:

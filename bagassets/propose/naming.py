@@ -54,7 +54,7 @@ _ORDER = ("FRONT", "BACK", "LEFT", "RIGHT", "TOP")
 # Parts of a topic that say what the data is, not which sensor made it.
 _STREAM = re.compile(
     r"^(image(_\w+)?|compressed(_?depth)?|theora|ffmpeg|video|h26[45]|points?(_?\w+)?|point_?cloud2?|clouds?|"
-    r"packets?|velodyne_points|(velodyne|lidar)_packets|scan|laser_?scan|raw|rect|rgb|colou?r|gr[ae]y|data|targets?|tracks?|detections?)$"
+    r"packets?|velodyne_points|(velodyne|lidar|pandar)_packets|scan|laser_?scan|raw|rect|rgb|colou?r|gr[ae]y|data|targets?|tracks?|detections?)$"
 )
 _VARIANT = re.compile(r"(_raw)?(_gr[ae]y)?$")  # of the pictures of one camera, in folders of their own
 _VAGUE = word_set(

@@ -11,7 +11,7 @@ from bagassets.propose.frames import MOUNT, connected, contradiction, is_optical
 from bagassets.propose.naming import PREFIX, tokens
 from bagassets.propose.poses import lonely_poses
 from bagassets.propose.rigs import RigProposal
-from bagassets.propose.sensors import Sensor, has_ouster_packets, metadata_of, shown_type
+from bagassets.propose.sensors import Sensor, has_ouster_packets, metadata_of, needs_metadata, shown_type
 from bagassets.propose.signals import write_signals
 from bagassets.propose.summary import TopicSummary, transform_topics
 from bagassets.recipe.model import Rig
@@ -198,10 +198,13 @@ def _write_channel(
         sheet.guess(4, "clock: log", lack)
     elif topic.name in rig.clock.odd:
         sheet.guess(4, "clock: log", "its header stamps are of another clock")
-    if has_ouster_packets(topic) and metadata_of(topic, rig.summary) is None:
+    if needs_metadata(topic) and metadata_of(topic, rig.summary) is None:
         sheet.field(4, "metadata:")
         lack = "the recording has no topic `metadata` beside the packets; record it, too, and remove this field, or name a file "
-        sheet.ask(5, name, f"{lack}with the lidar's metadata", below=True)
+        lack += "with the lidar's metadata"
+        if topic.packets_of:
+            lack = "name the correction file of this Hesai, the CSV with the angles of its channels, which its packets do not say"
+        sheet.ask(5, name, lack, below=True)
     if sensor.modality == "camera":
         # What was recorded is of this camera for sure, so a file only stands in for it.
         file = None if _has_lens(sensor) else calibration_of(topic.name, calibrations)

@@ -16,6 +16,7 @@ import numpy as np
 
 from bagassets.base.errors import DecodeError, PluginError
 from bagassets.decode.fields import check_points
+from bagassets.decode.hesai import packet_and_model
 from bagassets.decode.loading import load_decoder
 from bagassets.decode.model import CloudReading, ImageReading, PoseReading, RadarReading
 from bagassets.decode.ncom import holds_ncom
@@ -368,10 +369,11 @@ def _camera_info(facts: Facts, decode: Decode, value: Message, _msgtype: str) ->
 
 
 def _packets(facts: Facts, decode: Decode, value: Message, _msgtype: str) -> None:
-    facts["velodyne"] = False
+    facts["packets_of"] = ""
     for _own_stamp, data in decode(value):
-        facts["velodyne"] |= is_velodyne_packet(data)
-        facts["timed"] = facts["velodyne"] or None
+        make = "Velodyne" if is_velodyne_packet(data) else "Hesai" if packet_and_model(data) else ""
+        facts["packets_of"] = facts["packets_of"] or make
+        facts["timed"] = bool(facts["packets_of"]) or None
         if holds_ncom(data):
             facts["ncom_sender"] = facts.get("ncom_sender") or sender(value)[0]
 

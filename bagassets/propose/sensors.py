@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from bagassets.decode.hesai import corrections_beside
 from bagassets.decode.ouster import metadata_beside
 from bagassets.decode.registry import AnyFamily, families_of, own_types
 from bagassets.propose.naming import (
@@ -60,7 +61,7 @@ def modality_of(topic: TopicSummary) -> Modality | None:
         return "radar" if topic.is_of_radar or is_of_radar(topic.name, *topic.frames) else "lidar"
     if modalities:
         return min(modalities)
-    if topic.velodyne or topic.msgtype == _VELODYNE_SCAN:
+    if topic.packets_of or topic.msgtype == _VELODYNE_SCAN:
         return "lidar"
     return "radar" if is_radar_list(topic.msgtype) else None
 
@@ -97,10 +98,15 @@ def has_ouster_packets(topic: TopicSummary) -> bool:
     return topic.msgtype in own_types("ouster")
 
 
+def needs_metadata(topic: TopicSummary) -> bool:
+    """Tell whether packets say nothing without metadata of the lidar that sent them."""
+    return has_ouster_packets(topic) or topic.packets_of == "Hesai"
+
+
 def metadata_of(topic: TopicSummary, summary: RecordingSummary) -> str | None:
-    """Return the topic with the metadata of an Ouster whose packets a topic holds; None if there is none."""
-    beside = summary.topics.get(metadata_beside(topic.name))
-    return beside.name if beside and beside.count and has_ouster_packets(topic) else None
+    """Return the topic with the metadata of the lidar whose packets a topic holds; None if there is none."""
+    beside = summary.topics.get((corrections_beside if topic.packets_of else metadata_beside)(topic.name))
+    return beside.name if beside and beside.count and needs_metadata(topic) else None
 
 
 def lacks_definition(topic: TopicSummary) -> bool:
@@ -123,10 +129,13 @@ def _unusable(topic: TopicSummary) -> TopicUse | None:
         if topic.count > 0 and topic.msgtype == UNKNOWN:
             return TopicUse(topic, "not decodable", "no schema says what its messages are; record one")
         if topic.count > 0 and not families_of(topic.msgtype) and is_sensor_type(topic.msgtype):
+            what = shown_type(topic.msgtype)
+            if topic.packets_of is not None:
+                what = "its packets, which are of no Velodyne, nor of a Hesai of a known model"
             return TopicUse(
                 topic,
                 "not decodable",
-                f"no decoder for {shown_type(topic.msgtype)}; record what its driver publishes (Image, PointCloud2), or "
+                f"no decoder for {what}; record what its driver publishes (Image, PointCloud2), or "
                 "install a decoder (`bagassets docs page decoders`)",
             )
         return None
@@ -142,7 +151,7 @@ def _unusable(topic: TopicSummary) -> TopicUse | None:
             else "the cloud of a depth camera"
         )
         return TopicUse(topic, "left out", depth)
-    if topic.velodyne is False:
+    if topic.packets_of == "":
         return TopicUse(topic, "not decodable", "none of its packets is from a Velodyne")
     if topic.refusal is not None:
         return TopicUse(topic, "not decodable", topic.refusal)
@@ -166,8 +175,8 @@ def same_sensor(one: TopicSummary, other: TopicSummary) -> bool:
 
 
 def _sensor(family: list[TopicSummary], summary: RecordingSummary) -> Sensor:
-    """Choose among topics of one sensor: the one with more messages, then the rawest; clouds before an Ouster's packets."""
-    measured = [topic for topic in family if not has_ouster_packets(topic)] or family
+    """Choose among topics of one sensor: the one with more messages, then the rawest; clouds before packets that need metadata."""
+    measured = [topic for topic in family if not needs_metadata(topic)] or family
     most = max(topic.count for topic in measured)
     complete = [topic for topic in measured if topic.count >= _SIMILAR_COUNT * most]
     chosen = min(complete, key=lambda topic: (_processing(topic), -topic.count, topic.name))
@@ -181,7 +190,7 @@ def _processing(topic: TopicSummary) -> int:
     """Return how far a topic is from what the sensor measured; less is rawer."""
     words = set(tokens(topic.name))
     steps = (
-        (1, not topic.velodyne and modality_of(topic) == "lidar"),
+        (1, not topic.packets_of and modality_of(topic) == "lidar"),
         (1, topic.msgtype.endswith(("/CompressedImage", "sensor_msgs/msg/PointCloud"))),
         (2, topic.is_video),
         (4, words & {"rect", "rectified", "undistorted"}),

@@ -37,7 +37,7 @@ class TopicSummary:
         acceleration: sum of the accelerations that an Imu measured, m/s², in its frame; None if it measures none.
         ncom_sender: IPv4 address that OxTS NCOM packets come from; "" if there are some but the
             messages do not tell; None if there are none.
-        velodyne: data packets of a Velodyne were seen; None if the type holds no packets.
+        packets_of: whose data packets were seen, Velodyne or Hesai; "" if none of a known lidar, None if the type holds no packets.
         timed: the points of a cloud, the rays of a scan or the packets of a lidar have times; None for other types.
         clock: what the times of the points of a PointCloud2 are; None without.
         is_of_radar: such clouds have a field that radars fill.
@@ -66,7 +66,7 @@ class TopicSummary:
     oriented: bool | None = None
     acceleration: Vector | None = None
     ncom_sender: str | None = None
-    velodyne: bool | None = None
+    packets_of: str | None = None
     timed: bool | None = None
     clock: PointClock | None = None
     is_of_radar: bool = False
@@ -180,7 +180,7 @@ def merge_topics(one: TopicSummary, other: TopicSummary) -> TopicSummary:
         oriented=_any(one.oriented, other.oriented),
         acceleration=_sum(one.acceleration, other.acceleration),
         ncom_sender=one.ncom_sender or (one.ncom_sender if other.ncom_sender is None else other.ncom_sender),
-        velodyne=_any(one.velodyne, other.velodyne),
+        packets_of=one.packets_of or (one.packets_of if other.packets_of is None else other.packets_of),
         timed=_any(one.timed, other.timed),
         clock=one.clock if one.clock and (one.clock.doubt or not other.clock) else other.clock,
         is_of_radar=one.is_of_radar or other.is_of_radar,

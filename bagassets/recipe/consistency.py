@@ -76,7 +76,7 @@ def _paths(recipe: Recipe, data: JsonObject) -> Iterator[Problem]:
                     "recipe's folder",
                 )
             case ("rigs", _, "channels", _, "metadata") if not path.is_file():
-                yield at, f"there is no file {path}; name the JSON file with the metadata of the lidar"
+                yield at, f"there is no file {path}; name the file with the metadata of the lidar"
             case ("bags", "message_definitions", _) if not path.is_dir():
                 yield at, f"there is no folder {path}; name a folder of .msg files"
     if recipe.bags.root.is_file():

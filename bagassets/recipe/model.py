@@ -136,7 +136,7 @@ class PointTimes(Model):
 
 
 class LidarChannel(_PlacedChannel):
-    """A lidar: its clouds, scans, or packets of Velodyne and Ouster become `.pcd.bin` files."""
+    """A lidar: its clouds, scans, or packets of Velodyne, Hesai and Ouster become `.pcd.bin` files."""
 
     modality: Literal["lidar"] = "lidar"
     model: str | None = Field(
@@ -164,8 +164,8 @@ class LidarChannel(_PlacedChannel):
     )
     metadata: Path | None = Field(
         None,
-        description="File with the metadata of an Ouster whose packets are read, as its driver or web page saves it (JSON); "
-        "default: the topic `metadata` beside that of the packets.",
+        description="File about the lidar whose packets are read, as its driver saves it: the metadata of an Ouster (JSON) or the "
+        "correction file of a Hesai (CSV); default: the topic `metadata` or `lidar_corrections` beside that of the packets.",
     )
     deskew: bool = Field(
         False,

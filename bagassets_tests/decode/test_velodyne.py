@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from bagassets.assets.revolutions import MOST_PACKETS, RevolutionCutter, packet_times_ns
 from bagassets.base.errors import DecodeError, RecipeError
 from bagassets.decode import velodyne
-from bagassets.decode.packets import packets_in
-from bagassets.decode.velodyne import PacketFilter, Packets, RevolutionDecoder
+from bagassets.decode.packets import Packets, packets_in
+from bagassets.decode.velodyne import PacketFilter, RevolutionDecoder
 from bagassets.decode.velodyne_lasers import head_of
 from bagassets.geometry.kernels import machine_code, returns
 from bagassets.geometry.kernels.machine_code import MachineCode

@@ -26,12 +26,13 @@ from bagassets.base.errors import BagAssetsError, DecodeError
 from bagassets.base.fingerprints import PlanNeeded
 from bagassets.decode.compressed_image import checked_size, decode_pixels
 from bagassets.decode.fields import check_points
+from bagassets.decode.hesai import MODELS, HesaiLidar, HesaiPackets, packet_and_model
 from bagassets.decode.loading import load_decoder
 from bagassets.decode.ncom import decode_ncom
 from bagassets.decode.ouster import OusterLidar
-from bagassets.decode.packets import PAYLOADS, VELODYNE_PACKET_SIZE, sender
+from bagassets.decode.packets import PAYLOADS, VELODYNE_PACKET_SIZE, Packets, sender
 from bagassets.decode.poses import decode_transform
-from bagassets.decode.velodyne import PacketFilter, Packets, RevolutionDecoder
+from bagassets.decode.velodyne import PacketFilter, RevolutionDecoder
 from bagassets.decode.video_units import UnitReader
 from bagassets.geometry.calibration_files.read import read_calibration_file
 from bagassets.geometry.camera import CameraModel
@@ -46,6 +47,8 @@ from bagassets.recordings.salvage.open import open_salvaged
 from bagassets_tests import calibration_texts, damaged_files, label_files
 from bagassets_tests.calibration_texts import kalibr_camera
 from bagassets_tests.fuzz.decoders import cases
+from bagassets_tests.hesai_data import LAYOUTS, corrections
+from bagassets_tests.hesai_data import packet as hesai_packet
 from bagassets_tests.ouster_data import metadata, packet
 from bagassets_tests.small_drive import RECIPE
 
@@ -240,12 +243,25 @@ def _serialized(_folder):
 
 
 def _packets(data):
-    """Bytes of devices: inertial systems, units of video of two codecs, packets and metadata of a lidar."""
+    """Bytes of devices: inertial systems, units of video of two codecs, packets and metadata of lidars."""
     _attempt(lambda: decode_ncom(data))
     for codec in ("h264", "hevc"):
         _attempt(lambda codec=codec: UnitReader().read(codec, data))
     _attempt(lambda: OUSTER.decode(np.stack([OUSTER.read(data)])))
     _attempt(lambda: OusterLidar.parse(data))
+    if (taken := packet_and_model(data)) is not None:
+        _hesai_revolution(*taken)
+    _attempt(lambda: HesaiLidar.parse(MODELS[0], data))
+
+
+def _hesai_revolution(taken, model):
+    """Decode a packet of a Hesai with the one before it."""
+    lidar = HesaiLidar(model, ((0.0, 0.0),) * model.channels)
+    data = np.frombuffer(taken * 2, model.packet)
+    kept = np.delete(data, list(lidar.refusals(data)))
+    packets = HesaiPackets.of(np.zeros(len(kept), dtype=np.int64), kept, by_log_time=False)
+    if len(kept):
+        lidar.decode(packets, packets.host_ns)
 
 
 def _device_seeds(_folder):
@@ -254,6 +270,8 @@ def _device_seeds(_folder):
         b"\0\0\0\1\x67\x42\x00\x1e\x8c\x8d\x40\0\0\0\1\x68\xce\x3c\x80\0\0\0\1\x65\x88\x84",
         packet(0),
         metadata(),
+        *map(hesai_packet, LAYOUTS),
+        corrections(40),
     ]
 
 

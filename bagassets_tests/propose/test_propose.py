@@ -171,15 +171,15 @@ def test_of_one_camera_the_topic_with_more_messages_then_the_raw_one(counts, cho
 
 def test_packets_before_points_of_the_same_lidar(tmp_path):
     one = summary(
-        topic("/velodyne_packets", "velodyne_msgs/msg/VelodyneScan", 100, "velodyne", velodyne=True),
+        topic("/velodyne_packets", "velodyne_msgs/msg/VelodyneScan", 100, "velodyne", packets_of="Velodyne"),
         topic("/velodyne_points", CLOUD, 100, "velodyne"),
     )
     assert channels_of(one, tmp_path) == {"LIDAR_TOP": "/velodyne_packets"}
 
 
 def test_lidar_packets_are_recognized_by_their_bytes(tmp_path):
-    packets = topic("/eth/lidar", "ethernet_msgs/msg/Packet", frame="v", velodyne=True)
-    other = topic("/eth/ptp", "ethernet_msgs/msg/Packet", frame="e", velodyne=False)
+    packets = topic("/eth/lidar", "ethernet_msgs/msg/Packet", frame="v", packets_of="Velodyne")
+    other = topic("/eth/ptp", "ethernet_msgs/msg/Packet", frame="e", packets_of="")
     assert channels_of(summary(packets, other), tmp_path) == {"LIDAR_TOP": "/eth/lidar"}
 
 

@@ -442,7 +442,7 @@ def test_packets_are_recognized_by_their_bytes_whatever_the_type_of_their_messag
     for topic, data in sent.items():
         packet(bag, topic, bytes(data))
     topics = bag.scan().topics
-    assert {name for name, topic in topics.items() if topic.velodyne} == {"/lidar"}
+    assert {name for name, topic in topics.items() if topic.packets_of} == {"/lidar"}
     assert {name: topic.timed for name, topic in topics.items() if topic.timed is not None} == {
         "/lidar": True
     }

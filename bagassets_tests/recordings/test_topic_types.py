@@ -13,8 +13,8 @@ from bagassets_tests.sweep_run import inventory, lidar, request
 EXPECTED = {
     "camera": "expected sensor_msgs/Image, CompressedImage, foxglove_msgs/RawImage, CompressedImage, or video (",
     "lidar": "expected sensor_msgs/PointCloud2, PointCloud, LaserScan, MultiEchoLaserScan, "
-    "point_cloud_interfaces/CompressedPointCloud2, foxglove_msgs/PointCloud, LaserScan, livox_ros_driver2/CustomMsg, livox_ros_driver/CustomMsg, or Velodyne packets "
-    "(velodyne_msgs/VelodyneScan, ethernet_msgs/Packet and the like) or Ouster packets (ouster_sensor_msgs/PacketMsg)",
+    "point_cloud_interfaces/CompressedPointCloud2, foxglove_msgs/PointCloud, LaserScan, livox_ros_driver2/CustomMsg, livox_ros_driver/CustomMsg, or Velodyne or "
+    "Hesai packets (velodyne_msgs/VelodyneScan, pandar_msgs/PandarScan, ethernet_msgs/Packet and the like) or Ouster packets (ouster_sensor_msgs/PacketMsg)",
     "radar": "expected sensor_msgs/PointCloud2, point_cloud_interfaces/CompressedPointCloud2, foxglove_msgs/PointCloud, or the "
     "targets of a radar",
 }
@@ -79,6 +79,9 @@ def test_a_channel_of_the_wrong_type_leaves_the_others_alone():
         ("lidar", "sensor_msgs/msg/MultiEchoLaserScan"),
         ("lidar", "sensor_msgs/msg/PointCloud"),
         ("lidar", "velodyne_msgs/msg/VelodyneScan"),
+        ("lidar", "pandar_msgs/msg/PandarScan"),
+        ("lidar", "hesai_ros_driver/msg/UdpFrame"),
+        ("lidar", "nebula_msgs/msg/NebulaPackets"),
         ("lidar", "acme_msgs/msg/LidarFrame"),
         ("lidar", "std_msgs/msg/UInt8MultiArray"),
         ("radar", "radar_msgs/msg/RadarScan"),
