@@ -43,7 +43,7 @@ class OusterUse(LidarUse):
 
     cut_angle_deg: float | None
     metadata_topic: str | None
-    metadata: bytes | None = by_digest()
+    metadata: bytes | None = by_digest(None)
 
 
 class OusterSweeps:

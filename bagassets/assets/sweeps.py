@@ -45,7 +45,9 @@ from bagassets.store.canonical import digest_bytes
 
 SweepUse = CloudUse | PacketUse | OusterUse | RadarUse
 # Field of a lidar -> the families of decoders for which it means something, and what they read.
-_OF_PACKETS = {
+_MEANT_FOR = {
+    "header_stamp_is": ({"cloud"}, "clouds"),
+    "zero_points": ({"cloud"}, "clouds"),
     "model": ({"packets"}, "Velodyne packets"),
     "cut_angle_deg": ({"packets", "ouster"}, "packets"),
     "metadata": ({"ouster", "packets"}, "packets of Ouster and Hesai"),
@@ -134,16 +136,21 @@ def _use_of_lidar(facts: Facts, name: str, settings: LidarChannelSettings) -> Us
     lidar = LidarUse(
         channel=name, settings=common, msgtype=topic.msgtype, decoder=decoder.key, ego_SE3_sensor=mount
     )
-    for field, (families, packets) in _OF_PACKETS.items():
-        if getattr(settings, field) is not None and decoder.family not in families:
+    for field, (families, read) in _MEANT_FOR.items():
+        is_set = getattr(settings, field) != LidarChannel.model_fields[field].default
+        if is_set and decoder.family not in families:
             raise RecipeError(
-                f"{name}: {field} can be set for {packets} only, but {topic.name} carries {topic.msgtype}; remove it from the "
+                f"{name}: {field} can be set for {read} only, but {topic.name} carries {topic.msgtype}; remove it from the "
                 "recipe."
             )
-    if decoder.family == "packets":
-        return _use_of_packets(facts, lidar, settings, inputs)
-    if decoder.family == "ouster":
-        return _use_of_ouster(facts, lidar, settings, inputs)
+    if decoder.family != "cloud":
+        cut_deg = settings.cut_angle_deg
+        packets = (
+            OusterUse(**vars(lidar), cut_angle_deg=cut_deg, metadata_topic=None)
+            if decoder.family == "ouster"
+            else PacketUse(**vars(lidar), model=settings.model, cut_angle_deg=cut_deg)
+        )
+        return _use_of_packets(facts, packets, settings.metadata, inputs)
     clouds = CloudUse(
         **vars(lidar),
         header_stamp_is=settings.header_stamp_is,
@@ -155,44 +162,30 @@ def _use_of_lidar(facts: Facts, name: str, settings: LidarChannelSettings) -> Us
     return Use(clouds, (topic.name,), inputs)
 
 
-def _use_of_ouster(
-    facts: Facts, lidar: LidarUse, settings: LidarChannelSettings, inputs: Mapping[str, str]
-) -> Use[SweepUse]:
-    """Return what the sweeps of an Ouster depend on whose packets were recorded: its metadata, too.
-
-    Raises:
-        RecipeError: it has no metadata, or the file with it cannot be read.
-    """
-    topic, cut_deg = settings.common.topic, settings.cut_angle_deg
-    if settings.metadata is not None:
-        content = _metadata(facts, lidar.channel, settings.metadata)
-        in_file = OusterUse(**vars(lidar), cut_angle_deg=cut_deg, metadata_topic=None, metadata=content)
-        return Use(in_file, (topic,), {**inputs, "metadata": digest_bytes(content)})
-    beside = metadata_beside(topic)
-    if not facts.inventory.has_readable(beside):
-        raise RecipeError(
-            f"{lidar.channel}: the packets in {topic} say nothing without the metadata of the lidar, and the recording has no "
-            f"{beside}; name a file with it in `metadata` of the channel."
-        )
-    use = OusterUse(**vars(lidar), cut_angle_deg=cut_deg, metadata_topic=beside, metadata=None)
-    return Use(use, (topic, beside), inputs)
-
-
 def _use_of_packets(
-    facts: Facts, lidar: LidarUse, settings: LidarChannelSettings, inputs: Mapping[str, str]
+    facts: Facts, use: PacketUse | OusterUse, file: Path | None, inputs: Mapping[str, str]
 ) -> Use[SweepUse]:
-    """Return what the sweeps of a Velodyne or Hesai depend on: corrections of the latter, where there are some.
+    """Return what the sweeps of a lidar depend on whose packets were recorded: what its unit says of itself, too.
+
+    That is an Ouster's metadata or a Hesai's corrections, in a file or on a topic beside the packets. Only the packets say
+    whether they are of a Hesai, which cannot be used without.
 
     Raises:
-        RecipeError: the file with them cannot be read.
+        RecipeError: it is an Ouster without metadata, or the file with it cannot be read.
     """
-    topic, beside = settings.common.topic, corrections_beside(settings.common.topic)
-    use = PacketUse(**vars(lidar), model=settings.model, cut_angle_deg=settings.cut_angle_deg)
-    if settings.metadata is not None:
-        content = _metadata(facts, lidar.channel, settings.metadata)
+    topic = use.settings.topic
+    if file is not None:
+        content = _metadata(facts, use.channel, file)
         return Use(replace(use, metadata=content), (topic,), {**inputs, "metadata": digest_bytes(content)})
+    is_ouster = isinstance(use, OusterUse)
+    beside = metadata_beside(topic) if is_ouster else corrections_beside(topic)
     if facts.inventory.has_readable(beside):
         return Use(replace(use, metadata_topic=beside), (topic, beside), inputs)
+    if is_ouster:
+        raise RecipeError(
+            f"{use.channel}: the packets in {topic} say nothing without the metadata of the lidar, and the recording has no "
+            f"{beside}; name a file with it in `metadata` of the channel."
+        )
     return Use(use, (topic,), inputs)
 
 

@@ -291,6 +291,8 @@ def test_what_is_published_as_metadata_may_be_something_else(odd):
     [
         ("model", "VLP-16", PACKETS, "Velodyne packets"),
         ("metadata", FILE, CLOUD, "packets of Ouster and Hesai"),
+        ("header_stamp_is", "start", PACKETS, "clouds"),
+        ("zero_points", "keep", "velodyne_msgs/msg/VelodyneScan", "clouds"),
     ],
 )
 def test_fields_for_other_packets_are_refused(field, value, msgtype, what):
