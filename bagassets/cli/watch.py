@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from bagassets.base.errors import RecordingError
 from bagassets.base.quantities import readable_bytes
 from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.options import Number, index_option
@@ -72,6 +73,8 @@ def watch(
 
     loaded = None if recipe is None else load_recipe(recipe)
     if root is not None:
+        if not root.is_dir():
+            raise RecordingError(f"{root}: no such folder; name that of the recordings.")
         bags = Bags(root=root.absolute())
     elif loaded is not None:
         bags = loaded.bags

@@ -356,6 +356,12 @@ class TestFollowing:
 
 
 class TestService:
+    def test_a_folder_that_is_not_there_is_named_without_a_recipe_that_nobody_gave(self, tmp_path):
+        command = [sys.executable, "-m", "bagassets", "watch", str(tmp_path / "nope")]
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+        assert (done.returncode, done.stdout) == (1, "")
+        assert done.stderr == f"error: {tmp_path}/nope: no such folder; name that of the recordings.\n"
+
     def start(self, root, state, *options):
         recipe = state / "recipe.yaml"
         state.mkdir(exist_ok=True)
