@@ -194,16 +194,27 @@ def test_its_help_says_how_it_ends_without_a_recording_that_can_be_read(init, tm
     assert "no recording can be read" in statuses["2"]
 
 
-def test_a_sensor_without_decoder_is_named_with_its_type(init, tmp_path):
-    msgtype = "pandar_msgs/msg/PandarScan"
+@pytest.mark.parametrize(
+    ("definition", "value", "what"),
+    [
+        (
+            "uint8[] data\n",
+            np.zeros(9, np.uint8),
+            "its packets, which are of no Velodyne, nor of a Hesai of a known model",
+        ),
+        ("uint16[] data\n", np.zeros(9, np.uint16), "rslidar_msgs/rslidarScan"),
+    ],
+)
+def test_a_sensor_without_decoder_is_named_with_its_type(init, tmp_path, definition, value, what):
+    msgtype = "rslidar_msgs/msg/rslidarScan"
     store = get_typestore(Stores.ROS1_NOETIC)
-    store.register(get_types_from_msg("uint8[] data\n", msgtype))
-    message = store.types[msgtype](np.zeros(9, np.uint8))
-    write_bag(tmp_path / "bags" / "packets.bag", [("/pandar_packets", msgtype, START_NS, message)], store)
+    store.register(get_types_from_msg(definition, msgtype))
+    message = store.types[msgtype](value)
+    write_bag(tmp_path / "bags" / "packets.bag", [("/rslidar_packets", msgtype, START_NS, message)], store)
     status, out, _ = init()
     assert status == 2
-    assert re.search(r"^  /pandar_packets  pandar_msgs/PandarScan +1$", out, re.MULTILINE)
-    assert "      not decodable: no decoder for pandar_msgs/PandarScan; " in out
+    assert re.search(r"^  /rslidar_packets  rslidar_msgs/rslidarScan +1$", out, re.MULTILINE)
+    assert f"      not decodable: no decoder for {what}; " in out
 
 
 def test_of_topics_that_nothing_needs_a_few_are_shown(init, tmp_path):
