@@ -369,8 +369,9 @@ def _camera_info(facts: Facts, decode: Decode, value: Message, _msgtype: str) ->
 
 
 def _packets(facts: Facts, decode: Decode, value: Message, _msgtype: str) -> None:
+    packets = decode(value)
     facts["packets_of"] = ""
-    for _own_stamp, data in decode(value):
+    for _own_stamp, data in packets:
         make = "Velodyne" if is_velodyne_packet(data) else "Hesai" if packet_and_model(data) else ""
         facts["packets_of"] = facts["packets_of"] or make
         facts["timed"] = bool(facts["packets_of"]) or None

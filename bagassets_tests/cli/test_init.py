@@ -202,7 +202,7 @@ def test_its_help_says_how_it_ends_without_a_recording_that_can_be_read(init, tm
             np.zeros(9, np.uint8),
             "its packets, which are of no Velodyne, nor of a Hesai of a known model",
         ),
-        ("uint16[] data\n", np.zeros(9, np.uint16), "rslidar_msgs/rslidarScan"),
+        ("float64 range\n", 1.5, "rslidar_msgs/rslidarScan"),
     ],
 )
 def test_a_sensor_without_decoder_is_named_with_its_type(init, tmp_path, definition, value, what):
