@@ -70,8 +70,7 @@ def explain(error: Mapping[str, Any], data: Json) -> Problem:
     if kind == "extra_forbidden":
         return at, _unknown_field(str(at[-1]), _model(location), value_at(data, at[:-1]))
     if kind == "missing":
-        purpose = _purpose(location)
-        required = f"this field is required: {purpose}" if purpose else "this field is required"
+        required = ": ".join(filter(None, ["this field is required", _purpose(location)]))
         return at, required if at else "the recipe is empty"
     if kind in {"union_tag_not_found", "union_tag_invalid"}:
         return _tag(at, annotation, value)
