@@ -209,15 +209,15 @@ class HesaiLidar:
         for fields in (line.split(",") for line in lines):
             try:
                 channel, elevation_deg, azimuth_deg = int(fields[0]), float(fields[1]), float(fields[2])
-            except (IndexError, ValueError):  # titles, a checksum
+            except (IndexError, ValueError) as err:  # titles, a checksum
+                if "elevation" in ",".join(fields[2:]).lower():
+                    raise DecodeError(f"its second column is not the elevation: {','.join(fields)}") from err
                 continue
             if channel in found:
                 raise DecodeError(f"it has channel {channel} twice")
             found[channel] = (elevation_deg, azimuth_deg)
         if sorted(found) != list(range(1, model.channels + 1)):
-            raise DecodeError(
-                f"it does not have an elevation and an azimuth for each of {model.channels} channels"
-            )
+            raise DecodeError(f"it lacks channel,elevation,azimuth of each of {model.channels} channels")
         if not (np.abs([*found.values()]) <= 360).all():
             raise DecodeError("its angles are not degrees")
         return cls(model, tuple(found[channel] for channel in sorted(found)))

@@ -43,8 +43,9 @@ def explain_all(errors: Iterable[Mapping[str, Any]], data: Json) -> list[Problem
 def _fits_another_member(error: Mapping[str, Any], data: Json) -> bool:
     at, annotation = _locate(error["loc"][:-1])
     kind = _KINDS.get(type(value_at(data, at)), "-")
-    is_of_member = error["type"].endswith("_type") and member_of(annotation, error["loc"][-1]) is not None
-    return is_of_member and any(describe(member).startswith(kind) for member in get_args(plain(annotation)))
+    if not error["type"].endswith(("_type", "literal_error")) or not member_of(annotation, error["loc"][-1]):
+        return False
+    return any(describe(member).startswith(kind) for member in get_args(plain(annotation)))
 
 
 def explain(error: Mapping[str, Any], data: Json) -> Problem:
@@ -69,8 +70,7 @@ def explain(error: Mapping[str, Any], data: Json) -> Problem:
     if kind == "extra_forbidden":
         return at, _unknown_field(str(at[-1]), _model(location), value_at(data, at[:-1]))
     if kind == "missing":
-        purpose = _purpose(location)
-        required = f"this field is required: {purpose}" if purpose else "this field is required"
+        required = ": ".join(filter(None, ["this field is required", _purpose(location)]))
         return at, required if at else "the recipe is empty"
     if kind in {"union_tag_not_found", "union_tag_invalid"}:
         return _tag(at, annotation, value)
@@ -88,11 +88,9 @@ def explain(error: Mapping[str, Any], data: Json) -> Problem:
     if kind == "finite_number":
         return at, f"must be a finite number; found {_show(value)}"
     if value is None and kind != "literal_error":
-        return (
-            at,
-            f"needs a value: {_purpose(location) or describe(annotation)}{_NO_RIG if at == ('rigs',) else ''}",
-        )
-    if kind == "literal_error":
+        wanted = _purpose(location) or describe(annotation)
+        return at, f"needs a value: {wanted}{_NO_RIG if at == ('rigs',) else ''}"
+    if kind == "literal_error" and member_of(annotation, "") is None:
         allowed = [str(option) for option in get_args(plain(annotation))]
         return at, f"must be {_either(allowed)}; found {_show(value)}{suggestion(value, allowed)}"
     return at, f"expected {describe(annotation)}; found {_show(value)}{_quoting(annotation, value)}"

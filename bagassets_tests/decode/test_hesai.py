@@ -263,7 +263,16 @@ def test_correction_files_are_read_however_they_are_written(text):
         (b"\xff\xfe\x00", "each of 16 channels"),
         (GOOD.replace(b"\n16,", b"\n17,"), "each of 16 channels"),
         (corrections(32), "each of 16 channels"),
+        (GOOD.replace(b",", b";"), "lacks channel,elevation,azimuth of each of 16 channels"),
         (GOOD + b"3,1.0,1.0\n", "channel 3 twice"),
+        (
+            GOOD.replace(b"Elevation,Azimuth", b"Azimuth,Elevation"),
+            "its second column is not the elevation: Laser id,Azimuth,Elevation",
+        ),
+        (
+            GOOD.replace(b"\n", b"\n1,").replace(b"Laser", b"Rig,Laser"),
+            "not the elevation: Rig,Laser id,Elevation,Azimuth",
+        ),
         (GOOD.replace(b"1,7.000", b"1,nan"), "not degrees"),
         (GOOD.replace(b"1,7.000", b"1,1e9"), "not degrees"),
     ],

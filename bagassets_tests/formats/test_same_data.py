@@ -33,12 +33,24 @@ class Recordings:
             pending.out.write(path, content)
         return pending.commit({}).artifact.digest
 
-    def add(self, key, begin_s, end_s, robot="red", *, cameras=("FRONT",), own_from_s=1e9, start_ns=START_NS):
+    def add(
+        self,
+        key,
+        begin_s,
+        end_s,
+        robot="red",
+        *,
+        cameras=("FRONT",),
+        black=(),
+        own_from_s=1e9,
+        start_ns=START_NS,
+    ):
         def artifact(channel):
             files = {"index.parquet": f"{key} {channel}".encode()}
             for half in range(int(begin_s * 2), int(end_s * 2)):
                 of = key if half / 2 >= own_from_s else robot
-                files[f"{start_ns + half * 500_000_000}.jpg"] = f"{channel} {of} {half}".encode()
+                seen = "nothing" if channel in black else f"{channel} {of} {half}"
+                files[f"{start_ns + half * 500_000_000}.jpg"] = seen.encode()
             return {"artifact": self.put(f"{key} {channel}", files)}
 
         self.versions[key] = [
@@ -105,6 +117,14 @@ def test_robots_with_the_same_stamps_are_not_told(recordings):
     assert recordings.told == []
 
 
+def test_cameras_that_see_nothing_are_no_reason(recordings):
+    """As where a simulator renders no images, or lenses are covered."""
+    for key, robot in (("run_1", "red"), ("run_2", "blue"), ("whole", "green"), ("part", "green")):
+        seconds = (20, 40) if key == "part" else (0, 60)
+        recordings.add(key, *seconds, robot, black=("BACK", "FRONT"), cameras=("BACK", "FRONT"), start_ns=0)
+    assert recordings.told == [PARTS.format("part holds a part", "whole")]
+
+
 def test_simulated_recordings_that_begin_alike_are_not_told(recordings):
     for number in range(5):
         recordings.add(f"run_{number}", 0, 30, "sim", own_from_s=2, start_ns=0)
@@ -129,7 +149,7 @@ def test_what_was_found_once_is_not_read_again(recordings):
     del recordings.versions["whole"]
     assert recordings.told == [ALIKE.format("part, new")]
     assert (
-        len(Cache(recordings.state).keys("marks 1")) == 2
+        len(Cache(recordings.state).keys("marks 2")) == 2
     )  # one of each two versions, and not of what is gone
 
 

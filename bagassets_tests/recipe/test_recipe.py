@@ -350,6 +350,10 @@ def test_any_field_with_any_value_gives_a_recipe_or_a_line(line, value):
          ["5: bags.series.a.bag: expected true or false or a list, each entry text; found 'joined'."]),
         ("a.bag: true", "a.bag: [a_0.bag]",
          ["5: bags.series.a.bag: must have at least 2 entries; found a list of 1."]),
+        ("camera, topic: /wrist, undistort: false", "lidar, topic: /p, point_times: ignored",
+         ["10: rigs[arm].channels.CAM_WRIST.point_times: expected a mapping or `ignore`; found 'ignored'."]),
+        ("camera, topic: /wrist, undistort: false", "lidar, topic: /p, point_times: {unit: h, since: clock}",
+         ["10: rigs[arm].channels.CAM_WRIST.point_times.unit: must be s, ms, us or ns; found 'h'."]),
     ],
 )  # fmt: skip
 def test_of_a_field_that_takes_several_types_one_sentence_says_which(old, new, said, tmp_path):
