@@ -104,9 +104,18 @@ def needs_metadata(topic: TopicSummary) -> bool:
 
 
 def metadata_of(topic: TopicSummary, summary: RecordingSummary) -> str | None:
-    """Return the topic with the metadata of the lidar whose packets a topic holds; None if there is none."""
-    beside = summary.topics.get((corrections_beside if topic.packets_of else metadata_beside)(topic.name))
-    return beside.name if beside and beside.count and needs_metadata(topic) else None
+    """Return the topic with the metadata of the lidar whose packets a topic holds; None if there is none.
+
+    A Hesai's do not count beside the packets of two: they are of one of them, and nothing says of which.
+    """
+    place = corrections_beside if topic.packets_of else metadata_beside
+    beside = summary.topics.get(place(topic.name))
+    hesais = [
+        one
+        for one in summary.topics.values()
+        if one.packets_of == "Hesai" and place(one.name) == place(topic.name)
+    ]
+    return beside.name if beside and beside.count and needs_metadata(topic) and len(hesais) < 2 else None
 
 
 def lacks_definition(topic: TopicSummary) -> bool:

@@ -1,5 +1,7 @@
 """Packets of a Hesai as Autoware's vehicles and Hesai's driver record them: what `init` proposes, and that the proposal builds."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from rosbags.typesys import get_types_from_msg
@@ -7,7 +9,7 @@ from rosbags.typesys import get_types_from_msg
 from bagassets.assets.lidar_file import read_lidar_file
 from bagassets.propose.proposal import propose_recipe
 from bagassets.propose.scan import scan_recording
-from bagassets.propose.sensors import find_sensors
+from bagassets.propose.sensors import find_sensors, metadata_of
 from bagassets.recipe import parse_recipe
 from bagassets.recordings.digest import recording_digest, recording_stat
 from bagassets.recordings.discover import discover
@@ -136,6 +138,17 @@ def test_published_corrections_are_found(tmp_path):
     assert uses[BESIDE] == ("used", "metadata of LIDAR_TOP")
     assert not [question for question in proposal.questions if "LIDAR" in question.subject]
     check(built(tmp_path, proposal.text))
+
+
+def test_corrections_beside_the_packets_of_two_lidars_are_of_neither(tmp_path):
+    """They are of one of them, and would turn the other one's channels by tenths of a degree without a word."""
+    first = recorded("hesai_ros_driver", published=True)
+    topic = TOPICS["hesai_ros_driver"]
+    second = [replace(one, topic=f"{topic}_rear") for one in first if one.topic == topic]
+    for messages, found in ((first, BESIDE), ([*first, *second], None)):
+        with open_recording(write_mcap(tmp_path / f"{len(messages)}.mcap", messages)) as recording:
+            summary = scan_recording(recording)
+        assert metadata_of(summary.topics[topic], summary) == found
 
 
 def test_where_clouds_were_recorded_these_are_proposed(tmp_path):
