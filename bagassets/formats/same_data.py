@@ -26,7 +26,7 @@ from bagassets.base.json_types import JsonObject
 from bagassets.store.store import Store
 
 LOOKED_AT = (FRAMES.name, SWEEPS.name, SIGNALS.name)
-_KIND = "marks 2"
+_KIND = "marks 3"
 _PERIOD_NS = 5_000_000_000
 _MARK_BYTES = 8
 # What so many hold is of a simulator that begins alike each time.
@@ -82,12 +82,14 @@ def _marks(
 
 
 def _found(store: Store, digests: Iterable[str]) -> bytes:
-    """Return the marks of a recording; of one without images and clouds, all files of its signals are.
+    """Return the marks of a recording: of one without images and clouds, all files of its signals.
+
+    Images that are the same again and again, such as black ones, count only where there is nothing else.
 
     Raises:
         StoreError: an artifact is not in the store.
     """
-    marks, others = list[JsonObject](), list[JsonObject]()
+    marks, again, others = list[JsonObject](), list[JsonObject](), list[JsonObject]()
     for digest in digests:
         for channel in store.artifact(digest).read_json("channels.json").values():
             files: list[JsonObject] = store.artifact(channel["artifact"]).manifest()["files"]
@@ -97,9 +99,10 @@ def _found(store: Store, digests: Iterable[str]) -> bytes:
             stamps.sort(key=itemgetter(0))
             firsts = [next(some)[1] for _, some in groupby(stamps, lambda one: one[0] // _PERIOD_NS)]
             times = Counter(one["digest"] for one in firsts)
-            marks += [one for one in firsts if times[one["digest"]] == 1]  # all black ones are alike
+            for one in firsts:
+                (marks if times[one["digest"]] == 1 else again).append(one)
             others += () if stamps else files
-    return b"".join(map(_mark, marks or others))
+    return b"".join(map(_mark, marks or again or others))
 
 
 def _mark(file: JsonObject) -> bytes:

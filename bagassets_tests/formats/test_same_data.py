@@ -149,7 +149,7 @@ def test_what_was_found_once_is_not_read_again(recordings):
     del recordings.versions["whole"]
     assert recordings.told == [ALIKE.format("part, new")]
     assert (
-        len(Cache(recordings.state).keys("marks 2")) == 2
+        len(Cache(recordings.state).keys("marks 3")) == 2
     )  # one of each two versions, and not of what is gone
 
 
