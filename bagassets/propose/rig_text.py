@@ -200,11 +200,13 @@ def _write_channel(
         sheet.guess(4, "clock: log", "its header stamps are of another clock")
     if needs_metadata(topic) and metadata_of(topic, rig.summary) is None:
         sheet.field(4, "metadata:")
-        lack = "the recording has no topic `metadata` beside the packets; record it, too, and remove this field, or name a file "
-        lack += "with the lidar's metadata"
-        if topic.packets_of:
-            lack = "name the correction file of this Hesai, the CSV with the angles of its channels, which its packets do not say"
-        sheet.ask(5, name, lack, below=True)
+        wanted = (
+            "name the correction file of this Hesai, the CSV with the angles of its channels, which its packets do not say"
+            if topic.packets_of
+            else "the recording has no topic `metadata` beside the packets; record it, too, and remove this field, or name a file "
+            "with the lidar's metadata"
+        )
+        sheet.ask(5, name, wanted, below=True)
     if sensor.modality == "camera":
         # What was recorded is of this camera for sure, so a file only stands in for it.
         file = None if _has_lens(sensor) else calibration_of(topic.name, calibrations)

@@ -113,7 +113,7 @@ def metadata_of(topic: TopicSummary, summary: RecordingSummary) -> str | None:
     hesais = [
         one
         for one in summary.topics.values()
-        if one.packets_of == "Hesai" and place(one.name) == place(topic.name)
+        if one.packets_of == topic.packets_of == "Hesai" and place(one.name) == place(topic.name)
     ]
     return beside.name if beside and beside.count and needs_metadata(topic) and len(hesais) < 2 else None
 
