@@ -209,7 +209,8 @@ def test_a_recipe_without_the_dataset_is_refused(tmp_path, drive, capsys):
 
 
 @pytest.mark.parametrize(
-    ("number", "moment"), [(signal.SIGINT, "starting"), (signal.SIGTERM, "start    drive.bag")]
+    ("number", "moment"),
+    [(signal.SIGINT, "starting"), pytest.param(signal.SIGTERM, "start    drive.bag", marks=pytest.mark.long)],
 )
 def test_an_interrupt_leaves_nothing_behind(tmp_path, temporary, number, moment):
     """While the server starts, and while it builds."""

@@ -99,6 +99,7 @@ def arm(tmp_path_factory):
     return folder, run_demo(folder, "--robot", "arm", "--seconds", "2.2")
 
 
+@pytest.mark.long
 def test_the_arm_ends_in_a_lerobot_dataset_of_the_truth(arm):
     folder, output = arm
     assert f"dataset: {folder}/lerobot" in output
@@ -124,6 +125,7 @@ def test_the_arm_ends_in_a_lerobot_dataset_of_the_truth(arm):
             assert np.abs(candidates - values).max(axis=2).min(axis=0).max() < 0.005
 
 
+@pytest.mark.long
 def test_the_demos_of_two_robots_do_not_mix(arm):
     folder, _ = arm
     done = subprocess.run(

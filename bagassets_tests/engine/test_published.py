@@ -117,7 +117,9 @@ def test_a_published_file_that_is_not_as_it_was_is_mended(fresh, monkeypatch, pa
     assert is_quick(fresh)
 
 
-@pytest.mark.parametrize("pattern", ["nuscenes/samples/*/*", "vision/**/*.jpg"])
+@pytest.mark.parametrize(
+    "pattern", ["nuscenes/samples/*/*", pytest.param("vision/**/*.jpg", marks=pytest.mark.long)]
+)
 @pytest.mark.parametrize("change", ["emptied", "other bytes"])
 def test_a_link_that_was_written_into_is_made_again_with_the_file_of_the_store(
     fresh, monkeypatch, pattern, change

@@ -97,7 +97,8 @@ def test_two_commands_at_once_build_what_one_builds(built, project):
     assert finish(start(project))["counts"]["fresh"] == len(NAMES)
 
 
-@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [0, 1])
 def test_after_kills_at_any_moment_the_command_builds_the_same(built, project, seed):
     """All processes at once, server and workers as well, as a container's end does."""
     dice, recipe = random.Random(seed), load_recipe(project)

@@ -92,7 +92,13 @@ HOSTILE = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", HOSTILE)
+# These take seconds each; others of their kind do not.
+SLOW = {"many chunks", "zstd chunk that announces little"}
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.long) if name in SLOW else name for name in HOSTILE]
+)
 def test_inspecting_a_hostile_recording_takes_little_memory_and_time(tmp_path, name):
     make, says, status = HOSTILE[name]
     path = make(tmp_path)

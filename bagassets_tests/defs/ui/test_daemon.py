@@ -19,7 +19,7 @@ from bagassets_tests.services import (
 )
 from bagassets_tests.small_drive import write_drive
 
-pytestmark = pytest.mark.xdist_group("daemon")
+pytestmark = [pytest.mark.xdist_group("daemon"), pytest.mark.long]
 
 PARTITIONS = "test_recordings"
 SETTLE_S = 2.0
